@@ -1,0 +1,1 @@
+"""What localization answers: places, their probabilities, and why."""

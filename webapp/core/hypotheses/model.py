@@ -1,0 +1,133 @@
+"""The answer to "where was this photo taken?", as every view of it needs it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import MapPixel
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """One place where the photo may have been taken.
+
+    Attributes
+    ----------
+    rank : int
+        From 1, most probable first.
+    kind : {"position", "photo"}
+        "position": computed from several photos; "photo": the place of a map photo is all that is known.
+    position : MapPixel
+    probability : float
+        That the truth lies within the map's `place_radius_px` of `position`; 0 to 1.
+    radius_px : float or None
+        Radius that holds the truth in 68 % of the cases, given that the hypothesis is right; map pixels.
+    heading_deg : float or None
+        Where the camera looked, degrees clockwise from north.
+    experiences : tuple of int
+        Ids of the map photos that speak for it, the best first.
+    inliers : int or None
+        Matches with the best photo that agree on one geometry; None where no geometry was checked.
+    matches : int
+        Matches that speak for it before any geometry.
+    """
+
+    rank: int
+    kind: Literal["position", "photo"]
+    position: MapPixel
+    probability: float
+    radius_px: float | None
+    heading_deg: float | None
+    experiences: tuple[int, ...]
+    inliers: int | None
+    matches: int
+
+
+@dataclass(frozen=True, slots=True)
+class MatchStatistics:
+    """What the matching looked like before anybody interpreted it.
+
+    Distances are in the units of the matcher's norm, over all matches, and None when there was no match.
+    """
+
+    keypoints: int
+    matches: int
+    matches_pruned: int
+    distance_min: float | None
+    distance_max: float | None
+    distance_mean: float | None
+    distance_total: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """The matches between the query and one map photo.
+
+    Attributes
+    ----------
+    experience : int
+        Id of the map photo.
+    query_xy, photo_xy : (n, 2) float32
+        Matched points, pixels of the upright query and of the upright map photo, both at full size.
+    inlier : (n,) bool
+        Which of them agree on one geometry; all False where none was found or none was looked for.
+    """
+
+    experience: int
+    query_xy: NDArray[np.float32]
+    photo_xy: NDArray[np.float32]
+    inlier: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class NoPose:
+    """No hypothesis at all, and the reason. Falsy."""
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        """Say that there is no pose."""
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """All hypotheses about one photo, and what speaks for them.
+
+    Attributes
+    ----------
+    hypotheses : tuple of Hypothesis
+        The most probable first; may be empty.
+    off_map_probability : float or None
+        That the photo was not taken on this map. None where the method does not know (`vote`).
+        The hypotheses' probabilities, `other_probability` and this add up to 1.
+    other_probability : float
+        Of the places that the caller's limit cut from the list.
+    no_pose : NoPose or None
+        Why there is no hypothesis, when there is none.
+    statistics : MatchStatistics
+    evidence : tuple of Evidence
+        The matches with the best hypothesis' photos, the best first.
+    seconds : dict of str to float
+        Time of each stage: read, extract, retrieve, verify, position, total.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    off_map_probability: float | None
+    other_probability: float
+    no_pose: NoPose | None
+    statistics: MatchStatistics
+    evidence: tuple[Evidence, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def abstained(self) -> bool:
+        """True when the answer is "not on this map": no hypothesis, or off-map more probable than each."""
+        if not self.hypotheses:
+            return True
+        off = self.off_map_probability
+        return off is not None and off > self.hypotheses[0].probability

@@ -1,0 +1,90 @@
+"""The map: a satellite image and photos with their places on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+
+
+@dataclass(frozen=True, slots=True)
+class SatelliteImage:
+    """The picture that positions are given on.
+
+    Attributes
+    ----------
+    path : str
+        Relative to the map's folder, with forward slashes.
+    width, height : int
+        Pixels.
+    """
+
+    path: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
+class Experience:
+    """A photo and where it was taken.
+
+    Attributes
+    ----------
+    id : int
+        Unique in the map, never used again for another photo; 0 is legal.
+    photo : str
+        Relative to the map's folder, with forward slashes.
+    position : MapPixel
+    heading_deg : float or None
+        Where the camera looked, degrees clockwise from north.
+    fov_deg : float or None
+        Horizontal field of view of the upright photo.
+    gps_accuracy_m : float or None
+        68 % radius of the position its GPS gave.
+    taken_at : str or None
+        ISO 8601.
+    """
+
+    id: int
+    photo: str
+    position: MapPixel
+    heading_deg: float | None = None
+    fov_deg: float | None = None
+    gps_accuracy_m: float | None = None
+    taken_at: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Other positions for the same photos, by id (clusters beside exact positions, say)."""
+
+    name: str
+    positions: Mapping[int, MapPixel]
+
+
+@dataclass(frozen=True, slots=True)
+class Map:
+    """A satellite image and its experiences; immutable, so that undo is the previous value.
+
+    Attributes
+    ----------
+    satellite : SatelliteImage
+    experiences : tuple of Experience
+        In the order of the file.
+    georeference : Georeference or None
+    placements : tuple of Placement
+        Beside the main one, which the experiences carry themselves.
+    next_id : int
+        The id for the next photo; larger than every id ever used.
+    revision : int
+        Counts the edits.
+    """
+
+    satellite: SatelliteImage
+    experiences: tuple[Experience, ...]
+    georeference: Georeference | None = None
+    placements: tuple[Placement, ...] = field(default=())
+    next_id: int = 0
+    revision: int = 0

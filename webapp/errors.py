@@ -1,0 +1,126 @@
+"""Every error a request can end with, in one tree.
+
+::
+
+    ExpMapError                  message, where it is, how to fix it
+    ├── UsageError               the request itself cannot work (bad option, impossible combination)
+    ├── MapError                 the map cannot be read as a map
+    │   ├── CfgError             ... at this line and column of a .cfg
+    │   └── MapJsonError         ... in map.json
+    ├── InputError               one input is unusable; others may be fine
+    │   ├── PhotoError           a photo
+    │   ├── GeoreferenceError    corners, control points, world file, GeoTIFF
+    │   └── TableError           a CSV of queries or positions, at this line
+    ├── StorageError             the disk refused: full, read-only, locked by another writer
+    ├── IndexDamaged             an index file is not what its name and manifest say
+    ├── MissingPart              an optional part is not installed or not downloaded
+    └── Cancelled                the user stopped it; what was finished is kept
+
+No HTTP status and no exit code here: `cli` and `web` each hold one table for that.
+An estimate that fails is not an error but a falsy value with a reason (see `core`).
+"""
+
+from __future__ import annotations
+
+
+class ExpMapError(Exception):
+    """A request that failed for a reason its sender can understand.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, in one sentence.
+    where : str, optional
+        File, line, field or option it is about.
+    hint : str, optional
+        How to fix it.
+    """
+
+    def __init__(self, message: str, *, where: str | None = None, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+        self.hint = hint
+
+    def __str__(self) -> str:
+        """One line: where, what, how to fix it."""
+        place = f"{self.where}: " if self.where else ""
+        fix = f" ({self.hint})" if self.hint else ""
+        return f"{place}{self.message}{fix}"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way back from a worker process, keyword arguments included."""
+        return _rebuild, (type(self), self.args, self.__dict__)
+
+
+def _rebuild(kind: type[ExpMapError], args: tuple[str], state: dict[str, object]) -> ExpMapError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    error.__dict__.update(state)
+    return error
+
+
+class UsageError(ExpMapError):
+    """The request cannot work as it was asked."""
+
+
+class MapError(ExpMapError):
+    """The map cannot be read as a map."""
+
+
+class CfgError(MapError):
+    """A `.cfg` breaks the format.
+
+    Parameters
+    ----------
+    message : str
+    line, column : int
+        Both from 1; the column counts characters.
+    where : str, optional
+        The file.
+    hint : str, optional
+    """
+
+    def __init__(
+        self, message: str, *, line: int, column: int, where: str | None = None, hint: str | None = None
+    ) -> None:
+        place = f"{where or 'map'}:{line}:{column}"
+        super().__init__(message, where=place, hint=hint)
+        self.line = line
+        self.column = column
+
+
+class MapJsonError(MapError):
+    """`map.json` breaks its schema."""
+
+
+class InputError(ExpMapError):
+    """One input is unusable; others of the same request may be fine."""
+
+
+class PhotoError(InputError):
+    """A photo is missing, damaged, too large, or not a photo."""
+
+
+class GeoreferenceError(InputError):
+    """Corners, control points, a world file or a GeoTIFF do not give a georeference."""
+
+
+class TableError(InputError):
+    """A table of queries, positions or control points has a bad line."""
+
+
+class StorageError(ExpMapError):
+    """The disk refused: full, read-only, or another process is writing."""
+
+
+class IndexDamaged(ExpMapError):
+    """An index file is not what its name and manifest say."""
+
+
+class MissingPart(ExpMapError):
+    """An optional part is not installed or not downloaded; the hint says the line that gets it."""
+
+
+class Cancelled(ExpMapError):
+    """The user stopped the work; what was finished is kept."""
