@@ -1,0 +1,1 @@
+"""Positions on the Earth and on the map image."""

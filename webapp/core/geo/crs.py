@@ -1,0 +1,106 @@
+"""Latitude and longitude <-> the x, y of any coordinate system; no other module transforms with pyproj.
+
+The order is always x = east or longitude, y = north or latitude, whatever order an authority wrote down.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError, ProjError
+
+from webapp.errors import GeoreferenceError
+
+WGS84 = "EPSG:4326"
+
+
+@lru_cache(maxsize=64)
+def parse_crs(plane: str) -> CRS:
+    """Read the name of a coordinate system.
+
+    Parameters
+    ----------
+    plane : str
+        Anything PROJ understands: `EPSG:4326`, `EPSG:32633`, a PROJ string, WKT.
+
+    Returns
+    -------
+    pyproj.CRS
+        Two-dimensional, geographic or projected.
+
+    Raises
+    ------
+    GeoreferenceError
+        PROJ does not know it, or it is no plane (a height, a geocentric system).
+    """
+    hint = "name it like EPSG:4326 (longitude and latitude) or EPSG:32633 (UTM zone 33 north)"
+    try:
+        crs = CRS.from_user_input(plane)
+    except CRSError as error:
+        raise GeoreferenceError(f"unknown coordinate system {plane[:80]!r}", hint=hint) from error
+    if not (crs.is_geographic or crs.is_projected):
+        raise GeoreferenceError(f"{crs.name} is not a system of map coordinates", hint=hint)
+    return crs
+
+
+@lru_cache(maxsize=64)
+def _transformer(plane: str) -> Transformer:
+    try:
+        return Transformer.from_crs(parse_crs(plane), WGS84, always_xy=True)
+    except ProjError as error:
+        raise GeoreferenceError(
+            f"no way from the coordinate system {plane[:80]!r} to latitude and longitude",
+            hint="use one that is tied to the Earth, such as EPSG:4326",
+        ) from error
+
+
+def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
+    """Latitude and longitude of points of a plane.
+
+    Parameters
+    ----------
+    plane : str
+        Coordinate system.
+    xy : (n, 2) float64
+        East (or longitude), north (or latitude), in the plane's unit.
+
+    Returns
+    -------
+    (n, 2) float64
+        Degrees north, degrees east in [-180, 180]; NaN where the plane does not reach.
+    """
+    x, y = np.asarray(xy, dtype=np.float64).reshape(-1, 2).T
+    lon, lat = _transformer(plane).transform(x, y)
+    out = _nan_outside(np.column_stack([lat, lon]), lat=np.asarray(lat))
+    beyond = np.abs(out[:, 1]) > 180.0
+    out[beyond, 1] = (out[beyond, 1] + 180.0) % 360.0 - 180.0
+    return out
+
+
+def plane_from_latlon(plane: str, latlon: ArrayLike) -> NDArray[np.float64]:
+    """Points of a plane, given by latitude and longitude.
+
+    Parameters
+    ----------
+    plane : str
+        Coordinate system.
+    latlon : (n, 2) float64
+        Degrees north, degrees east.
+
+    Returns
+    -------
+    (n, 2) float64
+        East (or longitude), north (or latitude), in the plane's unit; NaN where the plane does not reach.
+    """
+    lat, lon = np.asarray(latlon, dtype=np.float64).reshape(-1, 2).T
+    x, y = _transformer(plane).transform(lon, lat, direction="INVERSE")
+    return _nan_outside(np.column_stack([x, y]), lat=lat)
+
+
+def _nan_outside(points: NDArray[np.float64], *, lat: NDArray[np.float64]) -> NDArray[np.float64]:
+    bad = ~np.isfinite(points).all(axis=1) | ~(np.abs(lat) <= 90.0)
+    points[bad] = np.nan
+    return points

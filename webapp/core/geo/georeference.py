@@ -1,0 +1,160 @@
+"""Where on the Earth the pixels of a map image are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from webapp.core.geo.crs import latlon_from_plane, parse_crs, plane_from_latlon
+from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.errors import GeoreferenceError
+
+
+@dataclass(frozen=True, slots=True)
+class Georeference:
+    """Map pixels <-> latitude and longitude, through a plane.
+
+    Everything is defined over the whole image plane, also outside the image. What has no counterpart
+    (beyond the horizon of a projective image, beyond the reach of the coordinate system, NaN itself)
+    becomes NaN; no method raises for a position.
+
+    Attributes
+    ----------
+    plane : str
+        Coordinate system that PROJ understands: `EPSG:4326` for longitude and latitude, a projected one,
+        or a local one (`LocalFrame.plane`).
+    plane_from_pixel : tuple of 9 float
+        Row-major 3x3 homography from map pixels (outer-corner convention) to plane coordinates
+        x = east or longitude, y = north or latitude. The sign is chosen so that the third
+        homogeneous coordinate is positive on the image.
+    method : str
+        How it was found: `corners`, `similarity`, `affine`, `projective`, `worldfile`, `geotiff`, `blank`.
+
+    Raises
+    ------
+    GeoreferenceError
+        On construction: unknown plane, or a matrix that is not nine finite numbers or has no inverse.
+    """
+
+    plane: str
+    plane_from_pixel: tuple[float, ...]
+    method: str
+
+    def __post_init__(self) -> None:
+        """Refuse what could not answer."""
+        parse_crs(self.plane)
+        matrix = np.asarray(self.plane_from_pixel, dtype=np.float64)
+        if matrix.shape != (9,) or not np.isfinite(matrix).all():
+            raise GeoreferenceError("the matrix of a georeference has nine finite numbers")
+        determinant = np.linalg.det(matrix.reshape(3, 3))
+        if not np.isfinite(determinant) or determinant == 0.0:
+            raise GeoreferenceError("the matrix of a georeference must have an inverse")
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """`plane_from_pixel` as a (3, 3) float64 array."""
+        return np.array(self.plane_from_pixel, dtype=np.float64).reshape(3, 3)
+
+    def latlon_from_pixel(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Latitude and longitude of map pixels.
+
+        Parameters
+        ----------
+        pixels : (n, 2) float64
+            x, y.
+
+        Returns
+        -------
+        (n, 2) float64
+            Degrees north, degrees east; NaN where there is none.
+        """
+        return latlon_from_plane(self.plane, _project(self.matrix, pixels))
+
+    def pixel_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
+        """Map pixels of latitude and longitude.
+
+        Parameters
+        ----------
+        latlon : (n, 2) float64
+            Degrees north, degrees east.
+
+        Returns
+        -------
+        (n, 2) float64
+            x, y; NaN where there is none.
+        """
+        return _project(_inverse(self.matrix), plane_from_latlon(self.plane, latlon))
+
+    def enu_from_pixel(self, pixels: ArrayLike, frame: LocalFrame) -> NDArray[np.float64]:
+        """Metres east and north of the frame's origin, (n, 2) float64, of map pixels (n, 2)."""
+        return frame.enu_from_latlon(self.latlon_from_pixel(pixels))
+
+    def pixel_from_enu(self, enu: ArrayLike, frame: LocalFrame) -> NDArray[np.float64]:
+        """Map pixels, (n, 2) float64, of metres east and north of the frame's origin (n, 2)."""
+        return self.pixel_from_latlon(frame.latlon_from_enu(enu))
+
+    def latlon_of(self, pixel: MapPixel) -> LatLon:
+        """Latitude and longitude of one map pixel."""
+        lat, lon = self.latlon_from_pixel([pixel])[0]
+        return LatLon(float(lat), float(lon))
+
+    def pixel_of(self, position: LatLon) -> MapPixel:
+        """Map pixel of one latitude and longitude."""
+        x, y = self.pixel_from_latlon([position])[0]
+        return MapPixel(float(x), float(y))
+
+    def jacobian(self, pixel: MapPixel) -> NDArray[np.float64]:
+        """How east and north change with x and y around one map pixel.
+
+        Parameters
+        ----------
+        pixel : MapPixel
+
+        Returns
+        -------
+        (2, 2) float64
+            [[d east / dx, d east / dy], [d north / dx, d north / dy]], metres a pixel; central differences
+            over one pixel. The determinant is negative for an image seen from above (y points down).
+        """
+        x, y = pixel
+        around = [(x + 0.5, y), (x - 0.5, y), (x, y + 0.5), (x, y - 0.5)]
+        centre = self.latlon_of(pixel)
+        if not math.isfinite(centre.lat):
+            return np.full((2, 2), np.nan)
+        right, left, below, above = self.enu_from_pixel(around, LocalFrame(centre))
+        return np.column_stack([right - left, below - above])
+
+    def metres_per_pixel(self, pixel: MapPixel) -> float:
+        """Size of a pixel there: the geometric mean of the two local scales, metres."""
+        return math.sqrt(abs(float(np.linalg.det(self.jacobian(pixel)))))
+
+    def north_deg(self, pixel: MapPixel) -> float:
+        """Direction of true north in the image there: degrees clockwise from image-up, in (-180, 180].
+
+        A heading relative to north is `image_angle - north_deg`, with `image_angle` clockwise from image-up.
+        """
+        jacobian = self.jacobian(pixel)
+        if not np.isfinite(jacobian).all():
+            return math.nan
+        dx, dy = np.linalg.solve(jacobian, np.array([0.0, 1.0]))
+        return math.degrees(math.atan2(dx, -dy))
+
+
+def _inverse(homography: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse of a homography; the true one, so that `w` stays positive in front of the horizon."""
+    return np.asarray(np.linalg.inv(homography), dtype=np.float64)
+
+
+def _project(homography: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
+    """Apply a homography to (n, 2) points; NaN on and behind the horizon."""
+    xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    projected = xy @ homography[:, :2].T + homography[:, 2]
+    w = projected[:, 2]
+    out = np.full(xy.shape, np.nan)
+    front = w > 0.0
+    out[front] = projected[front, :2] / w[front, None]
+    return out

@@ -1,0 +1,78 @@
+"""Latitude and longitude <-> metres around an origin.
+
+The plane is the azimuthal equidistant projection of the WGS 84 ellipsoid about the origin: a point's
+distance and azimuth from the origin are those of the geodesic, exactly, at any distance, and heights play
+no part. A topocentric frame would be a tangent plane in space: it shortens distances over ground (by 1 mm
+in 6 km) and asks for heights that photos do not know well. Between two points away from the origin the
+plane is true to about r^2 / (6 R^2) of their distance: 4 mm in 10 km, far below a micrometre on a yard.
+
+Charles F. F. Karney, "Algorithms for geodesics", Journal of Geodesy 87 (2013), is what PROJ computes it with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from webapp.core.geo.crs import latlon_from_plane, plane_from_latlon
+from webapp.core.geo.types import EnuMetres, LatLon
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFrame:
+    """Metres east and north of an origin.
+
+    Attributes
+    ----------
+    origin : LatLon
+    """
+
+    origin: LatLon
+
+    @property
+    def plane(self) -> str:
+        """The frame's own coordinate system, as a CRS string: x metres east, y metres north."""
+        lat, lon = self.origin
+        return f"+proj=aeqd +lat_0={lat!r} +lon_0={lon!r} +datum=WGS84 +units=m +no_defs"
+
+    def enu_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
+        """Metres east and north of the origin.
+
+        Parameters
+        ----------
+        latlon : (n, 2) float64
+            Degrees north, degrees east.
+
+        Returns
+        -------
+        (n, 2) float64
+            East, north; NaN for what is no position on the Earth.
+        """
+        return plane_from_latlon(self.plane, latlon)
+
+    def latlon_from_enu(self, enu: ArrayLike) -> NDArray[np.float64]:
+        """Degrees north and east.
+
+        Parameters
+        ----------
+        enu : (n, 2) float64
+            Metres east, metres north.
+
+        Returns
+        -------
+        (n, 2) float64
+            Latitude, longitude; NaN farther away than the other side of the Earth.
+        """
+        return latlon_from_plane(self.plane, enu)
+
+    def enu_of(self, position: LatLon) -> EnuMetres:
+        """Metres east and north of the origin of one position (`up` is 0)."""
+        east, north = self.enu_from_latlon([position])[0]
+        return EnuMetres(float(east), float(north))
+
+    def latlon_of(self, position: EnuMetres) -> LatLon:
+        """Latitude and longitude of one position; `up` plays no part."""
+        lat, lon = self.latlon_from_enu([position[:2]])[0]
+        return LatLon(float(lat), float(lon))
