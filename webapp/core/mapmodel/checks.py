@@ -1,0 +1,248 @@
+"""What makes a map that can be parsed still wrong: ids, positions, photos, the satellite image."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.findings import Code, Finding, quoted
+from webapp.core.mapmodel.lines import ImageLine, PhotoLine
+from webapp.core.mapmodel.positions import whole_pixel
+
+MAX_NUMBER = 2**31 - 1
+"""Largest id, size and coordinate: ids are answered as 32-bit integers."""
+
+_MIN_EXPECTED = 3
+"""So many photos must have a GPS position before it can speak against the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoFacts:
+    """What the folder says about one photo of the map.
+
+    Attributes
+    ----------
+    state : {"ok", "missing", "unreadable", "outside"}
+        "outside": a link leads out of the map's folder.
+    reason : str
+        Why it is unreadable or where the link leads.
+    actual : str or None
+        The name in the folder that differs in spelling only, if there is one.
+    gps : MapPixel or None
+        Where its GPS position lies on the map.
+    """
+
+    state: Literal["ok", "missing", "unreadable", "outside"]
+    reason: str = ""
+    actual: str | None = None
+    gps: MapPixel | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FolderFacts:
+    """What the folder of a map holds.
+
+    Attributes
+    ----------
+    satellite : PhotoFacts
+    satellite_size : (int, int) or None
+        True width and height of the satellite image, pixels.
+    photos : mapping of str to PhotoFacts
+        By the name in the `.cfg`; a name without facts is not judged.
+    orphans : sequence of str
+        Photos in the folder that the map does not name.
+    """
+
+    satellite: PhotoFacts
+    satellite_size: tuple[int, int] | None = None
+    photos: Mapping[str, PhotoFacts] = field(default_factory=dict)
+    orphans: Sequence[str] = ()
+
+
+def check_lines(image: ImageLine | None, photos: Sequence[PhotoLine]) -> list[Finding]:
+    """Find what is wrong between the lines: duplicate ids, positions outside, names used twice, swapped x/y.
+
+    Parameters
+    ----------
+    image : ImageLine or None
+        None when the first line could not be read.
+    photos : sequence of PhotoLine
+
+    Returns
+    -------
+    list of Finding
+        The errors among them make a `.cfg` unreadable.
+    """
+    found = [*_duplicate_ids(photos), *_duplicate_photos(photos)]
+    if image and image.width is not None and image.height is not None:
+        found += _outside(image.width, image.height, photos)
+    if image and not photos:
+        found.append(
+            Finding(Code.NO_PHOTOS, 1, 1, "the map has no photos yet", "add a line such as 0;photo.jpg;X;Y")
+        )
+    return found
+
+
+def check_folder(image: ImageLine | None, photos: Sequence[PhotoLine], facts: FolderFacts) -> list[Finding]:
+    """Find what is wrong between the map and the files in its folder.
+
+    Parameters
+    ----------
+    image : ImageLine or None
+    photos : sequence of PhotoLine
+    facts : FolderFacts
+
+    Returns
+    -------
+    list of Finding
+    """
+    found = list(_satellite(image, facts)) if image else []
+    for line in photos:
+        if line.photo is not None and line.photo in facts.photos:
+            found += _photo(line, facts.photos[line.photo])
+    found += _gps_swapped(photos, facts.photos)
+    after = max((line.line for line in photos), default=1) + 1
+    ids = itertools.count(free_id(photos))
+    for name in facts.orphans:
+        fix = f"add the line {next(ids)};{name};X;Y with its position, or move the photo out of the folder"
+        message = f"the photo {quoted(name)} is in the folder but not in the map"
+        found.append(Finding(Code.ORPHAN_PHOTO, after, 1, message, fix))
+    return found
+
+
+def free_id(photos: Sequence[PhotoLine]) -> int:
+    """Give the smallest id above all ids of the lines."""
+    return max((line.id for line in photos if line.id is not None), default=-1) + 1
+
+
+def _duplicate_ids(photos: Sequence[PhotoLine]) -> Iterator[Finding]:
+    first: dict[int, int] = {}
+    ids = itertools.count(free_id(photos))
+    for line in photos:
+        if line.id is None:
+            continue
+        if line.id in first:
+            fix = f"use a free id: {line.text(id=next(ids))}"
+            message = f"the id {line.id} is already on line {first[line.id]}"
+            yield Finding(Code.DUPLICATE_ID, line.line, line.columns[0], message, fix)
+        first.setdefault(line.id, line.line)
+
+
+def _duplicate_photos(photos: Sequence[PhotoLine]) -> Iterator[Finding]:
+    first: dict[str, int] = {}
+    for line in photos:
+        if line.photo is None:
+            continue
+        if line.photo in first:
+            message = f"the photo {quoted(line.photo)} is already on line {first[line.photo]}"
+            fix = "delete one of the two lines, unless the photo shall stand at two places"
+            yield Finding(Code.DUPLICATE_PHOTO, line.line, line.columns[1], message, fix)
+        first.setdefault(line.photo, line.line)
+
+
+def _outside(width: int, height: int, photos: Sequence[PhotoLine]) -> list[Finding]:
+    """Find positions outside the image, and say so when swapping x and y would cure most of them."""
+    outside = [line for line in photos if not _fits(line.x, width) or not _fits(line.y, height)]
+    cured = [line for line in outside if _fits(line.y, width) and _fits(line.x, height)]
+    swapped = bool(cured) and 2 * len(cured) >= len(outside)
+    found = []
+    for line in outside:
+        bad_x = not _fits(line.x, width)
+        axis, value, limit = ("x", line.x, width) if bad_x else ("y", line.y, height)
+        message = f"{axis} = {value} is outside the image, whose {'width' if bad_x else 'height'} is {limit}"
+        fix = f"correct it to x from 0 to {width} and y from 0 to {height}, or delete the line"
+        if swapped and line in cured:
+            fix = f"x and y seem to be swapped: {line.text(x=line.y, y=line.x)}"
+        found.append(
+            Finding(Code.POSITION_OUTSIDE_IMAGE, line.line, line.columns[2 if bad_x else 3], message, fix)
+        )
+    if swapped:
+        everything = all(_fits(line.y, width) and _fits(line.x, height) for line in photos)
+        message = (
+            f"x and y seem to be swapped: {len(cured)} of {len(outside)} positions outside would be inside"
+        )
+        fix = "swap the last two columns on " + (
+            "every line" if everything else "the lines with positions outside"
+        )
+        found.append(Finding(Code.SWAPPED_XY, cured[0].line, cured[0].columns[2], message, fix))
+    return found
+
+
+def _fits(value: int | None, limit: int) -> bool:
+    """Tell whether a coordinate is on the image; one that could not be read is not judged here."""
+    return value is None or 0 <= value <= limit
+
+
+def _satellite(image: ImageLine, facts: FolderFacts) -> Iterator[Finding]:
+    if image.image is None:
+        return
+    column, state, name = image.columns[0], facts.satellite, quoted(image.image)
+    if state.state == "missing":
+        fix = (
+            f"the folder has {quoted(state.actual)}: write that name" if state.actual else f"put {name} there"
+        )
+        yield Finding(Code.MISSING_SATELLITE, 1, column, f"there is no satellite image {name}", fix)
+    elif state.state == "unreadable":
+        message = f"the satellite image {name} cannot be read: {state.reason}"
+        yield Finding(Code.UNREADABLE_SATELLITE, 1, column, message, "export the image again as PNG or JPEG")
+    elif state.state == "outside":
+        yield _leaves(1, column, name)
+    elif state.actual:
+        yield _spelling(1, column, name=image.image, actual=state.actual)
+    size = facts.satellite_size
+    stated = (image.width, image.height)
+    if size is not None and None not in stated and stated != size:
+        fix = (
+            f"write {image.image};{size[0]};{size[1]}, or put back the image that the positions were made on"
+        )
+        message = f"the image is {size[0]} x {size[1]} pixels, not {stated[0]} x {stated[1]} as stated"
+        yield Finding(Code.IMAGE_SIZE_DIFFERS, 1, image.columns[1], message, fix)
+
+
+def _photo(line: PhotoLine, facts: PhotoFacts) -> Iterator[Finding]:
+    assert line.photo is not None
+    at, name = (line.line, line.columns[1]), quoted(line.photo)
+    if facts.state == "missing":
+        fix = "put the photo there, or delete the line"
+        if facts.actual:
+            fix = f"the folder has {quoted(facts.actual)}: write that name"
+        yield Finding(Code.MISSING_PHOTO, *at, f"there is no photo {name}", fix)
+    elif facts.state == "unreadable":
+        message = f"the photo {name} cannot be read: {facts.reason}"
+        yield Finding(
+            Code.UNREADABLE_PHOTO, *at, message, "copy the photo from the camera again, or delete the line"
+        )
+    elif facts.state == "outside":
+        yield _leaves(*at, name)
+    elif facts.actual:
+        yield _spelling(*at, name=line.photo, actual=facts.actual)
+
+
+def _leaves(line: int, column: int, name: str) -> Finding:
+    message = f"{name} is a link that leads out of the map's folder"
+    return Finding(Code.PATH_LEAVES_FOLDER, line, column, message, "replace the link by a copy of the file")
+
+
+def _spelling(line: int, column: int, *, name: str, actual: str) -> Finding:
+    message = f"{quoted(name)} is spelled {quoted(actual)} in the folder and will be missing on other systems"
+    return Finding(Code.NAME_SPELLING, line, column, message, f"write {actual}")
+
+
+def _gps_swapped(photos: Sequence[PhotoLine], facts: Mapping[str, PhotoFacts]) -> Iterator[Finding]:
+    """Compare with the photos' own GPS: most of them must be far off as they stand and near when swapped."""
+    judged, cured = 0, []
+    for line in photos:
+        known = facts.get(line.photo) if line.photo is not None else None
+        if known is None or known.gps is None or line.x is None or line.y is None:
+            continue
+        gx, gy = whole_pixel(known.gps)
+        judged += 1
+        if 4 * max(abs(line.y - gx), abs(line.x - gy)) < max(abs(line.x - gx), abs(line.y - gy)):
+            cured.append(line)
+    if judged >= _MIN_EXPECTED and 2 * len(cured) > judged:
+        message = f"x and y seem to be swapped: {len(cured)} of {judged} photos fit their GPS much better so"
+        fix = f"swap the last two columns: {cured[0].text(x=cured[0].y, y=cured[0].x)}, and so on"
+        yield Finding(Code.SWAPPED_XY, cured[0].line, cured[0].columns[2], message, fix)

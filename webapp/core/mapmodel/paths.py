@@ -1,0 +1,88 @@
+"""Which names of photos and images a map may hold: relative, below its folder, the same on every system."""
+
+from __future__ import annotations
+
+import re
+from pathlib import PurePosixPath
+from typing import NamedTuple
+
+from webapp.core.mapmodel.findings import Code, quoted
+
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+_SURROGATE = re.compile(r"[\ud800-\udfff]")
+_DRIVE = re.compile(r"[A-Za-z]:")
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://|(?:file|data):", re.IGNORECASE)
+
+
+class NameProblem(NamedTuple):
+    """Why a name cannot stand in a map, and the name that could (or None)."""
+
+    code: Code
+    message: str
+    better: str | None = None
+
+
+def name_problem(name: str) -> NameProblem | None:
+    """Tell why `name` cannot be the path of a photo or image in a map.
+
+    Parameters
+    ----------
+    name : str
+        Path relative to the map's folder, as it stands (or shall stand) in the `.cfg`.
+
+    Returns
+    -------
+    NameProblem or None
+        None when the name is fine. Whether such a file exists is not looked at.
+    """
+    return _unwritable(name) or _unsafe(name)
+
+
+def _unwritable(name: str) -> NameProblem | None:
+    if not name.strip(" "):
+        return NameProblem(Code.EMPTY_NAME, "the name is empty")
+    control = _CONTROL.search(name)
+    if control:
+        what = {"\0": "a NUL byte", "\n": "a line break", "\t": "a tab"}.get(
+            control[0], "a control character"
+        )
+        return NameProblem(Code.CONTROL_CHARACTER, f"the name {quoted(name)} contains {what}")
+    if ";" in name:
+        return NameProblem(
+            Code.UNWRITABLE_NAME, f"the name {quoted(name)} contains ';', which separates columns"
+        )
+    if _SURROGATE.search(name):
+        return NameProblem(Code.UNWRITABLE_NAME, f"the name {quoted(name)} cannot be written as UTF-8")
+    if name != name.strip(" ") or name.startswith("\ufeff"):
+        message = f"the name {quoted(name)} begins or ends with a space or a byte order mark"
+        return NameProblem(Code.UNWRITABLE_NAME, message, name.strip(" \ufeff") or None)
+    return None
+
+
+def _unsafe(name: str) -> NameProblem | None:
+    if _URL.match(name):
+        return NameProblem(
+            Code.PATH_LEAVES_FOLDER, f"{quoted(name)} is an address, not a file below the map's folder"
+        )
+    if _DRIVE.match(name) or name.startswith(("/", "\\")):
+        return NameProblem(Code.PATH_LEAVES_FOLDER, f"{quoted(name)} is an absolute path")
+    if ".." in name.replace("\\", "/").split("/"):
+        message = f"{quoted(name)} contains '..', which can leave the map's folder"
+        return NameProblem(Code.PATH_LEAVES_FOLDER, message, _without_parents(name.replace("\\", "/")))
+    if "\\" in name:
+        message = f"{quoted(name)} has a backslash: folders are separated by '/'"
+        return NameProblem(Code.BACKSLASH_IN_PATH, message, name.replace("\\", "/"))
+    return None
+
+
+def _without_parents(name: str) -> str | None:
+    """Write the path without '..' where it stays in the folder all the way, else None."""
+    parts: list[str] = []
+    for part in PurePosixPath(name).parts:
+        if part != "..":
+            parts.append(part)
+        elif parts:
+            parts.pop()
+        else:
+            return None
+    return "/".join(parts) or None

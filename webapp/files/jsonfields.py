@@ -1,0 +1,193 @@
+"""A field of a JSON file together with its path, so that every error says where it is."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from webapp.errors import MapJsonError
+
+T = TypeVar("T")
+_NAMES = {
+    dict: "an object",
+    list: "a list",
+    str: "text",
+    bool: "true or false",
+    int: "a number",
+    float: "a number",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class JsonField:
+    """A value, its JSON path (`$.experiences[3].fov_deg`) and its file.
+
+    A field that is absent, or null, has the value None and is `missing`.
+    """
+
+    value: object
+    path: str
+    where: str
+
+    @property
+    def missing(self) -> bool:
+        """Whether the field is absent or null."""
+        return self.value is None
+
+    def error(self, message: str, *, hint: str | None = None) -> MapJsonError:
+        """Make (not raise) the error that this field `message`."""
+        return MapJsonError(f"{self.path} {message}", where=self.where, hint=hint)
+
+    def record(self, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, JsonField]:
+        """Give the fields of an object by name, absent optional ones included.
+
+        Raises
+        ------
+        MapJsonError
+            It is no object, a required field is missing, or a field is unknown.
+        """
+        if not isinstance(self.value, dict):
+            raise self._wrong("an object")
+        unknown = [name for name in self.value if name not in (*required, *optional)]
+        if unknown:
+            names = ", ".join((*required, *optional))
+            raise self.error(f"has an unknown field {unknown[0][:60]!r}", hint=f"the fields are {names}")
+        fields = {name: self._child(self.value.get(name), f".{name}") for name in (*required, *optional)}
+        for name in required:
+            if fields[name].missing:
+                raise fields[name].error("is missing", hint="add it")
+        return fields
+
+    def items(self) -> list[JsonField]:
+        """Give the items of a list; of a missing one, none.
+
+        Raises
+        ------
+        MapJsonError
+            It is no list.
+        """
+        if self.missing:
+            return []
+        if not isinstance(self.value, list):
+            raise self._wrong("a list")
+        return [self._child(item, f"[{i}]") for i, item in enumerate(self.value)]
+
+    def integer(self, *, largest: int, smallest: int = 0, default: int | None = None) -> int:
+        """Give a whole number within limits; of a missing field, the default.
+
+        Raises
+        ------
+        MapJsonError
+        """
+        if self.missing and default is not None:
+            return default
+        if not isinstance(self.value, int) or isinstance(self.value, bool):
+            raise self._wrong("a whole number")
+        if not smallest <= self.value <= largest:
+            raise self.error(f"is not from {smallest} to {largest}")
+        return self.value
+
+    def number(self, meaning: str, *, valid: Callable[[float], bool]) -> float:
+        """Give a finite number for which `valid` holds; `meaning` says which ones these are.
+
+        Raises
+        ------
+        MapJsonError
+        """
+        if not isinstance(self.value, int | float) or isinstance(self.value, bool):
+            raise self._wrong("a number")
+        if not abs(self.value) < 1e300 or not valid(float(self.value)):
+            raise self.error(f"is not {meaning}")
+        return float(self.value)
+
+    def text(self) -> str:
+        """Give a text.
+
+        Raises
+        ------
+        MapJsonError
+        """
+        if not isinstance(self.value, str):
+            raise self._wrong("text")
+        return self.value
+
+    def _child(self, value: object, step: str) -> JsonField:
+        return JsonField(value, self.path + step, self.where)
+
+    def _wrong(self, wanted: str) -> MapJsonError:
+        if self.missing:
+            return self.error("is missing", hint=f"give {wanted}")
+        return self.error(f"must be {wanted}, not {_NAMES[type(self.value)]}")
+
+
+def finite(value: float) -> bool:
+    """Accept every finite number."""
+    return math.isfinite(value)
+
+
+def parse_json(data: bytes, *, where: str) -> JsonField:
+    """Read JSON in UTF-8 (a byte order mark is fine) without its loopholes: no NaN, no field twice.
+
+    Parameters
+    ----------
+    data : bytes
+    where : str
+        Name of the file, for errors.
+
+    Returns
+    -------
+    JsonField
+        The top, with the path `$`.
+
+    Raises
+    ------
+    MapJsonError
+        With line and column where it is no JSON.
+    """
+
+    def refuse_constant(name: str) -> object:
+        raise MapJsonError(f"{name} is not a JSON number", where=where, hint="leave out what is unknown")
+
+    def unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        fields = dict(pairs)
+        if len(fields) < len(pairs):
+            twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
+            raise MapJsonError(
+                f"the field {twice[:60]!r} stands twice in one object", where=where, hint="keep one"
+            )
+        return fields
+
+    try:
+        text = data.decode("utf-8-sig")
+        return JsonField(
+            json.loads(text, object_pairs_hook=unique, parse_constant=refuse_constant), "$", where
+        )
+    except UnicodeDecodeError as error:
+        message = f"the byte at offset {error.start} is not UTF-8"
+        raise MapJsonError(message, where=where, hint="save the file as UTF-8") from error
+    except json.JSONDecodeError as error:
+        place = f"{where}:{error.lineno}:{error.colno}"
+        raise MapJsonError(f"this is not JSON: {error.msg}", where=place, hint="restore the file") from error
+    except (ValueError, RecursionError) as error:
+        raise MapJsonError("this JSON has a number too long or is nested too deep", where=where) from error
+
+
+def by_id(field: JsonField, *, parse: Callable[[JsonField], tuple[int, T]]) -> dict[int, T]:
+    """Parse the items of a list and give them by their ids.
+
+    Raises
+    ------
+    MapJsonError
+        An id stands twice, or what `parse` raises.
+    """
+    found: dict[int, T] = {}
+    for item in field.items():
+        id, value = parse(item)
+        if id in found:
+            raise item.error(f"has the id {id} of an earlier item", hint="keep one of the two")
+        found[id] = value
+    return found
