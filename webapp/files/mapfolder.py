@@ -139,11 +139,7 @@ def write_map(cfg_path: Path, map_: Map) -> None:
         raise MapError("two placements have one file name", where=str(cfg_path), hint="rename one of them")
     for path, content in placed:
         write_bytes(path, content)
-    alone = replace(map_, experiences=tuple(_bare(e) for e in map_.experiences))
-    plain = Map(
-        map_.satellite, map_.experiences, next_id=max((e.id for e in map_.experiences), default=-1) + 1
-    )
-    if json_path(cfg_path).exists() or alone != map_ or plain != map_:
+    if json_path(cfg_path).exists() or parse_cfg(cfg).map != map_:
         write_bytes(json_path(cfg_path), beside)
     write_bytes(cfg_path, cfg)
 

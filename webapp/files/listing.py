@@ -1,0 +1,76 @@
+"""What photos a folder holds, and whether a name in a map is the one on the disk."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import unicodedata
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
+
+from webapp.files.imageprobe import PHOTO_SUFFIXES
+
+DERIVED = "derived"
+"""Folder beside a map for what is computed from it."""
+
+
+def list_photos(folder: Path) -> list[str]:
+    """List the photos below a folder, sorted, relative to it with forward slashes.
+
+    Hidden files and folders and `derived` are left out; links to folders are not followed.
+    """
+    found = []
+    for parent, folders, files in os.walk(folder):
+        here = Path(parent)
+        folders[:] = [f for f in folders if not f.startswith(".") and (here != folder or f != DERIVED)]
+        for name in files:
+            if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("."):
+                found.append((here / name).relative_to(folder).as_posix())
+    return sorted(found)
+
+
+def normal_name(name: str) -> str:
+    """Leave out of a relative path what changes nothing: `./` and doubled slashes."""
+    return PurePosixPath(name).as_posix()
+
+
+class Spelling:
+    """Finds the files whose names differ from a given one in letter case, accents' coding, folder or typing.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Relative paths that exist.
+    """
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._names = set(names)
+        self._folded = {_folded(name): name for name in sorted(self._names, reverse=True)}
+        self._by_last: dict[str, list[str]] = {}
+        for name in sorted(self._names):
+            self._by_last.setdefault(_folded(PurePosixPath(name).name), []).append(name)
+
+    def same(self, name: str) -> str | None:
+        """Find the file whose name is spelled differently (case, accents) but looks the same."""
+        return None if normal_name(name) in self._names else self._folded.get(_folded(normal_name(name)))
+
+    def similar(self, name: str) -> str | None:
+        """Find the file that was probably meant: spelled differently, in another folder, or nearly so named."""
+        same = self.same(name)
+        if same:
+            return same
+        elsewhere = self._by_last.get(_folded(PurePosixPath(name).name), [])
+        if len(elsewhere) == 1:
+            return elsewhere[0]
+        siblings = [n for n in self._names if PurePosixPath(n).parent == PurePosixPath(name).parent]
+        # names that differ in a digit are other photos, not typing errors
+        letters = [n for n in siblings if _digits(n) == _digits(name)]
+        return next(iter(difflib.get_close_matches(name, letters, n=1, cutoff=0.8)), None)
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def _digits(name: str) -> str:
+    return "".join(letter for letter in name if letter.isdigit())
