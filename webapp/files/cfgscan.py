@@ -19,7 +19,7 @@ from webapp.files.cfgfields import FieldError, parse_coordinate, parse_id, parse
 T = TypeVar("T")
 
 BOM = b"\xef\xbb\xbf"
-_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
+_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
 _ESCAPED_BYTE = re.compile(r"[\udc80-\udcff]")
 _TWO_NUMBERS = re.compile(r"[0-9]+ *, *[0-9]+")
 _CONTROL_NAMES = {
@@ -149,15 +149,15 @@ def _character_fault(row: _Row, start: int) -> Finding | None:
     if not text.strip(" "):
         message = "the line is blank, and more lines follow"
         return row.finding(Code.BLANK_LINE, 1, message=message, fix="delete the blank line")
+    control = _CONTROL.search(text)
+    if control:
+        name, fix = _CONTROL_NAMES.get(control[0], (f"the control character {control[0]!r}", "delete it"))
+        return row.finding(Code.CONTROL_CHARACTER, control.start() + 1, message=f"there is {name}", fix=fix)
     if "\t" in text:
         fix = f"separate the columns by ';' only: {text.replace(chr(9), ';')}"
         return row.finding(
             Code.WRONG_SEPARATOR, text.index("\t") + 1, message="there is a tab in the line", fix=fix
         )
-    control = _CONTROL.search(text)
-    if control:
-        name, fix = _CONTROL_NAMES.get(control[0], (f"the control character {control[0]!r}", "delete it"))
-        return row.finding(Code.CONTROL_CHARACTER, control.start() + 1, message=f"there is {name}", fix=fix)
     return None
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pillow_heif
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from webapp.errors import PhotoError
 from webapp.settings import PhotoLimits
@@ -62,7 +62,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         try:
             with Image.open(path) as image:
                 yield image
-        except Image.UnidentifiedImageError as error:
+        except UnidentifiedImageError as error:
             raise PhotoError("it is not an image of a known format", where=str(path)) from error
         except Image.DecompressionBombError as error:
             raise PhotoError("it has far too many pixels", where=str(path)) from error

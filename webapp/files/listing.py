@@ -45,32 +45,37 @@ class Spelling:
 
     def __init__(self, names: Iterable[str]) -> None:
         self._names = set(names)
-        self._folded = {_folded(name): name for name in sorted(self._names, reverse=True)}
-        self._by_last: dict[str, list[str]] = {}
+        self._folded: dict[str, str] = {}
+        self._last: dict[str, list[str]] = {}
+        self._numbers: dict[tuple[str, str], list[str]] = {}
         for name in sorted(self._names):
-            self._by_last.setdefault(_folded(PurePosixPath(name).name), []).append(name)
+            self._folded.setdefault(_folded(name), name)
+            self._last.setdefault(_last(name), []).append(name)
+            self._numbers.setdefault(_numbers(name), []).append(name)
 
     def same(self, name: str) -> str | None:
-        """Find the file whose name is spelled differently (case, accents) but looks the same."""
-        return None if normal_name(name) in self._names else self._folded.get(_folded(normal_name(name)))
+        """Find the file whose name looks the same but is coded differently."""
+        return None if name in self._names else self._folded.get(_folded(name))
 
     def similar(self, name: str) -> str | None:
-        """Find the file that was probably meant: spelled differently, in another folder, or nearly so named."""
-        same = self.same(name)
-        if same:
-            return same
-        elsewhere = self._by_last.get(_folded(PurePosixPath(name).name), [])
+        """Find the file that was probably meant: the same name in another folder, or nearly the same here."""
+        elsewhere = self._last.get(_last(name), [])
         if len(elsewhere) == 1:
             return elsewhere[0]
-        siblings = [n for n in self._names if PurePosixPath(n).parent == PurePosixPath(name).parent]
         # names that differ in a digit are other photos, not typing errors
-        letters = [n for n in siblings if _digits(n) == _digits(name)]
-        return next(iter(difflib.get_close_matches(name, letters, n=1, cutoff=0.8)), None)
+        siblings = self._numbers.get(_numbers(name), [])
+        return next(iter(difflib.get_close_matches(name, siblings, n=1, cutoff=0.8)), None)
 
 
 def _folded(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def _digits(name: str) -> str:
-    return "".join(letter for letter in name if letter.isdigit())
+def _last(name: str) -> str:
+    return _folded(PurePosixPath(name).name)
+
+
+def _numbers(name: str) -> tuple[str, str]:
+    """Give the folder of a file and the digits in its name."""
+    path = PurePosixPath(name)
+    return _folded(str(path.parent)), "".join(letter for letter in path.name if letter.isdigit())

@@ -10,6 +10,7 @@ from typing import Literal
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.core.mapmodel.lines import ImageLine, PhotoLine
+from webapp.core.mapmodel.paths import name_problem
 from webapp.core.mapmodel.positions import whole_pixel
 
 MAX_NUMBER = 2**31 - 1
@@ -108,6 +109,8 @@ def check_folder(image: ImageLine | None, photos: Sequence[PhotoLine], facts: Fo
     ids = itertools.count(free_id(photos))
     for name in facts.orphans:
         fix = f"add the line {next(ids)};{name};X;Y with its position, or move the photo out of the folder"
+        if name_problem(name):
+            fix = "rename the photo (a map cannot hold this name), or move it out of the folder"
         message = f"the photo {quoted(name)} is in the folder but not in the map"
         found.append(Finding(Code.ORPHAN_PHOTO, after, 1, message, fix))
     return found

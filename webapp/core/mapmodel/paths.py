@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from webapp.core.mapmodel.findings import Code, quoted
 
-_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 _DRIVE = re.compile(r"[A-Za-z]:")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://|(?:file|data):", re.IGNORECASE)

@@ -1,0 +1,82 @@
+"""`expmap map check`: what is wrong with a map and how to fix it."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from webapp.core.mapmodel.findings import Finding
+from webapp.progress import Progress
+from webapp.settings import from_environment
+from webapp.tasks import check_map
+
+BAD_MAP = 3
+"""Exit code when the map has errors."""
+
+_SHOWN = 20
+
+
+@click.command("check")
+@click.argument("cfg", metavar="MAP.cfg", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print all findings as one JSON object.")
+@click.pass_context
+def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
+    """Say what is wrong with a map file and how to fix it.
+
+    Looks at the .cfg, the map.json and placements beside it, the satellite image and every photo.
+    Exit code 3 when the map has errors; warnings alone leave it usable.
+    """
+    report = check_map.run(cfg, settings=from_environment(), progress=Progress())
+    if as_json:
+        click.echo(json.dumps(_as_json(report), indent=1))
+    else:
+        _print(report)
+    photos = f"{report.photos} photo{'s' * (report.photos != 1)}"
+    click.echo(f"{cfg}: {photos}, {report.errors} errors, {report.warnings} warnings", err=True)
+    if report.errors:
+        ctx.exit(BAD_MAP)
+
+
+def _print(report: check_map.Report) -> None:
+    """Print the findings; of one kind in one file, only the first."""
+    seen: Counter[tuple[str, str]] = Counter()
+    for finding in report.findings:
+        kind = (finding.file, finding.code)
+        seen[kind] += 1
+        if seen[kind] <= _SHOWN:
+            place = f"{_file(report, finding)}:{finding.line}:{finding.column}"
+            click.echo(
+                f"{place}: {finding.severity}: {finding.message} ({finding.code})\n    fix: {finding.fix}"
+            )
+    for (file, code), count in seen.items():
+        if count > _SHOWN:
+            name = report.cfg_path.with_name(file) if file else report.cfg_path
+            click.echo(f"{name}: {count - _SHOWN} more of {code}; --json lists all", err=True)
+
+
+def _file(report: check_map.Report, finding: Finding) -> Path:
+    return report.cfg_path.with_name(finding.file) if finding.file else report.cfg_path
+
+
+def _as_json(report: check_map.Report) -> dict[str, object]:
+    findings = [
+        {
+            "file": str(_file(report, finding)),
+            "line": finding.line,
+            "column": finding.column,
+            "severity": finding.severity,
+            "code": str(finding.code),
+            "message": finding.message,
+            "fix": finding.fix,
+        }
+        for finding in report.findings
+    ]
+    return {
+        "photos": report.photos,
+        "errors": report.errors,
+        "warnings": report.warnings,
+        "findings": findings,
+    }
