@@ -1,0 +1,114 @@
+import json
+import math
+
+import pytest
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.jsonform import AnswerSource, FieldOfView, answer_to_json, failure_to_json
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
+
+KEYS = [
+    "query",
+    "method",
+    "features",
+    "fov_deg",
+    "fov_source",
+    "hypotheses",
+    "other_probability",
+    "off_map_probability",
+    "statistics",
+    "seconds",
+    "map_revision",
+]
+HYPOTHESIS_KEYS = [
+    "rank",
+    "kind",
+    "x_px",
+    "y_px",
+    "radius_px",
+    "heading_deg",
+    "lat",
+    "lon",
+    "radius_m",
+    "probability",
+    "experiences",
+    "inliers",
+    "matches",
+]
+STATISTICS_KEYS = [
+    "keypoints",
+    "matches",
+    "matches_pruned",
+    "distance_min",
+    "distance_max",
+    "distance_mean",
+    "distance_total",
+]
+SECONDS_KEYS = ["read", "extract", "retrieve", "verify", "position", "total"]
+
+GEOREFERENCE = Georeference("EPSG:4326", (1e-5, 0, 14.0, 0, -1e-5, 50.0, 0, 0, 1), "corners")
+ANSWER = Answer(
+    (Hypothesis(1, "position", MapPixel(100.5, 200.25), 0.7, 12.0, 33.0, (4, 2), 55, 120),),
+    0.2,
+    0.1,
+    None,
+    MatchStatistics(900, 800, 400, 0.1, 0.8, 0.5, 400.0),
+    (),
+    {"extract": 0.1, "total": 0.5},
+)
+
+
+def test_keys_are_those_of_the_interface() -> None:
+    form = answer_to_json(ANSWER, query="q.jpg", source=AnswerSource("verified", "sift", GEOREFERENCE, 3))
+    assert list(form) == KEYS
+    assert list(form["hypotheses"][0]) == HYPOTHESIS_KEYS
+    assert list(form["statistics"]) == STATISTICS_KEYS
+    assert list(form["seconds"]) == SECONDS_KEYS
+    assert form["seconds"]["read"] is None
+    assert form["map_revision"] == 3
+    json.dumps(form, allow_nan=False)
+
+
+def test_georeferenced_hypothesis_is_in_degrees_and_metres() -> None:
+    source = AnswerSource("verified", "sift", GEOREFERENCE, 0)
+    form = answer_to_json(ANSWER, query="q.jpg", source=source, fov=FieldOfView(60.0, "exif"))
+    found = form["hypotheses"][0]
+    assert found["lat"] == pytest.approx(49.9979975, abs=1e-9)
+    assert found["lon"] == pytest.approx(14.001005, abs=1e-9)
+    # A pixel is 1e-5 degree: 1.112 m to the north, 0.717 m to the east there.
+    assert found["radius_m"] == pytest.approx(12 * math.sqrt(1.112 * 0.717), rel=2e-3)
+    assert (form["fov_deg"], form["fov_source"]) == (60.0, "exif")
+
+
+def test_plain_map_and_vote_leave_null_what_they_do_not_know() -> None:
+    vote = Answer(
+        (Hypothesis(1, "photo", MapPixel(1, 2), 1.0, None, None, (0,), None, 7),),
+        None,
+        0.0,
+        None,
+        MatchStatistics(7, 7, 7, 0.0, 0.0, 0.0, 0.0),
+    )
+    form = answer_to_json(vote, query="q.jpg", source=AnswerSource("vote", "orb", None, 0))
+    found = form["hypotheses"][0]
+    assert [found[k] for k in ("radius_px", "heading_deg", "lat", "lon", "radius_m", "inliers")] == [None] * 6
+    assert form["off_map_probability"] is None
+    assert form["fov_deg"] is None
+
+
+def test_beyond_the_horizon_is_null_and_not_nan() -> None:
+    tilted = Georeference("EPSG:4326", (1e-5, 0, 14.0, 0, -1e-5, 50.0, 0, -0.01, 1), "projective")
+    form = answer_to_json(ANSWER, query="q.jpg", source=AnswerSource("verified", "sift", tilted, 0))
+    assert form["hypotheses"][0]["lat"] is None
+    assert form["hypotheses"][0]["radius_m"] is None
+
+
+def test_no_pose_is_an_empty_list() -> None:
+    nothing = Answer((), 1.0, 0.0, NoPose("no keypoint"), MatchStatistics(0, 0, 0, None, None, None, None))
+    form = answer_to_json(nothing, query="q.jpg", source=AnswerSource("verified", "sift", None, 0))
+    assert form["hypotheses"] == []
+    assert form["off_map_probability"] == 1.0
+
+
+def test_failed_photo() -> None:
+    assert failure_to_json(query="q.jpg", error="not a photo") == {"query": "q.jpg", "error": "not a photo"}

@@ -1,0 +1,213 @@
+"""The figures of an evaluation, each from plain arrays.
+
+In every function `errors` is an (n,) float64 array with the distance of each query's first hypothesis from
+the truth, map pixels; infinity stands for a query without a hypothesis, which so is a miss at any radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from webapp.core.evaluation.types import Grade, Interval, ReliabilityBin
+
+GRADES: tuple[tuple[Grade, float], ...] = (
+    ("excellent", 0.5),
+    ("good", 1.0),
+    ("sufficient", 2.0),
+    ("insufficient", np.inf),
+)
+"""A grade and the largest error that earns it, in multiples of the map's `place_radius_px`."""
+
+BINS = 10
+"""Bins of the calibration error and of the reliability diagram."""
+
+REPLICATES = 1000
+"""Resamples of a bootstrap interval."""
+
+
+def grade(error: float, place_radius_px: float) -> Grade:
+    """Word for an error: excellent up to half the place radius, good up to 1, sufficient up to 2.
+
+    Parameters
+    ----------
+    error, place_radius_px : float
+        Map pixels; an error may be infinite.
+
+    Returns
+    -------
+    {"excellent", "good", "sufficient", "insufficient"}
+    """
+    return next(word for word, limit in GRADES if error <= limit * place_radius_px)
+
+
+def median_error(errors: NDArray[np.float64]) -> float | None:
+    """Median over the queries with a hypothesis; None when no query has one."""
+    known = errors[np.isfinite(errors)]
+    return float(np.median(known)) if known.size else None
+
+
+def mean_error(errors: NDArray[np.float64]) -> float | None:
+    """Mean over the queries with a hypothesis; None when no query has one."""
+    known = errors[np.isfinite(errors)]
+    return float(known.mean()) if known.size else None
+
+
+def share_within(errors: NDArray[np.float64], radius_px: float) -> float:
+    """Share of all queries whose error is at most `radius_px`."""
+    return float(np.mean(errors <= radius_px))
+
+
+def reliability_bins(probabilities: ArrayLike, right: ArrayLike) -> tuple[ReliabilityBin, ...]:
+    """Bins of equal mass: the queries sorted by probability and cut into ten parts of equal size.
+
+    Equal probabilities share their share of right answers, so that the order of the queries plays no part
+    where a cut falls between them.
+
+    Parameters
+    ----------
+    probabilities : (n,) float64
+        Of the first hypothesis.
+    right : (n,) bool
+        Whether it is right.
+
+    Returns
+    -------
+    tuple of ReliabilityBin
+        Least probable first; fewer than ten for fewer than ten queries.
+    """
+    stated = np.asarray(probabilities, dtype=np.float64)
+    values, group, counts = np.unique(stated, return_inverse=True, return_counts=True)
+    hits = np.bincount(group, weights=np.asarray(right, dtype=np.float64), minlength=values.size)
+    expected = (hits / counts)[group]
+    order = np.argsort(stated, kind="stable")
+    parts = np.array_split(order, min(BINS, order.size)) if order.size else []
+    return tuple(
+        ReliabilityBin(float(stated[part].mean()), float(expected[part].mean()), int(part.size))
+        for part in parts
+    )
+
+
+def expected_calibration_error(probabilities: ArrayLike, right: ArrayLike) -> float | None:
+    """Mean distance between stated probability and share of right answers over the bins, by their mass.
+
+    Parameters
+    ----------
+    probabilities : (n,) float64
+    right : (n,) bool
+
+    Returns
+    -------
+    float or None
+        0 to 1, 0 is perfect; None without queries.
+
+    References
+    ----------
+    Naeini, Cooper, Hauskrecht, "Obtaining well calibrated probabilities using Bayesian binning", AAAI 2015;
+    with bins of equal mass: Nguyen, O'Connor, "Posterior calibration and exploratory analysis for natural
+    language processing models", EMNLP 2015.
+    """
+    bins = reliability_bins(probabilities, right)
+    total = sum(b.count for b in bins)
+    return sum(b.count * abs(b.probability - b.right) for b in bins) / total if total else None
+
+
+def radius_coverage(errors: ArrayLike, radii: ArrayLike, *, place_radius_px: float) -> float | None:
+    """Share of the right hypotheses whose stated radius holds the truth.
+
+    Parameters
+    ----------
+    errors : (n,) float64
+    radii : (n,) float64
+        Stated 68 % radii, map pixels; NaN where none was stated.
+    place_radius_px : float
+        A hypothesis is right when it is at most so far off.
+
+    Returns
+    -------
+    float or None
+        None where no right hypothesis states a radius.
+    """
+    distance, radius = np.asarray(errors, dtype=np.float64), np.asarray(radii, dtype=np.float64)
+    counted = (distance <= place_radius_px) & np.isfinite(radius)
+    return float(np.mean(distance[counted] <= radius[counted])) if counted.any() else None
+
+
+def answered_at_precision(
+    probabilities: ArrayLike, right: ArrayLike, *, queries: int, precision: float = 0.99
+) -> float:
+    """Share of the queries that one threshold on the probability lets through at this precision.
+
+    Parameters
+    ----------
+    probabilities : (n,) float64
+        Of the queries with a hypothesis.
+    right : (n,) bool
+    queries : int
+        All queries, those without a hypothesis too.
+    precision : float
+        Wanted share of right answers among the answered.
+
+    Returns
+    -------
+    float
+        0 when no threshold is good enough.
+    """
+    stated = np.asarray(probabilities, dtype=np.float64)
+    order = np.argsort(-stated, kind="stable")
+    hits = np.cumsum(np.asarray(right, dtype=np.int64)[order])
+    answered = np.arange(1, order.size + 1)
+    # A threshold cannot part equal probabilities: only the last of them is a place to cut.
+    cut = np.append(np.diff(stated[order]) < 0, True)[: order.size]
+    good = cut & (hits >= precision * answered - 1e-9)
+    return float(answered[good].max() / queries) if good.any() else 0.0
+
+
+def error_curve(errors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Empirical distribution of the errors over all queries.
+
+    Returns
+    -------
+    errors : (m,) float64
+        Each finite error that occurs, ascending.
+    shares : (m,) float64
+        Share of all queries with at most this error; below 1 at the end when hypotheses are missing.
+    """
+    values, counts = np.unique(errors[np.isfinite(errors)], return_counts=True)
+    return values, np.cumsum(counts) / max(errors.size, 1)
+
+
+def bootstrap_interval(
+    statistic: Callable[[NDArray[np.intp]], float | None],
+    queries: int,
+    *,
+    rng: np.random.Generator,
+    replicates: int = REPLICATES,
+) -> Interval | None:
+    """95 % percentile bootstrap interval over the queries.
+
+    Parameters
+    ----------
+    statistic : callable
+        Takes the indices of a resample, (queries,) int, and gives the figure or None.
+    queries : int
+    rng : numpy.random.Generator
+    replicates : int
+
+    Returns
+    -------
+    (float, float) or None
+        None where no resample gave a figure.
+
+    References
+    ----------
+    Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+    """
+    draws = (statistic(rng.integers(0, queries, queries)) for _ in range(replicates))
+    figures = [figure for figure in draws if figure is not None]
+    if not figures:
+        return None
+    low, high = np.percentile(figures, [2.5, 97.5])
+    return float(low), float(high)

@@ -1,0 +1,76 @@
+"""One line a query, as field experiments report it: counts, distances, seconds, grades, how far off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from webapp.core.evaluation.metrics import grade
+from webapp.core.evaluation.types import Grade, QueryResult
+from webapp.core.hypotheses.model import MatchStatistics
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What the table of an experiment says about one query.
+
+    Attributes
+    ----------
+    result : QueryResult
+    statistics : MatchStatistics or None
+        None for a photo that could not be used.
+    seconds : float or None
+        From the photo's file to the answer.
+    grade_first : Grade
+        Of the first hypothesis; "insufficient" where there is none.
+    grade_others : Grade or None
+        Of the nearest of the other hypotheses: would one of them have helped? None without others.
+    first_px, worst_px : float or None
+        Error of the first hypothesis and of the farthest one, map pixels.
+    first_m, worst_m : float or None
+        The same in metres, on a map with a georeference.
+    """
+
+    result: QueryResult
+    statistics: MatchStatistics | None
+    seconds: float | None
+    grade_first: Grade
+    grade_others: Grade | None
+    first_px: float | None
+    worst_px: float | None
+    first_m: float | None
+    worst_m: float | None
+
+
+def row(result: QueryResult, *, place_radius_px: float, metres_per_pixel: float | None) -> Row:
+    """Make one line of the table.
+
+    Parameters
+    ----------
+    result : QueryResult
+    place_radius_px : float
+        The measure of the grades.
+    metres_per_pixel : float or None
+        Size of a map pixel at the true position; None without a georeference.
+
+    Returns
+    -------
+    Row
+    """
+    errors = result.errors_px
+    others = errors[1:]
+    first_px, worst_px = (errors[0], max(errors)) if errors else (None, None)
+    return Row(
+        result=result,
+        statistics=None if result.answer is None else result.answer.statistics,
+        seconds=result.total_seconds,
+        grade_first=grade(errors[0], place_radius_px) if errors else "insufficient",
+        grade_others=grade(min(others), place_radius_px) if others else None,
+        first_px=first_px,
+        worst_px=worst_px,
+        first_m=_metres(first_px, metres_per_pixel),
+        worst_m=_metres(worst_px, metres_per_pixel),
+    )
+
+
+def _metres(pixels: float | None, metres_per_pixel: float | None) -> float | None:
+    return None if pixels is None or metres_per_pixel is None else pixels * metres_per_pixel

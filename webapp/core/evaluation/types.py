@@ -1,0 +1,138 @@
+"""What an evaluation holds: one result a query, and the figures over all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.model import Answer
+
+Grade = Literal["excellent", "good", "sufficient", "insufficient"]
+Interval = tuple[float, float]
+
+_MATCHING_STAGES = ("retrieve", "verify", "position")
+
+
+@dataclass(frozen=True, slots=True)
+class QueryResult:
+    """One query: where it was taken, and what the localization said.
+
+    Attributes
+    ----------
+    path : str
+        As the list of queries names it.
+    truth : MapPixel
+        Where the photo was taken.
+    answer : Answer or None
+        None for a photo that could not be used.
+    error : str or None
+        Why there is no answer.
+    truth_heading_deg : float or None
+        Where the camera looked, degrees clockwise from north, when that is known too.
+    """
+
+    path: str
+    truth: MapPixel
+    answer: Answer | None
+    error: str | None = None
+    truth_heading_deg: float | None = None
+
+    @property
+    def errors_px(self) -> tuple[float, ...]:
+        """Distance of each hypothesis from the truth, map pixels, in the order of their ranks."""
+        if self.answer is None:
+            return ()
+        return tuple(math.dist(h.position, self.truth) for h in self.answer.hypotheses)
+
+    @property
+    def error_px(self) -> float | None:
+        """Distance of the first hypothesis from the truth, map pixels; None without a hypothesis."""
+        errors = self.errors_px
+        return errors[0] if errors else None
+
+    @property
+    def extract_seconds(self) -> float | None:
+        """Time spent on the photo's keypoints and descriptors."""
+        return None if self.answer is None else self.answer.seconds.get("extract")
+
+    @property
+    def match_seconds(self) -> float | None:
+        """Time spent on everything between the descriptors and the answer."""
+        if self.answer is None:
+            return None
+        spent = [self.answer.seconds[stage] for stage in _MATCHING_STAGES if stage in self.answer.seconds]
+        return sum(spent) if spent else None
+
+    @property
+    def total_seconds(self) -> float | None:
+        """Time from the photo's file to the answer."""
+        return None if self.answer is None else self.answer.seconds.get("total")
+
+
+@dataclass(frozen=True, slots=True)
+class ReliabilityBin:
+    """Queries with a similar stated probability.
+
+    Attributes
+    ----------
+    probability : float
+        Mean of what was stated.
+    right : float
+        Share that was right.
+    count : int
+        Queries in the bin.
+    """
+
+    probability: float
+    right: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The figures over all queries; None where nothing can be said.
+
+    Attributes
+    ----------
+    queries, failed, abstained : int
+        All of them; photos that could not be used; answers "not on this map".
+    median_px, mean_px : float or None
+        Error of the first hypothesis, over the queries that have one.
+    within : mapping of int to float
+        Share of all queries whose first hypothesis is at most so many map pixels off.
+    top5_within_50px : float
+        Share of all queries with one of the first five hypotheses at most 50 map pixels off.
+    ece : float or None
+        Expected calibration error of the first hypothesis' probability.
+    radius_coverage : float or None
+        Share of the right hypotheses whose `radius_px` holds the truth; 0.68 is wanted.
+    answered_at_99_precision : float
+        Share of all queries that can be answered, the surest first, with 99 % of the answers right.
+    seconds_per_query_p50, seconds_per_query_p95, extract_seconds_p50, match_seconds_p50 : float or None
+    grades : mapping of str to int
+        Queries by the grade of their first hypothesis.
+    intervals : mapping of str to (float, float)
+        95 % bootstrap intervals, by the figure's name in JSON.
+    reliability : tuple of ReliabilityBin
+    """
+
+    queries: int
+    failed: int
+    abstained: int
+    median_px: float | None
+    mean_px: float | None
+    within: Mapping[int, float]
+    top5_within_50px: float
+    ece: float | None
+    radius_coverage: float | None
+    answered_at_99_precision: float
+    seconds_per_query_p50: float | None
+    seconds_per_query_p95: float | None
+    extract_seconds_p50: float | None
+    match_seconds_p50: float | None
+    grades: Mapping[Grade, int]
+    intervals: Mapping[str, Interval]
+    reliability: tuple[ReliabilityBin, ...]

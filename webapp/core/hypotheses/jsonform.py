@@ -1,0 +1,113 @@
+"""An answer as the JSON object that the command line and the web both give."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.hypotheses.model import Answer, Hypothesis
+
+STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
+"""Names of the times in `seconds`, in the order of the work."""
+
+
+@dataclass(frozen=True, slots=True)
+class FieldOfView:
+    """Horizontal field of view of an upright photo, and how it is known.
+
+    Attributes
+    ----------
+    degrees : float
+    source : {"option", "exif", "guess"}
+    """
+
+    degrees: float
+    source: Literal["option", "exif", "guess"]
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerSource:
+    """What gave the answer.
+
+    Attributes
+    ----------
+    method, features : str
+        As `--method` and `--features` name them, the latter resolved.
+    georeference : Georeference or None
+        Of the map.
+    map_revision : int
+    """
+
+    method: str
+    features: str
+    georeference: Georeference | None
+    map_revision: int
+
+
+def answer_to_json(
+    answer: Answer, *, query: str, source: AnswerSource, fov: FieldOfView | None = None
+) -> dict[str, Any]:
+    """Make the object that `localize --json` prints for one photo.
+
+    Parameters
+    ----------
+    answer : Answer
+    query : str
+        The photo, as it was named.
+    source : AnswerSource
+    fov : FieldOfView or None
+        None where the method does not ask for it.
+
+    Returns
+    -------
+    dict
+        Plain values only; what is unknown is None.
+    """
+    return {
+        "query": query,
+        "method": source.method,
+        "features": source.features,
+        "fov_deg": None if fov is None else fov.degrees,
+        "fov_source": None if fov is None else fov.source,
+        "hypotheses": [_hypothesis(h, source.georeference) for h in answer.hypotheses],
+        "other_probability": answer.other_probability,
+        "off_map_probability": answer.off_map_probability,
+        "statistics": asdict(answer.statistics),
+        "seconds": {stage: answer.seconds.get(stage) for stage in STAGES},
+        "map_revision": source.map_revision,
+    }
+
+
+def failure_to_json(*, query: str, error: str) -> dict[str, Any]:
+    """Make the object that `localize --json` prints for a photo that could not be used."""
+    return {"query": query, "error": error}
+
+
+def _hypothesis(hypothesis: Hypothesis, georeference: Georeference | None) -> dict[str, Any]:
+    lat = lon = radius_m = None
+    if georeference is not None:
+        lat, lon = (_known(v) for v in georeference.latlon_of(hypothesis.position))
+        if lat is not None and hypothesis.radius_px is not None:
+            radius_m = _known(hypothesis.radius_px * georeference.metres_per_pixel(hypothesis.position))
+    return {
+        "rank": hypothesis.rank,
+        "kind": hypothesis.kind,
+        "x_px": float(hypothesis.position.x),
+        "y_px": float(hypothesis.position.y),
+        "radius_px": hypothesis.radius_px,
+        "heading_deg": hypothesis.heading_deg,
+        "lat": lat,
+        "lon": lon,
+        "radius_m": radius_m,
+        "probability": hypothesis.probability,
+        "experiences": list(hypothesis.experiences),
+        "inliers": hypothesis.inliers,
+        "matches": hypothesis.matches,
+    }
+
+
+def _known(value: float) -> float | None:
+    """NaN is how the geometry says "none there"; JSON has null for it."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,41 @@
+"""Finds the folders `templates` and `static`, however the package was installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from webapp.errors import MissingPart
+
+PACKAGE = Path(__file__).resolve().parent
+
+
+def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
+    """Give a folder with the package's own data.
+
+    A wheel carries the folders inside the package; in a source tree, and so in an editable install, they
+    stand beside it.
+
+    Parameters
+    ----------
+    name : str
+        `templates` or `static`.
+    package : Path
+        Folder of the package.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    MissingPart
+        Neither place has it.
+    """
+    for folder in (package / name, package.parent / name):
+        if folder.is_dir():
+            return folder
+    raise MissingPart(
+        f"the folder {name} of the program is missing",
+        where=str(package),
+        hint="install experience-map again",
+    )
