@@ -9,42 +9,17 @@ from webapp.core.hypotheses.jsonform import AnswerSource, FieldOfView, answer_to
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
 
 KEYS = [
-    "query",
-    "method",
-    "features",
-    "fov_deg",
-    "fov_source",
-    "hypotheses",
-    "other_probability",
-    "off_map_probability",
-    "statistics",
-    "seconds",
-    "map_revision",
-]
+    "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
+    "off_map_probability", "statistics", "seconds", "map_revision",
+]  # fmt: skip
 HYPOTHESIS_KEYS = [
-    "rank",
-    "kind",
-    "x_px",
-    "y_px",
-    "radius_px",
-    "heading_deg",
-    "lat",
-    "lon",
-    "radius_m",
-    "probability",
-    "experiences",
-    "inliers",
-    "matches",
-]
+    "rank", "kind", "x_px", "y_px", "radius_px", "heading_deg", "lat", "lon", "radius_m", "probability",
+    "experiences", "inliers", "matches",
+]  # fmt: skip
 STATISTICS_KEYS = [
-    "keypoints",
-    "matches",
-    "matches_pruned",
-    "distance_min",
-    "distance_max",
-    "distance_mean",
+    "keypoints", "matches", "matches_pruned", "distance_min", "distance_max", "distance_mean",
     "distance_total",
-]
+]  # fmt: skip
 SECONDS_KEYS = ["read", "extract", "retrieve", "verify", "position", "total"]
 
 GEOREFERENCE = Georeference("EPSG:4326", (1e-5, 0, 14.0, 0, -1e-5, 50.0, 0, 0, 1), "corners")
