@@ -11,6 +11,7 @@ Charles F. F. Karney, "Algorithms for geodesics", Journal of Geodesy 87 (2013), 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,3 +77,23 @@ class LocalFrame:
         """Latitude and longitude of one position; `up` plays no part."""
         lat, lon = self.latlon_from_enu([position[:2]])[0]
         return LatLon(float(lat), float(lon))
+
+
+def centre_of(latlon: ArrayLike) -> LatLon:
+    """Find the middle of positions, also across the 180th meridian and around a pole.
+
+    Parameters
+    ----------
+    latlon : (n, 2) float64
+        At least one; degrees north, degrees east.
+
+    Returns
+    -------
+    LatLon
+        Of the sum of the directions from the centre of a sphere; of the first position where that is zero.
+    """
+    lat, lon = np.radians(np.asarray(latlon, dtype=np.float64).reshape(-1, 2)).T
+    x, y, z = (np.cos(lat) * np.cos(lon)).sum(), (np.cos(lat) * np.sin(lon)).sum(), np.sin(lat).sum()
+    if math.hypot(x, y, z) < 1e-9 * len(lat):
+        return LatLon(math.degrees(lat[0]), math.degrees(lon[0]))
+    return LatLon(math.degrees(math.atan2(z, math.hypot(x, y))), math.degrees(math.atan2(y, x)))
