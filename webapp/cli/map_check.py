@@ -34,8 +34,9 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
         click.echo(json.dumps(_as_json(report), indent=1))
     else:
         _print(report)
-    photos = f"{report.photos} photo{'s' * (report.photos != 1)}"
-    click.echo(f"{cfg}: {photos}, {report.errors} errors, {report.warnings} warnings", err=True)
+    counts = ((report.photos, "photo"), (report.errors, "error"), (report.warnings, "warning"))
+    summary = ", ".join(f"{count} {noun}{'s' * (count != 1)}" for count, noun in counts)
+    click.echo(f"{cfg}: {summary}", err=True)
     if report.errors:
         ctx.exit(BAD_MAP)
 

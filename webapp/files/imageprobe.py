@@ -44,10 +44,10 @@ def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
     with _opened(path) as image:
         megabytes = path.stat().st_size / 1e6
         if megabytes > limits.max_mb:
-            raise PhotoError(f"it has {megabytes:.0f} MB, more than {limits.max_mb:g}", where=str(path))
+            raise PhotoError(f"it has {megabytes:.1f} MB, more than {limits.max_mb:g}", where=str(path))
         megapixels = image.width * image.height / 1e6
         if megapixels > limits.max_megapixels:
-            message = f"it has {megapixels:.0f} megapixels, more than {limits.max_megapixels:g}"
+            message = f"it has {megapixels:.1f} megapixels, more than {limits.max_megapixels:g}"
             raise PhotoError(message, where=str(path))
         image.draft("L", _SMALL)
         image.load()

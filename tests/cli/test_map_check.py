@@ -1,0 +1,69 @@
+"""`expmap map check` as a person and as a script see it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from webapp.cli.map_check import check
+from webapp.errors import MapError
+
+
+@pytest.fixture
+def cfg(tmp_path: Path) -> Path:
+    """A map file with one photo beside it."""
+    Image.new("RGB", (40, 30)).save(tmp_path / "s.png")
+    Image.new("RGB", (64, 48)).save(tmp_path / "a.jpg")
+    path = tmp_path / "map.cfg"
+    path.write_bytes(b"s.png;40;30\n0;a.jpg;20;20\n")
+    return path
+
+
+def test_good_map(cfg: Path) -> None:
+    result = CliRunner().invoke(check, [str(cfg)])
+    assert (result.exit_code, result.stdout) == (0, "")
+    assert result.stderr == f"{cfg}: 1 photo, 0 errors, 0 warnings\n"
+
+
+def test_bad_map(cfg: Path) -> None:
+    cfg.write_bytes(b"s.png;40;30\n0;a.jpg;20,5;20\n")
+    result = CliRunner().invoke(check, [str(cfg)])
+    assert result.exit_code == 3
+    assert result.stdout == (
+        f"{cfg}:2:9: error: x = '20,5' has a decimal comma: pixels are whole numbers (decimal-comma)\n"
+        "    fix: write 0;a.jpg;21;20\n"
+    )
+    assert result.stderr == f"{cfg}: 1 photo, 1 error, 0 warnings\n"
+
+
+def test_warnings_alone_leave_the_map_usable(cfg: Path) -> None:
+    for i in range(25):
+        Image.new("RGB", (8, 8)).save(cfg.with_name(f"orphan{i:02}.jpg"))
+    result = CliRunner().invoke(check, [str(cfg)])
+    assert result.exit_code == 0
+    assert result.stdout.count("(orphan-photo)") == 20
+    assert "5 more of orphan-photo; --json lists all" in result.stderr
+
+
+def test_json_lists_everything(cfg: Path) -> None:
+    cfg.write_bytes(b"s.png;40;30\n" + b"0;a.jpg;1;1\n" * 30)
+    result = CliRunner().invoke(check, [str(cfg), "--json"])
+    assert result.exit_code == 3
+    found = json.loads(result.stdout)
+    assert (found["photos"], found["errors"], found["warnings"]) == (30, 29, 29)
+    assert found["findings"][1] == {
+        "file": str(cfg),
+        "line": 3,
+        "column": 3,
+        "severity": "warning",
+        "code": "duplicate-photo",
+        "message": "the photo 'a.jpg' is already on line 2",
+        "fix": "delete one of the two lines, unless the photo shall stand at two places",
+    }
+
+
+def test_missing_file_is_an_error_of_the_map(cfg: Path) -> None:
+    result = CliRunner().invoke(check, [str(cfg.with_name("none.cfg"))])
+    assert isinstance(result.exception, MapError)

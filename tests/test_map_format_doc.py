@@ -1,0 +1,63 @@
+"""`maps/FORMAT.md` names everything that map files can hold and that can be wrong with them."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.findings import WARNINGS, Code
+from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
+from webapp.files.cfg import format_cfg, parse_cfg
+from webapp.files.mapjson import format_map_json, parse_map_json
+
+TEXT = (Path(__file__).parents[1] / "maps" / "FORMAT.md").read_text("utf-8")
+FULL = Map(
+    SatelliteImage("s.png", 9, 9),
+    (Experience(0, "a.jpg", MapPixel(1.5, 1.5), 1.0, 1.0, 1.0, "2026-01-01"),),
+    Georeference("EPSG:4326", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "corners"),
+    (Placement("clusters", {0: MapPixel(1.5, 1.5)}),),
+    next_id=1,
+)
+
+
+def fields(value: object) -> set[str]:
+    """Names of all fields of a JSON value."""
+    if isinstance(value, dict):
+        return set(value).union(*(fields(inner) for inner in value.values()))
+    return set().union(*(fields(inner) for inner in value)) if isinstance(value, list) else set()
+
+
+def example(begin: str) -> str:
+    """The indented block of the text that begins so."""
+    block = TEXT[TEXT.index(f"    {begin}") :].split("\n\n")[0]
+    return re.sub("^    ", "", block, flags=re.MULTILINE) + "\n"
+
+
+@pytest.mark.parametrize("code", list(Code))
+def test_every_finding_is_explained(code: Code) -> None:
+    severity = "warning" if code in WARNINGS else "error"
+    assert f"| `{code}` | {severity} |" in TEXT
+
+
+def test_no_finding_is_invented() -> None:
+    assert set(re.findall(r"^\| `([a-z0-9-]+)` \| (?:error|warning) \|", TEXT, re.MULTILINE)) == set(
+        map(str, Code)
+    )
+
+
+@pytest.mark.parametrize("field", sorted(fields(json.loads(format_map_json(FULL)))))
+def test_every_field_is_explained(field: str) -> None:
+    rows = [line for line in TEXT.splitlines() if line.startswith("| `")]
+    assert any(re.search(rf"[`.]{field}`", row) for row in rows)
+
+
+def test_the_examples_are_valid() -> None:
+    cfg = example("satellite.png;")
+    assert format_cfg(parse_cfg(cfg).map).decode() == cfg
+    data = example("{").encode()
+    read = parse_map_json(data)
+    assert read.next_id == 12 and read.experiences[0].photo == parse_cfg(cfg).map.experiences[0].photo
+    assert fields(json.loads(data)) == fields(json.loads(format_map_json(FULL)))
