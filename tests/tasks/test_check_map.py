@@ -6,9 +6,11 @@ from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 
+import piexif
 import pytest
 from PIL import Image
 
+from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.findings import Code, Finding
 from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
@@ -102,10 +104,10 @@ def test_every_fix_that_is_a_line_is_accepted(folder: Path) -> None:
     ("name", "content", "words"),
     [
         ("p/a.jpg", picture(size=(640, 480))[:-2000], "truncated"),
-        ("p/a.jpg", b"", "not an image"),
+        ("p/a.jpg", b"", "empty"),
         ("p/a.jpg", b"<html>", "not an image"),
         ("p/b.png", picture("PNG")[:300], ""),
-        ("p/a.jpg", picture(size=(2000, 1100)), "2.2 megapixels, more than 2"),
+        ("p/a.jpg", picture(size=(2000, 1100)), "2 megapixels, more than"),
     ],
 )
 def test_unreadable_photo(folder: Path, name: str, content: bytes, words: str) -> None:
@@ -205,6 +207,21 @@ def test_ids_that_no_longer_fit(full: Path) -> None:
         ("clusters.cfg", "placement-stale", 3),
         ("map.json", "map-json-stale", 1),
     ]
+
+
+def test_swapped_against_gps(folder: Path) -> None:
+    georeference = Georeference("EPSG:4326", (1e-5, 0.0, 22.0, 0.0, -1e-5, 60.0, 0.0, 0.0, 1.0), "corners")
+    photos = []
+    for i, (x, y) in enumerate([(2.0, 28.0), (5.0, 25.0), (1.0, 29.0)]):
+        at = georeference.latlon_of(MapPixel(x, y))
+        lat, lon = (((round(value * 3_600_000), 3_600_000),) for value in at)
+        exif = {"GPS": {1: b"N", 2: (*lat, (0, 1), (0, 1)), 3: b"E", 4: (*lon, (0, 1), (0, 1))}}
+        Image.new("RGB", (64, 48)).save(folder / f"{i}.jpg", exif=piexif.dump(exif))
+        photos.append(Experience(i, f"{i}.jpg", MapPixel(y, x)))
+    write_map(folder / "map.cfg", Map(SatelliteImage("s.png", 40, 30), tuple(photos), georeference, (), 3))
+    found = [finding for finding in findings(folder) if finding.code != Code.ORPHAN_PHOTO]
+    assert [(str(finding.code), finding.line) for finding in found] == [("swapped-xy", 2)]
+    assert "0;0.jpg;2;28" in found[0].fix
 
 
 def test_damaged_json(full: Path) -> None:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+import math
 from pathlib import Path
 
-import pillow_heif
-from PIL import Image, UnidentifiedImageError
-
-from webapp.errors import PhotoError
+from webapp.files.decode import opened
 from webapp.settings import PhotoLimits
 
 PHOTO_SUFFIXES = frozenset(
@@ -18,6 +13,7 @@ PHOTO_SUFFIXES = frozenset(
 )
 """Endings, in small letters, by which a file in a folder is taken for a photo."""
 
+_ANY_SIZE = PhotoLimits(max_mb=math.inf, max_megapixels=math.inf)
 _SMALL = (64, 64)
 
 
@@ -29,7 +25,7 @@ def image_size(path: Path) -> tuple[int, int]:
     PhotoError
         The file is missing or no image.
     """
-    with _opened(path) as image:
+    with opened(path, limits=_ANY_SIZE) as image:
         return image.size
 
 
@@ -41,33 +37,6 @@ def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
     PhotoError
         It is missing, no image, cut off, damaged, or larger than the limits.
     """
-    with _opened(path) as image:
-        megabytes = path.stat().st_size / 1e6
-        if megabytes > limits.max_mb:
-            raise PhotoError(f"it has {megabytes:.1f} MB, more than {limits.max_mb:g}", where=str(path))
-        megapixels = image.width * image.height / 1e6
-        if megapixels > limits.max_megapixels:
-            message = f"it has {megapixels:.1f} megapixels, more than {limits.max_megapixels:g}"
-            raise PhotoError(message, where=str(path))
+    with opened(path, limits=limits) as image:
         image.draft("L", _SMALL)
         image.load()
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
-    pillow_heif.register_heif_opener()
-    with warnings.catch_warnings():
-        # odd metadata and large images are warned about; neither makes an image unreadable here
-        warnings.simplefilter("ignore")
-        try:
-            with Image.open(path) as image:
-                yield image
-        except UnidentifiedImageError as error:
-            raise PhotoError("it is not an image of a known format", where=str(path)) from error
-        except Image.DecompressionBombError as error:
-            raise PhotoError("it has far too many pixels", where=str(path)) from error
-        except OSError as error:
-            raise PhotoError(error.strerror or str(error), where=str(path)) from error
-        except (SyntaxError, ValueError, EOFError, TypeError, KeyError, IndexError) as error:
-            # what Pillow's decoders raise for damaged files, besides OSError
-            raise PhotoError(f"it is damaged ({error})", where=str(path)) from error

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from webapp.core.mapmodel.checks import FolderFacts, PhotoFacts, check_folder, check_lines
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import LatLon
+from webapp.core.mapmodel.checks import FileFacts, FolderFacts, check_folder, check_lines
 from webapp.core.mapmodel.findings import Finding
 from webapp.errors import MapError, PhotoError
 from webapp.files.cfg import read_bytes
 from webapp.files.cfgscan import Scan, scan
+from webapp.files.exifgps import Gps
 from webapp.files.imageprobe import check_decodes, image_size
 from webapp.files.listing import Spelling, list_photos, normal_name
 from webapp.files.mapfolder import photo_path
+from webapp.files.photo import read_facts
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.check_beside import check_beside
 
 
@@ -72,62 +77,77 @@ def run(cfg_path: Path, *, settings: Settings, progress: Progress) -> Report:
     pieces = scan(read_bytes(cfg_path))
     beside = check_beside(cfg_path, pieces)
     findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *beside.findings]
-    facts = _folder_facts(cfg_path, pieces, settings=settings, progress=progress)
+    judge = _Judge(cfg_path, settings.photo, beside.georeference)
+    facts = _folder_facts(judge, pieces, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
     return Report(cfg_path, len(pieces.photos), tuple(findings))
 
 
-def _folder_facts(cfg_path: Path, pieces: Scan, *, settings: Settings, progress: Progress) -> FolderFacts:
-    present = list_photos(cfg_path.parent)
-    named = dict.fromkeys(line.photo for line in pieces.photos if line.photo is not None)
-    image = pieces.image.image if pieces.image else None
-    orphans = _orphans(cfg_path, present, pieces)
+@dataclass(frozen=True, slots=True)
+class _Judge:
+    """Looks at the files that a map names."""
+
+    cfg_path: Path
+    limits: PhotoLimits
+    georeference: Georeference | None
+
+    def find(self, name: str) -> FileFacts:
+        """Tell whether the file is there."""
+        try:
+            path = photo_path(self.cfg_path, name)
+        except MapError as error:
+            return FileFacts("outside", error.message)
+        return FileFacts("ok" if path.is_file() else "missing")
+
+    def photo(self, name: str) -> FileFacts:
+        """Tell whether a photo that is there can be decoded, and where its GPS puts it."""
+        path = photo_path(self.cfg_path, name)
+        try:
+            check_decodes(path, limits=self.limits)
+            gps = read_facts(path, limits=self.limits).gps if self.georeference else None
+        except PhotoError as error:
+            return FileFacts("unreadable", error.message)
+        if self.georeference is None or not isinstance(gps, Gps):
+            return FileFacts("ok")
+        pixel = self.georeference.pixel_of(LatLon(gps.lat, gps.lon))
+        return FileFacts("ok", gps=pixel if math.isfinite(pixel.x) and math.isfinite(pixel.y) else None)
+
+    def image(self, name: str) -> tuple[FileFacts, tuple[int, int] | None]:
+        """Tell whether an image that is there can be read, and its size in pixels."""
+        try:
+            return FileFacts("ok"), image_size(photo_path(self.cfg_path, name))
+        except PhotoError as error:
+            return FileFacts("unreadable", error.message), None
+
+
+def _folder_facts(judge: _Judge, pieces: Scan, *, progress: Progress) -> FolderFacts:
+    present = list_photos(judge.cfg_path.parent)
+    orphans = _orphans(judge.cfg_path, present, pieces)
     listed, unused = Spelling(present), Spelling(orphans)
 
-    def looked_up(name: str) -> PhotoFacts:
-        found = _file_facts(cfg_path, name)
+    def spelled(name: str, found: FileFacts) -> FileFacts:
         actual = listed.same(normal_name(name))
         if found.state == "missing" and actual is None:
             actual = unused.similar(name)
         return replace(found, actual=actual)
 
-    photos: dict[str, PhotoFacts] = {}
+    photos: dict[str, FileFacts] = {}
+    named = dict.fromkeys(line.photo for line in pieces.photos if line.photo is not None)
     progress.size(len(named))
     for name in named:
         progress.check()
-        found = looked_up(name)
-        photos[name] = _decoded(cfg_path, name, found, settings=settings) if found.state == "ok" else found
+        found = judge.find(name)
+        photos[name] = spelled(name, judge.photo(name) if found.state == "ok" else found)
         progress.advance()
-    satellite, size = PhotoFacts("ok"), None
+    satellite, size = FileFacts("ok"), None
+    image = pieces.image.image if pieces.image else None
     if image is not None:
-        satellite = looked_up(image)
+        satellite = judge.find(image)
         if satellite.state == "ok":
-            satellite, size = _sized(cfg_path, image, satellite)
+            satellite, size = judge.image(image)
+        satellite = spelled(image, satellite)
     return FolderFacts(satellite, size, photos, orphans)
-
-
-def _file_facts(cfg_path: Path, name: str) -> PhotoFacts:
-    try:
-        path = photo_path(cfg_path, name)
-    except MapError as error:
-        return PhotoFacts("outside", error.message)
-    return PhotoFacts("ok" if path.is_file() else "missing")
-
-
-def _decoded(cfg_path: Path, name: str, found: PhotoFacts, *, settings: Settings) -> PhotoFacts:
-    try:
-        check_decodes(photo_path(cfg_path, name), limits=settings.photo)
-    except PhotoError as error:
-        return replace(found, state="unreadable", reason=error.message)
-    return found
-
-
-def _sized(cfg_path: Path, name: str, found: PhotoFacts) -> tuple[PhotoFacts, tuple[int, int] | None]:
-    try:
-        return found, image_size(photo_path(cfg_path, name))
-    except PhotoError as error:
-        return replace(found, state="unreadable", reason=error.message), None
 
 
 def _orphans(cfg_path: Path, present: Sequence[str], pieces: Scan) -> list[str]:

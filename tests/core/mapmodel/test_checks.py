@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import pytest
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.checks import FolderFacts, PhotoFacts, check_folder, check_lines
+from webapp.core.mapmodel.checks import FileFacts, FolderFacts, check_folder, check_lines
 from webapp.core.mapmodel.findings import Code, Finding
 from webapp.core.mapmodel.lines import ImageLine, PhotoLine
 
 IMAGE = ImageLine("s.png", 600, 300, (1, 7, 11))
-FINE = PhotoFacts("ok")
+FINE = FileFacts("ok")
 
 
 def line(
@@ -76,14 +76,14 @@ def test_no_photos_is_a_warning() -> None:
 @pytest.mark.parametrize(
     ("facts", "code", "words"),
     [
-        (PhotoFacts("missing"), Code.MISSING_PHOTO, "put the photo there"),
-        (PhotoFacts("missing", actual="2.JPG"), Code.MISSING_PHOTO, "the folder has '2.JPG'"),
-        (PhotoFacts("unreadable", "cut off"), Code.UNREADABLE_PHOTO, "again"),
-        (PhotoFacts("outside"), Code.PATH_LEAVES_FOLDER, "copy of the file"),
-        (PhotoFacts("ok", actual="2.JPG"), Code.NAME_SPELLING, "write 2.JPG"),
+        (FileFacts("missing"), Code.MISSING_PHOTO, "put the photo there"),
+        (FileFacts("missing", actual="2.JPG"), Code.MISSING_PHOTO, "the folder has '2.JPG'"),
+        (FileFacts("unreadable", "cut off"), Code.UNREADABLE_PHOTO, "again"),
+        (FileFacts("outside"), Code.PATH_LEAVES_FOLDER, "copy of the file"),
+        (FileFacts("ok", actual="2.JPG"), Code.NAME_SPELLING, "write 2.JPG"),
     ],
 )
-def test_photos(facts: PhotoFacts, code: Code, words: str) -> None:
+def test_photos(facts: FileFacts, code: Code, words: str) -> None:
     (found,) = check_folder(IMAGE, [line(2, 1, 1)], FolderFacts(FINE, (600, 300), {"2.jpg": facts}))
     assert (found.code, found.line, found.column) == (code, 2, 3)
     assert words in found.fix
@@ -92,14 +92,14 @@ def test_photos(facts: PhotoFacts, code: Code, words: str) -> None:
 @pytest.mark.parametrize(
     ("facts", "size", "code"),
     [
-        (PhotoFacts("missing"), None, Code.MISSING_SATELLITE),
-        (PhotoFacts("unreadable", "no image"), None, Code.UNREADABLE_SATELLITE),
-        (PhotoFacts("outside"), None, Code.PATH_LEAVES_FOLDER),
-        (PhotoFacts("ok", actual="S.png"), (600, 300), Code.NAME_SPELLING),
+        (FileFacts("missing"), None, Code.MISSING_SATELLITE),
+        (FileFacts("unreadable", "no image"), None, Code.UNREADABLE_SATELLITE),
+        (FileFacts("outside"), None, Code.PATH_LEAVES_FOLDER),
+        (FileFacts("ok", actual="S.png"), (600, 300), Code.NAME_SPELLING),
         (FINE, (601, 300), Code.IMAGE_SIZE_DIFFERS),
     ],
 )
-def test_satellite(facts: PhotoFacts, size: tuple[int, int] | None, code: Code) -> None:
+def test_satellite(facts: FileFacts, size: tuple[int, int] | None, code: Code) -> None:
     (found,) = check_folder(IMAGE, [], FolderFacts(facts, size))
     assert (found.code, found.line) == (code, 1)
     if size == (601, 300):
@@ -114,7 +114,7 @@ def test_orphans_get_a_line_to_add() -> None:
 
 
 def gps(*positions: tuple[float, float]) -> FolderFacts:
-    photos = {f"{i}.jpg": PhotoFacts("ok", gps=MapPixel(*p)) for i, p in enumerate(positions, start=2)}
+    photos = {f"{i}.jpg": FileFacts("ok", gps=MapPixel(*p)) for i, p in enumerate(positions, start=2)}
     return FolderFacts(FINE, None, photos)
 
 

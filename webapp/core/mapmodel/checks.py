@@ -21,8 +21,8 @@ _MIN_EXPECTED = 3
 
 
 @dataclass(frozen=True, slots=True)
-class PhotoFacts:
-    """What the folder says about one photo of the map.
+class FileFacts:
+    """What the folder says about one photo of the map, or about the satellite image.
 
     Attributes
     ----------
@@ -48,18 +48,18 @@ class FolderFacts:
 
     Attributes
     ----------
-    satellite : PhotoFacts
+    satellite : FileFacts
     satellite_size : (int, int) or None
         True width and height of the satellite image, pixels.
-    photos : mapping of str to PhotoFacts
+    photos : mapping of str to FileFacts
         By the name in the `.cfg`; a name without facts is not judged.
     orphans : sequence of str
         Photos in the folder that the map does not name.
     """
 
-    satellite: PhotoFacts
+    satellite: FileFacts
     satellite_size: tuple[int, int] | None = None
-    photos: Mapping[str, PhotoFacts] = field(default_factory=dict)
+    photos: Mapping[str, FileFacts] = field(default_factory=dict)
     orphans: Sequence[str] = ()
 
 
@@ -205,7 +205,7 @@ def _satellite(image: ImageLine, facts: FolderFacts) -> Iterator[Finding]:
         yield Finding(Code.IMAGE_SIZE_DIFFERS, 1, image.columns[1], message, fix)
 
 
-def _photo(line: PhotoLine, facts: PhotoFacts) -> Iterator[Finding]:
+def _photo(line: PhotoLine, facts: FileFacts) -> Iterator[Finding]:
     assert line.photo is not None
     at, name = (line.line, line.columns[1]), quoted(line.photo)
     if facts.state == "missing":
@@ -234,7 +234,7 @@ def _spelling(line: int, column: int, *, name: str, actual: str) -> Finding:
     return Finding(Code.NAME_SPELLING, line, column, message, f"write {actual}")
 
 
-def _gps_swapped(photos: Sequence[PhotoLine], facts: Mapping[str, PhotoFacts]) -> Iterator[Finding]:
+def _gps_swapped(photos: Sequence[PhotoLine], facts: Mapping[str, FileFacts]) -> Iterator[Finding]:
     """Compare with the photos' own GPS: most of them must be far off as they stand and near when swapped."""
     judged, cured = 0, []
     for line in photos:
