@@ -1,0 +1,105 @@
+"""Windows and doors, painted on a wall."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.scene.masonry import PIXELS_PER_METRE, Colour
+from webapp.core.scene.noise import fractal, jitter
+from webapp.core.scene.style import Style, darker, fill_box
+
+_Box = tuple[float, float, float, float]
+_FONT = cv2.FONT_HERSHEY_DUPLEX
+
+
+def window(rng: np.random.Generator, wall: NDArray[np.uint8], *, foot: tuple[int, int], style: Style) -> None:
+    """Paint a window over the point `foot` of the floor's lower edge; the wall is changed in place."""
+    width, height = (side * PIXELS_PER_METRE for side in style.window_m)
+    left = foot[0] - width / 2
+    bottom = foot[1] - 0.95 * PIXELS_PER_METRE
+    box = (left, bottom - height, left + width, bottom)
+    if style.shutters:
+        for side in (box[0] - width * 0.42, box[2] + width * 0.06):
+            _shutter(wall, (side, box[1], side + width * 0.36, bottom), style.door)
+    fill_box(wall, (box[0] - 5, box[1] - 8, box[2] + 5, box[3] + 2), style.trim)
+    fill_box(wall, (box[0] - 8, box[3], box[2] + 8, box[3] + 6), style.trim)
+    fill_box(wall, (box[0] - 8, box[3] + 6, box[2] + 8, box[3] + 9), darker(style.trim, 0.5))
+    _glass(rng, wall, box)
+    _bars(wall, box, style)
+
+
+def door(rng: np.random.Generator, wall: NDArray[np.uint8], *, foot: tuple[int, int], style: Style) -> None:
+    """Paint a door with its step at `foot`; the wall is changed in place."""
+    width, height = 1.35 * PIXELS_PER_METRE, 2.25 * PIXELS_PER_METRE
+    left, bottom = foot[0] - width / 2, foot[1]
+    fill_box(wall, (left - 8, bottom - height - 10, left + width + 8, bottom), style.trim)
+    fill_box(wall, (left, bottom - height, left + width, bottom), style.door)
+    for column in range(2):
+        for row in range(3):
+            x, y = left + 5 + column * width / 2, bottom - height + 7 + row * height / 3
+            panel = (x, y, x + width / 2 - 10, y + height / 3 - 12)
+            fill_box(wall, panel, darker(style.door, 0.68))
+            fill_box(wall, (panel[0] + 2, panel[1] + 3, panel[2], panel[3]), darker(style.door, 0.86))
+    fill_box(
+        wall, (left + width / 2 - 1, bottom - height, left + width / 2 + 1, bottom), darker(style.door, 0.4)
+    )
+    knob = (round(left + width / 2 + 6), round(bottom - height * 0.45))
+    cv2.circle(wall, knob, 3, (214, 190, 110), -1)
+    number = str(int(rng.integers(1, 99)))
+    fill_box(wall, (left + width + 14, bottom - 86, left + width + 40, bottom - 68), (24, 52, 110))
+    at = (round(left + width + 17), round(bottom - 71))
+    cv2.putText(wall, number, at, _FONT, 0.5, (240, 240, 240), 1, cv2.LINE_AA)
+    fill_box(wall, (left - 14, bottom - 7, left + width + 14, bottom), (150, 146, 140))
+
+
+def _glass(rng: np.random.Generator, wall: NDArray[np.uint8], box: _Box) -> None:
+    left, top, right, bottom = (round(side) for side in box)
+    height, width = bottom - top, right - left
+    if height < 4 or width < 4 or top < 0 or left < 0 or right > wall.shape[1]:
+        return
+    fall = np.linspace(1.25, 0.7, height, dtype=np.float32)[:, None, None]
+    reflection = 1 + 0.25 * fractal(rng, (height, width), 26, octaves=3)[..., None]
+    glass = np.array(jitter(rng, (70, 84, 98), 8), np.float32) * fall * reflection
+    _behind(rng, glass, fall)
+    wall[top:bottom, left:right] = np.clip(glass, 0, 255).astype(np.uint8)
+
+
+def _behind(rng: np.random.Generator, glass: NDArray[np.float32], fall: NDArray[np.float32]) -> None:
+    """Curtains, a blind, a plant, or nothing."""
+    height, width = glass.shape[:2]
+    kind = rng.random()
+    if kind < 0.35:  # curtains to both sides
+        share = int(width * rng.uniform(0.15, 0.4))
+        cloth = np.array(jitter(rng, (196, 188, 176), 22), np.float32)
+        folds = 1 + 0.12 * np.sin(np.arange(width) * rng.uniform(0.5, 1.1))[None, :, None]
+        drawn = np.broadcast_to(cloth * folds * fall, glass.shape)
+        glass[:, :share], glass[:, -share:] = drawn[:, :share], drawn[:, -share:]
+    elif kind < 0.6:  # a blind, somewhere down
+        depth = int(height * rng.uniform(0.15, 0.75))
+        slats = 0.85 + 0.15 * (np.arange(depth) % 5 > 0)[:, None, None]
+        glass[:depth] = np.array(jitter(rng, (205, 200, 186), 12), np.float32) * slats
+    elif kind < 0.8:  # a pot plant on the sill
+        centre = (int(width * rng.uniform(0.25, 0.75)), int(height * 0.72))
+        for _ in range(14):
+            spot = np.array(centre) + rng.normal(0, width * 0.1, 2)
+            cv2.circle(glass, (int(spot[0]), int(spot[1])), 3, jitter(rng, (66, 110, 52), 18), -1)
+        cv2.rectangle(glass, (centre[0] - 5, centre[1] + 4), (centre[0] + 6, height), (150, 84, 56), -1)
+
+
+def _bars(wall: NDArray[np.uint8], box: _Box, style: Style) -> None:
+    left, top, right, bottom = box
+    across, down = style.panes
+    for step in range(1, across):
+        x = left + (right - left) * step / across
+        fill_box(wall, (x - 1.5, top, x + 1.5, bottom), style.trim)
+    for step in range(1, down):
+        y = top + (bottom - top) * step / down
+        fill_box(wall, (left, y - 1.5, right, y + 1.5), style.trim)
+
+
+def _shutter(wall: NDArray[np.uint8], box: _Box, colour: Colour) -> None:
+    fill_box(wall, box, colour)
+    for y in np.arange(box[1] + 3, box[3] - 2, 5):
+        fill_box(wall, (box[0] + 2, y, box[2] - 2, y + 2), darker(colour, 0.7))

@@ -1,0 +1,113 @@
+"""The park as it stands, whatever the light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.scene.foliage import Foliage, grow
+from webapp.core.scene.furniture import along_paths, fence, monument, trunks
+from webapp.core.scene.ground import Ground, lay_ground
+from webapp.core.scene.horizon import ring
+from webapp.core.scene.masonry import Colour, Material
+from webapp.core.scene.noise import jitter
+from webapp.core.scene.plan import Plan, draw_plan
+from webapp.core.scene.raster import Quad
+from webapp.core.scene.solids import house_quads
+from webapp.core.scene.style import Style
+
+_NAMES = (
+    "CAFE", "LIBRARY", "BOATHOUSE", "MUSEUM", "SCHOOL", "THEATRE", "NURSERY", "POST", "BAKERY", "GALLERY",
+    "CHAPEL", "CINEMA", "STABLES", "ARCHIVE", "CLINIC", "MILL",
+)  # fmt: skip
+_LOOKS: tuple[tuple[Material, Colour, Colour, Colour], ...] = (
+    ("plaster", (226, 198, 136), (240, 236, 226), (46, 92, 70)),
+    ("brick", (158, 84, 64), (222, 214, 200), (40, 60, 96)),
+    ("boards", (104, 136, 150), (238, 238, 232), (146, 52, 44)),
+    ("stone", (178, 168, 150), (226, 220, 206), (84, 60, 44)),
+    ("plaster", (208, 152, 136), (242, 234, 226), (66, 60, 84)),
+    ("brick", (186, 152, 104), (236, 230, 214), (58, 92, 64)),
+    ("boards", (124, 142, 104), (240, 238, 228), (92, 66, 46)),
+    ("plaster", (226, 222, 212), (120, 132, 140), (44, 84, 122)),
+)
+_ROOFS: tuple[Colour, ...] = ((146, 84, 66), (94, 94, 98), (128, 96, 78), (118, 82, 72))
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A park.
+
+    Attributes
+    ----------
+    plan : Plan
+    ground : Ground
+    quads : tuple of Quad
+        Everything flat that stands on the ground.
+    corners : (n, 4, 3) float64
+        Of the quads, metres.
+    normals : (n, 3) float64
+        Of the quads; zero for those seen from both sides.
+    foliage : Foliage
+    """
+
+    plan: Plan
+    ground: Ground
+    quads: tuple[Quad, ...]
+    corners: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    foliage: Foliage
+
+
+def build_world(rng: np.random.Generator) -> World:
+    """Invent a park.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        The same state gives the same park.
+
+    Returns
+    -------
+    World
+    """
+    for_plan, for_ground, for_houses, for_rest, for_leaves = rng.spawn(5)
+    plan = draw_plan(for_plan)
+    quads: list[Quad] = []
+    styles = _styles(for_houses, len(plan.buildings))
+    for house, style in zip(plan.buildings, styles, strict=True):
+        quads += house_quads(for_houses, house, style)
+    quads += fence(for_rest)
+    quads += along_paths(for_rest, plan)
+    quads += monument(for_rest, plan)
+    quads += trunks(for_rest, plan.trees)
+    quads += ring(for_rest)
+    corners = np.stack([np.stack([q.corner, q.corner + q.along, q.corner + q.up]) for q in quads])
+    corners = np.concatenate([corners, (corners[:, 1] + corners[:, 2] - corners[:, 0])[:, None]], axis=1)
+    normals = np.stack([np.zeros(3) if q.two_sided else q.normal for q in quads])
+    return World(
+        plan, lay_ground(for_ground, plan), tuple(quads), corners, normals, grow(for_leaves, plan.trees)
+    )
+
+
+def _styles(rng: np.random.Generator, count: int) -> list[Style]:
+    names, looks = rng.permutation(len(_NAMES)), rng.permutation(len(_LOOKS))
+    styles = []
+    for number in range(count):
+        material, wall, trim, door = _LOOKS[int(looks[number % len(_LOOKS)])]
+        shutters = material in {"boards", "plaster"} and bool(rng.random() < 0.6)
+        style = Style(
+            name=_NAMES[int(names[number % len(_NAMES)])],
+            material=material,
+            wall=jitter(rng, wall, 8),
+            trim=jitter(rng, trim, 4),
+            door=jitter(rng, door, 8),
+            roof=jitter(rng, _ROOFS[int(rng.integers(len(_ROOFS)))], 4),
+            window_m=(float(rng.uniform(0.95, 1.25)), float(rng.uniform(1.35, 1.75))),
+            spacing_m=float(rng.uniform(2.2, 2.7)),
+            panes=(2, int(rng.integers(2, 4))),
+            shutters=shutters,
+        )
+        styles.append(replace(style, spacing_m=style.spacing_m + 0.7) if shutters else style)
+    return styles
