@@ -203,3 +203,14 @@ def test_unreadable_files(tmp_path: Path) -> None:
         read_cfg(tmp_path / "map.cfg")
     with pytest.raises(MapError, match="cannot be read"):
         read_cfg(tmp_path)
+
+
+@given(
+    lines=st.lists(st.sampled_from(["0;a.jpg;1;1", "ž"]), max_size=3), bom=st.booleans(), crlf=st.booleans()
+)
+def test_offset_of_a_bad_byte(lines: list[str], bom: bool, crlf: bool) -> None:
+    end = "\r\n" if crlf else "\n"
+    before = (b"\xef\xbb\xbf" if bom else b"") + end.join([*lines, "9;ž"]).encode()
+    (fault,) = [f for f in scan(before + b"\xe9.jpg;1;1").faults if f.code == "not-utf-8"]
+    assert f"offset {len(before)} " in fault.message
+    assert (fault.line, fault.column) == (len(lines) + 1, 4)
