@@ -46,6 +46,18 @@ def parse_crs(plane: str) -> CRS:
     return crs
 
 
+def crs_name(text: str) -> str:
+    """Write a coordinate system as shortly as is exact: `EPSG:32633` where it is that, else as it came.
+
+    Raises
+    ------
+    GeoreferenceError
+        What `parse_crs` raises.
+    """
+    code = parse_crs(text).to_epsg(min_confidence=100)
+    return f"EPSG:{code}" if code else text
+
+
 @lru_cache(maxsize=64)
 def _transformer(plane: str) -> Transformer:
     try:

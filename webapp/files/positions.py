@@ -1,0 +1,97 @@
+"""Positions of photos by file name: from a `.cfg`, or a table `name;lat;lon` or `name;x;y`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from webapp.core.geo.fit import check_positions
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.errors import GeoreferenceError, TableError
+from webapp.files.cfg import read_cfg
+from webapp.files.textfile import Row, read_table
+
+_LATLON, _PIXEL = "name;lat;lon", "name;x;y"
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """Positions of photos, by the name that the list gives them.
+
+    Attributes
+    ----------
+    by_name : mapping of str to LatLon or MapPixel
+        Paths with forward slashes; all values of one kind.
+    image_size : tuple of int or None
+        Of the image that pixels are on (from a `.cfg`); None for degrees and where it is not told.
+    """
+
+    by_name: Mapping[str, LatLon | MapPixel]
+    image_size: tuple[int, int] | None = None
+
+    @property
+    def in_pixels(self) -> bool:
+        """Whether they are map pixels, not degrees."""
+        return any(isinstance(position, MapPixel) for position in self.by_name.values())
+
+    def find(self, name: str) -> LatLon | MapPixel | None:
+        """Find a photo by its path, or else by its file name where only one entry has that.
+
+        Parameters
+        ----------
+        name : str
+            Path with forward slashes.
+        """
+        if name in self.by_name:
+            return self.by_name[name]
+        last = PurePosixPath(name).name
+        same = [position for key, position in self.by_name.items() if PurePosixPath(key).name == last]
+        return same[0] if len(same) == 1 else None
+
+
+def read_positions(path: Path) -> Positions:
+    """Read a list of positions.
+
+    Parameters
+    ----------
+    path : Path
+        A `.cfg`, or a semicolon table with the header `name;lat;lon` or `name;x;y`.
+
+    Returns
+    -------
+    Positions
+
+    Raises
+    ------
+    TableError
+        The table breaks the format, with the line; or it names a photo twice.
+    MapError
+        The `.cfg` breaks its format.
+    """
+    if path.suffix.lower() == ".cfg":
+        map_ = read_cfg(path).map
+        size = (map_.satellite.width, map_.satellite.height)
+        return Positions({e.photo: e.position for e in map_.experiences}, size)
+    header, rows = read_table(path, headers=[_LATLON, _PIXEL])
+    names = [row.fields[0].strip().replace("\\", "/") for row in rows]
+    twice = Counter(names).most_common(1)
+    if twice and twice[0][1] > 1:
+        where = rows[len(names) - 1 - names[::-1].index(twice[0][0])].where
+        raise TableError(f"the photo {twice[0][0]!r} stands twice", where=where, hint="keep one of the lines")
+    kind = _latlon if header == _LATLON else _pixel
+    return Positions({name: kind(row) for name, row in zip(names, rows, strict=True)})
+
+
+def _latlon(row: Row) -> LatLon:
+    position = LatLon(row.number(1), row.number(2))
+    try:
+        check_positions([position])
+    except GeoreferenceError as error:
+        raise TableError(error.message, where=row.where, hint=error.hint) from error
+    return position
+
+
+def _pixel(row: Row) -> MapPixel:
+    return MapPixel(row.number(1), row.number(2))

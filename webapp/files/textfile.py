@@ -1,0 +1,122 @@
+"""Small text files and semicolon tables: read whole, with one error for all that can go wrong."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.errors import InputError, TableError
+
+MAX_BYTES = 50_000_000
+"""A larger file is not what it was taken for."""
+
+_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of a table.
+
+    Attributes
+    ----------
+    fields : tuple of str
+        As many as the header has.
+    where : str
+        File and line.
+    """
+
+    fields: tuple[str, ...]
+    where: str
+
+    def number(self, column: int) -> float:
+        """Give a column as a finite number.
+
+        Raises
+        ------
+        TableError
+            It is none.
+        """
+        text = self.fields[column].strip()
+        value = float(text) if _NUMBER.fullmatch(text) else math.nan
+        if not math.isfinite(value):
+            hint = "use a decimal point" if "," in text else "write a plain number"
+            raise TableError(
+                f"{text[:40]!r} in column {column + 1} is not a number", where=self.where, hint=hint
+            )
+        return value
+
+
+def read_bytes(path: Path, *, error: type[InputError]) -> bytes:
+    """Read a small file.
+
+    Parameters
+    ----------
+    path : Path
+    error : type
+        Raised when there is none, it may not be read, or it is larger than `MAX_BYTES`.
+
+    Returns
+    -------
+    bytes
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as problem:
+        message = f"the file cannot be read: {problem.strerror or problem}"
+        raise error(message, where=str(path), hint="check its path") from problem
+    if len(data) > MAX_BYTES:
+        raise error(
+            f"the file is larger than {MAX_BYTES // 10**6} MB", where=str(path), hint="is it the right one?"
+        )
+    return data
+
+
+def read_text(path: Path, *, error: type[InputError]) -> str:
+    """Read a small file of UTF-8 text, with or without a byte order mark; errors as `read_bytes`."""
+    try:
+        return read_bytes(path, error=error).decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        raise error("the file is not UTF-8 text", where=str(path), hint="save it as UTF-8") from problem
+
+
+def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[Row]]:
+    """Read a table of columns separated by semicolons under a header line.
+
+    A byte order mark, CRLF and blank lines are accepted.
+
+    Parameters
+    ----------
+    path : Path
+    headers : sequence of str
+        The headers that are understood, such as `x;y;lat;lon`.
+
+    Returns
+    -------
+    header : str
+        The one it has.
+    rows : list of Row
+
+    Raises
+    ------
+    TableError
+        The file cannot be read, has another header, or a line has another number of columns.
+    """
+    lines = read_text(path, error=TableError).splitlines() or [""]
+    header = lines[0].strip().replace(" ", "").lower()
+    if header not in headers:
+        hint = "the first line must be " + " or ".join(headers)
+        raise TableError("the first line is not the header", where=f"{path}:1", hint=hint)
+    rows = []
+    for number, line in enumerate(lines[1:], 2):
+        if not line.strip():
+            continue
+        fields = tuple(line.split(";"))
+        if len(fields) != header.count(";") + 1:
+            message = f"{len(fields)} columns instead of {header.count(';') + 1}"
+            raise TableError(message, where=f"{path}:{number}", hint=f"write {header}, with decimal points")
+        rows.append(Row(fields, f"{path}:{number}"))
+    return header, rows
