@@ -54,7 +54,7 @@ def plan_around(latlon: ArrayLike) -> BlankPlan:
     Returns
     -------
     BlankPlan
-        The longer side has 1000 to 2000 pixels of a round number of metres; the shorter is at least half of it.
+        The longer side has 1000 to 2000 pixels of a round number of metres, the shorter at least half.
     """
     frame = LocalFrame(centre_of(latlon))
     enu = frame.enu_from_latlon(latlon)
