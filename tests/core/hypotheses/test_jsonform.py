@@ -1,12 +1,13 @@
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.jsonform import AnswerSource, FieldOfView, answer_to_json, failure_to_json
-from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
+from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
+from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics, NoPose
 
 KEYS = [
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
@@ -47,7 +48,7 @@ def test_keys_are_those_of_the_interface() -> None:
 
 def test_georeferenced_hypothesis_is_in_degrees_and_metres() -> None:
     source = AnswerSource("verified", "sift", GEOREFERENCE, 0)
-    form = answer_to_json(ANSWER, query="q.jpg", source=source, fov=FieldOfView(60.0, "exif"))
+    form = answer_to_json(replace(ANSWER, fov=FieldOfView(60.0, "exif")), query="q.jpg", source=source)
     found = form["hypotheses"][0]
     assert found["lat"] == pytest.approx(49.9979975, abs=1e-9)
     assert found["lon"] == pytest.approx(14.001005, abs=1e-9)

@@ -4,27 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.hypotheses.model import Answer, Hypothesis
 
 STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
 """Names of the times in `seconds`, in the order of the work."""
-
-
-@dataclass(frozen=True, slots=True)
-class FieldOfView:
-    """Horizontal field of view of an upright photo, and how it is known.
-
-    Attributes
-    ----------
-    degrees : float
-    source : {"option", "exif", "guess"}
-    """
-
-    degrees: float
-    source: Literal["option", "exif", "guess"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +32,7 @@ class AnswerSource:
     map_revision: int
 
 
-def answer_to_json(
-    answer: Answer, *, query: str, source: AnswerSource, fov: FieldOfView | None = None
-) -> dict[str, Any]:
+def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[str, Any]:
     """Make the object that `localize --json` prints for one photo.
 
     Parameters
@@ -57,8 +41,6 @@ def answer_to_json(
     query : str
         The photo, as it was named.
     source : AnswerSource
-    fov : FieldOfView or None
-        None where the method does not ask for it.
 
     Returns
     -------
@@ -69,8 +51,8 @@ def answer_to_json(
         "query": query,
         "method": source.method,
         "features": source.features,
-        "fov_deg": None if fov is None else fov.degrees,
-        "fov_source": None if fov is None else fov.source,
+        "fov_deg": None if answer.fov is None else answer.fov.degrees,
+        "fov_source": None if answer.fov is None else answer.fov.source,
         "hypotheses": [_hypothesis(h, source.georeference) for h in answer.hypotheses],
         "other_probability": answer.other_probability,
         "off_map_probability": answer.off_map_probability,

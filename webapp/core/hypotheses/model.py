@@ -95,6 +95,20 @@ class NoPose:
 
 
 @dataclass(frozen=True, slots=True)
+class FieldOfView:
+    """Horizontal field of view of an upright photo, and how it is known.
+
+    Attributes
+    ----------
+    degrees : float
+    source : {"option", "exif", "guess"}
+    """
+
+    degrees: float
+    source: Literal["option", "exif", "guess"]
+
+
+@dataclass(frozen=True, slots=True)
 class Answer:
     """All hypotheses about one photo, and what speaks for them.
 
@@ -114,6 +128,8 @@ class Answer:
         The matches with the best hypothesis' photos, the best first.
     seconds : dict of str to float
         Time of each stage: read, extract, retrieve, verify, position, total.
+    fov : FieldOfView or None
+        Of the query; None where the method does not ask for it.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -123,6 +139,7 @@ class Answer:
     statistics: MatchStatistics
     evidence: tuple[Evidence, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    fov: FieldOfView | None = None
 
     @property
     def abstained(self) -> bool:

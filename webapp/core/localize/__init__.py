@@ -1,0 +1,1 @@
+"""The methods: `vote` (the thesis of 2013, exactly) and `verified` (ours)."""

@@ -1,0 +1,45 @@
+"""`expmap build`: the index beside a map."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from webapp.cli import exitcodes
+from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
+from webapp.cli.progressbar import terminal_progress
+from webapp.settings import from_environment
+from webapp.tasks import build_map
+
+
+@click.command()
+@click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
+@index_options
+@fov_options
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
+    """Build the index of a map, or bring it up to date.
+
+    Only photos that are new or changed are computed. It can be interrupted at any moment; the next build
+    goes on where it stopped.
+    """
+    with terminal_progress("photos") as progress:
+        report = build_map.run(map_file, open_options(chosen), settings=from_environment(), progress=progress)
+    for number, photo, reason in report.index.failed:
+        click.echo(f"{photo} (id {number}): {reason}", err=True)
+    index = report.index
+    if as_json:
+        raw = asdict(index) | {"folder": str(index.folder), "features": report.features}
+        click.echo(json.dumps(raw | {"calibration_seconds": report.calibration_seconds}))
+    else:
+        click.echo(
+            f"{index.folder}: {index.photos} photos with {report.features}, {index.extracted} computed, "
+            f"{index.reused} kept, {index.removed} removed, {len(index.failed)} failed; "
+            f"{index.descriptors} descriptors, {index.bytes / 1e6:.1f} MB, {index.seconds:.1f} s"
+        )
+    sys.exit(exitcodes.SOME_FAILED if index.failed else exitcodes.DONE)

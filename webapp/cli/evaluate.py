@@ -1,0 +1,93 @@
+"""`expmap evaluate`: how good are the answers?"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from webapp.cli import exitcodes
+from webapp.cli.evaluation_text import summary_table
+from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
+from webapp.cli.progressbar import terminal_progress
+from webapp.errors import UsageError
+from webapp.render import evaluation_folder
+from webapp.settings import from_environment
+from webapp.tasks import evaluate as task
+from webapp.tasks import prepare
+from webapp.tasks.evaluation_types import EvaluateOptions, Evaluation
+
+
+@click.command()
+@click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
+@click.argument("queries", metavar="QUERIES.csv", type=MAP_FILE, required=False)
+@click.option("--self", "of_itself", is_flag=True, help="Take the map's own photos, each hidden in turn.")
+@click.option(
+    "--hide-within",
+    type=click.FloatRange(0.0),
+    metavar="PX",
+    help="With --self: hide all photos so near.  [default: once the photo alone, once its whole place]",
+)
+@click.option("--limit", type=click.IntRange(1), metavar="N", help="Take N queries, evenly spread.")
+@click.option(
+    "-o", "--output", type=click.Path(file_okay=False, path_type=Path), help="Write a report there."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object; with --self a list of them.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the bootstrap intervals.")
+@index_options
+@fov_options
+def evaluate(
+    map_file: Path,
+    queries: Path | None,
+    of_itself: bool,
+    hide_within: float | None,
+    limit: int | None,
+    output: Path | None,
+    as_json: bool,
+    seed: int,
+    **chosen: Any,
+) -> None:
+    """Measure the answers on photos whose places are known.
+
+    QUERIES.csv has lines path;x;y below a header, paths relative to it. The report is a web page with
+    tables, charts and the worst queries, and the same as CSV, JSON and TUM poses.
+    """
+    if of_itself == (queries is not None):
+        raise UsageError("give either QUERIES.csv or --self", where="evaluate")
+    if hide_within is not None and not of_itself:
+        raise UsageError("goes with --self only", where="--hide-within")
+    settings = from_environment()
+    options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within)
+    folder = map_file.parent
+    with terminal_progress("queries") as progress:
+        localizer = prepare.run(
+            map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
+        )
+        progress.note("queries")
+        if queries is None:
+            done = task.run_self(localizer, map_folder=folder, options=options, progress=progress)
+        else:
+            done = [task.run(localizer, queries, map_folder=folder, options=options, progress=progress)]
+    for evaluation in done:
+        _report(evaluation, output, several=len(done) > 1)
+    forms = [task.to_json(evaluation) for evaluation in done]
+    if as_json:
+        click.echo(json.dumps(forms if of_itself else forms[0]))
+    else:
+        click.echo("\n\n".join(summary_table(evaluation) for evaluation in done))
+    failed = any(evaluation.summary.failed for evaluation in done)
+    sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
+
+
+def _report(evaluation: Evaluation, output: Path | None, *, several: bool) -> None:
+    for result in evaluation.results:
+        if result.error:
+            click.echo(f"{result.path}: {result.error}", err=True)
+    if output is None:
+        return
+    folder = output / evaluation.scheme if several else output
+    evaluation_folder.write(evaluation, folder, limits=from_environment().photo)
+    click.echo(f"report: {folder / 'report.html'}", err=True)

@@ -1,0 +1,123 @@
+"""`expmap localize`: where were these photos taken?"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from PIL import Image
+
+from webapp.cli import exitcodes
+from webapp.cli.answer_text import answer_text
+from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
+from webapp.cli.progressbar import terminal_progress
+from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
+from webapp.core.hypotheses.model import Answer
+from webapp.errors import PhotoError, StorageError
+from webapp.render.answer_pictures import map_picture, match_picture
+from webapp.settings import from_environment
+from webapp.tasks import prepare
+from webapp.tasks.localize_photo import PhotoLocalizer
+
+_PICTURE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command()
+@click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
+@click.argument("photos", metavar="PHOTO...", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option("--top", type=click.IntRange(1), default=5, show_default=True, help="At most so many places.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, an object a photo.")
+@click.option("--matches", type=_PICTURE, metavar="OUT.png", help="Draw the query beside the best photo.")
+@click.option("--picture", type=_PICTURE, metavar="OUT.png", help="Draw the hypotheses on the map.")
+@index_options
+@fov_options
+def localize(
+    map_file: Path,
+    photos: tuple[Path, ...],
+    top: int,
+    as_json: bool,
+    matches: Path | None,
+    picture: Path | None,
+    **chosen: Any,
+) -> None:
+    """Say where photos were taken: ranked places with probabilities, or "not on this map".
+
+    With several photos the pictures are numbered: OUT-1.png, OUT-2.png and so on.
+    """
+    settings = from_environment()
+    with terminal_progress("photos") as progress:
+        localizer = prepare.run(
+            map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
+        )
+    output = _Output(localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1)
+    forms, failed = [], False
+    for number, photo in enumerate(photos, 1):
+        try:
+            answer = localizer.localize(photo, top=top)
+            output.draw(photo, answer, number)
+        except PhotoError as error:
+            failed = True
+            click.echo(f"expmap: {error}", err=True)
+            forms.append(failure_to_json(query=str(photo), error=str(error)))
+            continue
+        forms.append(output.form(photo, answer))
+        if not as_json:
+            output.tell(photo, answer, last=number == len(photos))
+    if as_json:
+        click.echo(json.dumps(forms, indent=2))
+    sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
+
+
+@dataclass(frozen=True, slots=True)
+class _Output:
+    """Where the answers of one run go."""
+
+    localizer: PhotoLocalizer
+    cfg: Path
+    matches: Path | None
+    picture: Path | None
+    several: bool
+
+    def form(self, photo: Path, answer: Answer) -> dict[str, Any]:
+        the_map = self.localizer.map
+        source = AnswerSource(
+            self.localizer.method, self.localizer.features, the_map.georeference, the_map.revision
+        )
+        return answer_to_json(answer, query=str(photo), source=source)
+
+    def tell(self, photo: Path, answer: Answer, *, last: bool) -> None:
+        click.echo(answer_text(answer, query=str(photo), georeference=self.localizer.map.georeference))
+        if answer.fov is not None and answer.fov.source == "guess":
+            click.echo(
+                f"the field of view of {photo.name} is not known, {answer.fov.degrees:.0f}° was taken; "
+                "--fov DEGREES makes the position better",
+                err=True,
+            )
+        if not last:
+            click.echo()
+
+    def draw(self, photo: Path, answer: Answer, number: int) -> None:
+        limits = self.localizer.settings.photo
+        the_map = self.localizer.map
+        if self.picture is not None:
+            self._save(map_picture(self.cfg, the_map, answer=answer, limits=limits), self.picture, number)
+        if self.matches is not None:
+            drawn = match_picture(self.cfg, the_map, query=photo, answer=answer, limits=limits)
+            if drawn is None:
+                click.echo(f"{photo}: no matches to draw", err=True)
+            else:
+                self._save(drawn, self.matches, number)
+
+    def _save(self, image: Image.Image, path: Path, number: int) -> None:
+        target = path.with_stem(f"{path.stem}-{number}") if self.several else path
+        try:
+            image.save(target)
+        except (OSError, ValueError) as error:
+            raise StorageError(
+                f"the picture cannot be written: {error}", where=str(target), hint="name a .png in a folder"
+            ) from error
+        click.echo(f"drawn: {target}", err=True)

@@ -1,0 +1,99 @@
+"""The command `expmap`: every subcommand, and what its errors look like."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from webapp import __version__
+from webapp.cli.exitcodes import INTERRUPTED, exit_code
+from webapp.errors import ExpMapError
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are asked for, so that help and errors come at once.
+
+    Parameters
+    ----------
+    where : dict of str to str
+        Command name to "module:object".
+    """
+
+    def __init__(self, *, where: dict[str, str], **options: object) -> None:
+        super().__init__(**options)  # type: ignore[arg-type]
+        self._where = where
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name the commands, in the order of the work."""
+        return list(self._where)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; None when there is none of that name."""
+        if cmd_name not in self._where:
+            return None
+        module, name = self._where[cmd_name].split(":")
+        command: click.Command = getattr(importlib.import_module(module), name)
+        return command
+
+
+map_group = LazyGroup(
+    name="map",
+    help="Make and check map files.",
+    where={
+        "check": "webapp.cli.map_check:check",
+        "from-photos": "webapp.cli.map_from_photos:from_photos",
+    },
+)
+
+root = LazyGroup(
+    name="expmap",
+    help="Where was this photo taken? Answers on a map that people make themselves.",
+    where={
+        "sample": "webapp.cli.sample:sample",
+        "map": "webapp.cli.main:map_group",
+        "build": "webapp.cli.build:build",
+        "localize": "webapp.cli.localize:localize",
+        "evaluate": "webapp.cli.evaluate:evaluate",
+    },
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    params=[
+        click.Option(
+            ["--version"],
+            is_flag=True,
+            expose_value=False,
+            is_eager=True,
+            callback=lambda ctx, _, value: (
+                (click.echo(f"expmap {__version__}"), ctx.exit()) if value else None
+            ),
+            help="Show the version and exit.",
+        )
+    ],
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command and exit with its code; an error is one line on standard error."""
+    try:
+        code = root.main(args=arguments, prog_name="expmap", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
+        code = INTERRUPTED
+    except ExpMapError as error:
+        click.echo(f"expmap: {error}", err=True)
+        code = exit_code(error)
+    except BrokenPipeError:
+        # The reader of the output has gone; writing on, even at exit, would only repeat the error.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
+from webapp.tasks.open_map import OpenOptions
+
+Command = Callable[..., Any]
+
+MAP_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+def index_options(command: Command) -> Command:
+    """Add what decides which index is used, and how it is built."""
+    for option in reversed(_INDEX_OPTIONS):
+        command = option(command)
+    return command
+
+
+def fov_options(command: Command) -> Command:
+    """Add the fields of view and the place radius."""
+    for option in reversed(_FOV_OPTIONS):
+        command = option(command)
+    return command
+
+
+_INDEX_OPTIONS = [
+    click.option(
+        "--features",
+        default="auto",
+        show_default=True,
+        metavar="NAME",
+        help=f"Detector and extractor together: auto, {', '.join(BUNDLES)}.",
+    ),
+    click.option("--detector", metavar="NAME", help=f"Detector alone: {', '.join(DETECTORS)}."),
+    click.option("--extractor", metavar="NAME", help=f"Extractor alone: {', '.join(EXTRACTORS)}."),
+    click.option("--matcher", metavar="NAME", help=f"Matcher: {', '.join(MATCHERS)}."),
+    click.option(
+        "--method",
+        type=click.Choice(METHODS),
+        default="verified",
+        show_default=True,
+        help="vote: most matches; verified: geometry, position and probabilities.",
+    ),
+    click.option(
+        "--index",
+        type=click.Path(file_okay=False, path_type=Path),
+        help="Folder for the indexes.  [default: derived/ beside the map]",
+    ),
+    click.option(
+        "--jobs", type=click.IntRange(1), metavar="N", help="Processes that build.  [default: all cores]"
+    ),
+]
+
+_ANGLE = click.FloatRange(1.0, 179.0)
+
+_FOV_OPTIONS = [
+    click.option(
+        "--fov",
+        type=_ANGLE,
+        metavar="DEGREES",
+        help="Horizontal field of view of the upright query.  [default: its EXIF]",
+    ),
+    click.option(
+        "--map-fov",
+        type=_ANGLE,
+        metavar="DEGREES",
+        help="The same of map photos without EXIF focal length.",
+    ),
+    click.option(
+        "--right-within",
+        type=click.FloatRange(0.0, min_open=True),
+        metavar="PX",
+        help="An answer so near is right.  [default: twice the spacing of the map's photos]",
+    ),
+]
+
+
+def open_options(chosen: dict[str, Any]) -> OpenOptions:
+    """Gather the shared options of a command line."""
+    return OpenOptions(
+        method=chosen["method"],
+        features=chosen["features"],
+        detector=chosen["detector"],
+        extractor=chosen["extractor"],
+        matcher=chosen["matcher"],
+        index=chosen["index"],
+        jobs=chosen["jobs"],
+        map_fov_deg=chosen.get("map_fov"),
+        right_within_px=chosen.get("right_within"),
+    )

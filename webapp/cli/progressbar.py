@@ -1,0 +1,80 @@
+"""Progress in the terminal: a bar with the time left, on standard error."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from tqdm import tqdm
+
+from webapp.progress import Progress
+
+
+class TerminalProgress(Progress):
+    """Shows a bar where standard error is a terminal, else one line a stage.
+
+    Parameters
+    ----------
+    what : str
+        Shown before the bar.
+    quiet : bool
+        Show nothing.
+    """
+
+    def __init__(self, what: str, *, quiet: bool = False) -> None:
+        self._what = what
+        self._quiet = quiet
+        self._bar: tqdm[Any] | None = None
+        self.stopped = False
+
+    def size(self, total: int) -> None:
+        """Start a bar of `total` steps."""
+        self.close()
+        if total and not self._quiet and sys.stderr.isatty():
+            self._bar = tqdm(total=total, desc=self._what, unit="", file=sys.stderr, dynamic_ncols=True)
+
+    def advance(self, steps: int = 1) -> None:
+        """Move the bar."""
+        if self._bar is not None:
+            self._bar.update(steps)
+
+    def note(self, text: str) -> None:
+        """Name the stage."""
+        self._what = text
+        if self._bar is not None:
+            self._bar.set_description(text)
+        elif not self._quiet:
+            print(f"{text} ...", file=sys.stderr, flush=True)  # noqa: T201
+
+    def cancelled(self) -> bool:
+        """Tell whether Ctrl-C was pressed."""
+        return self.stopped
+
+    def close(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+
+@contextmanager
+def terminal_progress(what: str, *, quiet: bool = False) -> Iterator[TerminalProgress]:
+    """Show progress, and turn the first Ctrl-C into a stop that loses nothing; a second one is immediate."""
+    progress = TerminalProgress(what, quiet=quiet)
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        if progress.stopped:
+            raise KeyboardInterrupt
+        progress.stopped = True
+        print("\nstopping; press Ctrl-C again to stop at once", file=sys.stderr)  # noqa: T201
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield progress
+    finally:
+        signal.signal(signal.SIGINT, before)
+        progress.close()

@@ -1,0 +1,71 @@
+"""ORB (Rublee et al. 2011): oriented FAST corners with rotated binary tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Described, Kind, strongest
+
+_SCALE_FACTOR = 1.2
+_LEVELS = 8
+_PATCH = 31
+
+
+class Orb:
+    """Detector and extractor.
+
+    Parameters
+    ----------
+    points_per_test : {2, 4}
+        2: each bit compares two points, for Hamming distance. 4: each two bits name the brightest of four
+        points, for Hamming2, which counts pairs of bits.
+    """
+
+    kind: Kind = "binary"
+    width = 32
+
+    def __init__(self, *, points_per_test: int = 2) -> None:
+        self._points_per_test = points_per_test
+
+    def _orb(self, keypoints: int) -> cv2.ORB:
+        return cv2.ORB_create(
+            keypoints, _SCALE_FACTOR, _LEVELS, WTA_K=self._points_per_test, patchSize=_PATCH
+        )
+
+    def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
+        """Find at most `keypoints` corners in an (h, w) uint8 image, the strongest first."""
+        found = self._orb(keypoints).detect(gray, None)
+        return sorted(found, key=lambda k: -k.response)[:keypoints]
+
+    def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
+        """Find and describe the `keypoints` strongest corners; descriptors (n, 32) uint8."""
+        found, bits = self._orb(keypoints).detectAndCompute(gray, None)
+        return strongest((found, self._or_none(bits)), keypoints)
+
+    def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
+        """Describe another detector's keypoints; descriptors (n, 32) uint8.
+
+        Keypoints nearer to the border than the tests reach are left out.
+        """
+        if not keypoints:
+            return (), self._or_none(None)
+        described, bits = self._orb(len(keypoints)).compute(gray, [_in_orb_level(k) for k in keypoints])
+        return described, self._or_none(bits)
+
+    def _or_none(self, bits: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+        return np.zeros((0, self.width), np.uint8) if bits is None else bits
+
+
+def _in_orb_level(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
+    """Give another detector's keypoint the pyramid level whose patch has its size."""
+    # SIFT states a sixth of the patch it describes; ORB states the whole.
+    patch = 6.0 * keypoint.size
+    level = round(float(np.log(max(patch, 1.0) / _PATCH) / np.log(_SCALE_FACTOR)))
+    angle = keypoint.angle if keypoint.angle >= 0 else 0.0
+    octave = int(np.clip(level, 0, _LEVELS - 1))
+    x, y = keypoint.pt
+    return cv2.KeyPoint(x, y, patch, angle, keypoint.response, octave)

@@ -1,0 +1,134 @@
+"""Geometric verification: how two cameras that saw the same thing stood to each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import poselib
+from numpy.typing import NDArray
+
+from webapp.core.hypotheses.model import NoPose
+
+MIN_MATCHES = 8
+"""Five are enough for an essential matrix; fewer than eight agree by chance."""
+
+_MAX_EPIPOLAR_ERROR = 0.0025
+"""Largest distance of an inlier from its epipolar line, as a share of the longer side of the photo."""
+
+_RANSAC = {"max_iterations": 200, "min_iterations": 50, "seed": 0}
+_BUNDLE = {"max_iterations": 5}
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """An upright photo's camera: a pinhole in its centre, square pixels.
+
+    Attributes
+    ----------
+    width, height : int
+        Pixels.
+    fov_deg : float
+        Horizontal field of view.
+    """
+
+    width: int
+    height: int
+    fov_deg: float
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels."""
+        return self.width / 2.0 / math.tan(math.radians(self.fov_deg) / 2.0)
+
+    def rays(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Turn (n, 2) pixels into (n, 3) directions: x right, y down, z forward with length 1."""
+        centre = np.array([(self.width - 1) / 2.0, (self.height - 1) / 2.0])
+        return np.column_stack([(xy - centre) / self.focal_px, np.ones(len(xy))])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RelativePose:
+    """How the query's camera stood to a map photo's.
+
+    Both cameras are taken to be held level, so that only horizontal angles are kept.
+
+    Attributes
+    ----------
+    bearing : float
+        Direction from the query to the map photo's camera, radians clockwise from the query's viewing
+        direction, -pi to pi.
+    back_bearing : float
+        The same the other way round: to the query's camera, from the map photo's viewing direction.
+    turn : float
+        Query's heading minus map photo's heading, radians clockwise.
+    parallax : float
+        Median angle between the two rays of a match when the turn is taken out, radians. Small: the
+        cameras stood close together compared with what they saw, and the bearings mean little.
+    inlier : (n,) bool
+        Which matches agree.
+    """
+
+    bearing: float
+    back_bearing: float
+    turn: float
+    parallax: float
+    inlier: NDArray[np.bool_]
+
+
+def relative_pose(
+    query_xy: NDArray[np.float32], photo_xy: NDArray[np.float32], *, query: Camera, photo: Camera
+) -> RelativePose | NoPose:
+    """Estimate the relative pose of two photos by the five-point method in a RANSAC (PoseLib).
+
+    Parameters
+    ----------
+    query_xy, photo_xy : (n, 2) float32
+        Matched points, pixels of the upright photos.
+    query, photo : Camera
+
+    Returns
+    -------
+    RelativePose or NoPose
+    """
+    if len(query_xy) < MIN_MATCHES:
+        return NoPose(f"{len(query_xy)} matches, {MIN_MATCHES} needed")
+    longer = max(query.width, query.height)
+    # Both photos are brought to the query's scale, so that one tolerance in pixels fits both.
+    ratio = longer / max(photo.width, photo.height)
+    scaled = Camera(round(photo.width * ratio), round(photo.height * ratio), photo.fov_deg)
+    ours = query_xy.astype(np.float64)
+    theirs = (photo_xy.astype(np.float64) + 0.5) * ratio - 0.5
+    options = {**_RANSAC, "max_epipolar_error": _MAX_EPIPOLAR_ERROR * longer}
+    pose, info = poselib.estimate_relative_pose(
+        ours, theirs, _as_poselib(query), _as_poselib(scaled), options, _BUNDLE
+    )
+    inlier = np.asarray(info["inliers"], bool)
+    if inlier.sum() < MIN_MATCHES:
+        return NoPose(f"{int(inlier.sum())} inliers, {MIN_MATCHES} needed")
+    rotation, shift = np.asarray(pose.R), np.asarray(pose.t)
+    to_photo = -rotation.T @ shift
+    turned = query.rays(ours[inlier]) @ rotation.T
+    return RelativePose(
+        bearing=math.atan2(to_photo[0], to_photo[2]),
+        back_bearing=math.atan2(shift[0], shift[2]),
+        turn=math.atan2(rotation[0, 2], rotation[2, 2]),
+        parallax=_median_angle(turned, scaled.rays(theirs[inlier])),
+        inlier=inlier,
+    )
+
+
+def _median_angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    cosine = (a * b).sum(1) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
+    return float(np.median(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _as_poselib(camera: Camera) -> dict[str, object]:
+    centre = [(camera.width - 1) / 2.0, (camera.height - 1) / 2.0]
+    return {
+        "model": "SIMPLE_PINHOLE",
+        "width": camera.width,
+        "height": camera.height,
+        "params": [camera.focal_px, *centre],
+    }

@@ -1,0 +1,76 @@
+"""SIFT (Lowe 2004), by default compared as RootSIFT (Arandjelović and Zisserman 2012)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Described, Kind, strongest
+
+_BASE_SIGMA = 1.6
+_LAYERS = 3
+_ROOT_SCALE = 512.0
+"""A RootSIFT component is at most 1 and rarely over 0.5, so that one byte holds it in steps of 1/512."""
+
+
+class Sift:
+    """Detector and extractor.
+
+    Parameters
+    ----------
+    root : bool
+        Describe as RootSIFT: the Euclidean distance then is the Hellinger distance of the histograms.
+    """
+
+    kind: Kind = "float"
+    width = 128
+
+    def __init__(self, *, root: bool = True) -> None:
+        self._root = root
+
+    def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
+        """Find the `keypoints` keypoints of highest contrast in an (h, w) uint8 image."""
+        found = cv2.SIFT_create(keypoints).detect(gray, None)
+        # Keypoints of equal contrast all stay in OpenCV's list, which can exceed the number asked for.
+        return sorted(found, key=lambda k: -k.response)[:keypoints]
+
+    def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
+        """Find and describe the `keypoints` keypoints of highest contrast; descriptors (n, 128) uint8."""
+        found, raw = cv2.SIFT_create(keypoints).detectAndCompute(gray, None)
+        return strongest((found, self._as_bytes(raw)), keypoints)
+
+    def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
+        """Describe another detector's keypoints; descriptors (n, 128) uint8."""
+        if not keypoints:
+            return (), self._as_bytes(None)
+        described, raw = cv2.SIFT_create().compute(gray, [_in_sift_octave(k) for k in keypoints])
+        return described, self._as_bytes(raw)
+
+    def _as_bytes(self, raw: NDArray[np.float32] | None) -> NDArray[np.uint8]:
+        if raw is None:
+            return np.zeros((0, self.width), np.uint8)
+        described: NDArray[np.uint8] = root_sift(raw) if self._root else raw.astype(np.uint8)
+        return described
+
+
+def root_sift(raw: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Turn (n, 128) SIFT histograms into RootSIFT, in steps of 1/512, as (n, 128) uint8."""
+    total = np.maximum(raw.sum(axis=1, keepdims=True), np.float32(1e-9))
+    steps: NDArray[np.float32] = np.minimum(np.rint(np.sqrt(raw / total) * _ROOT_SCALE), 255.0)
+    return steps.astype(np.uint8)
+
+
+def _in_sift_octave(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
+    """Give another detector's keypoint the octave and layer that SIFT would describe its size in."""
+    # SIFT describes 4 bins of 3 sigma each, 6 times the size it states; others state the whole patch.
+    size = keypoint.size / 6.0
+    level = float(np.log2(max(size, 1e-3) / (2.0 * _BASE_SIGMA)))
+    octave = max(-1, int(np.floor(level)))
+    layer = int(np.clip(round((level - octave) * _LAYERS), 1, _LAYERS))
+    angle = keypoint.angle if keypoint.angle >= 0 else 0.0
+    packed = (octave & 255) | (layer << 8)
+    x, y = keypoint.pt
+    return cv2.KeyPoint(x, y, size, angle, keypoint.response, packed)

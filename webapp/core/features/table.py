@@ -1,0 +1,175 @@
+"""What can be chosen: detectors, extractors, matchers, and which of them work together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from webapp.core.features.orb import Orb
+from webapp.core.features.sift import Sift
+from webapp.core.features.types import Detector, Extractor, Kind
+from webapp.errors import UsageError
+
+Method = Literal["vote", "verified"]
+
+METHODS: tuple[Method, ...] = ("vote", "verified")
+
+DETECTORS: dict[str, Callable[[], Detector]] = {"sift": Sift, "orb": Orb}
+
+EXTRACTORS: dict[str, Callable[[], Extractor]] = {
+    "sift": Sift,
+    "sift-plain": lambda: Sift(root=False),
+    "orb": Orb,
+    "orb-wta4": lambda: Orb(points_per_test=4),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MatcherEntry:
+    """A matcher: which descriptors it compares, for which methods, and in one phrase how."""
+
+    kinds: tuple[Kind, ...]
+    methods: tuple[Method, ...]
+    does: str
+
+
+_BOTH: tuple[Kind, ...] = ("float", "binary")
+
+MATCHERS: dict[str, MatcherEntry] = {
+    "flann": MatcherEntry(_BOTH, METHODS, "approximate: kd-trees for float, LSH for binary descriptors"),
+    "l1": MatcherEntry(("float",), METHODS, "brute force, sum of absolute differences"),
+    "l2": MatcherEntry(("float",), METHODS, "brute force, Euclidean distance"),
+    "hamming": MatcherEntry(("binary",), METHODS, "brute force, number of different bits"),
+    "hamming2": MatcherEntry(("binary",), METHODS, "brute force, number of different pairs of bits"),
+    "ivf": MatcherEntry(_BOTH, ("verified",), "approximate: inverted file, memory-mapped from the index"),
+}
+
+_OTHER_NAMES = {
+    "flannbased": "flann",
+    "bruteforce": "l2",
+    "bruteforcel1": "l1",
+    "bruteforcel2": "l2",
+    "bruteforcehamming": "hamming",
+    "bruteforcehamming2": "hamming2",
+    "rootsift": "sift",
+}
+
+BUNDLES: dict[str, tuple[str, str]] = {
+    "sift": ("sift", "sift"),
+    "sift-plain": ("sift", "sift-plain"),
+    "orb": ("orb", "orb"),
+}
+"""`--features NAME`: detector and extractor; the matcher follows from the method."""
+
+BEST_FIRST = ("sift",)
+"""What `auto` takes: the first that is available here."""
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureChoice:
+    """A combination that works.
+
+    Attributes
+    ----------
+    detector, extractor, matcher : str
+        Names in the tables of this module.
+    """
+
+    detector: str
+    extractor: str
+    matcher: str
+
+    @property
+    def name(self) -> str:
+        """The bundle's name, or "detector+extractor"."""
+        for name, pair in BUNDLES.items():
+            if pair == (self.detector, self.extractor):
+                return name
+        return f"{self.detector}+{self.extractor}"
+
+    @property
+    def kind(self) -> Kind:
+        """How the descriptors are compared."""
+        return EXTRACTORS[self.extractor]().kind
+
+
+def choose(
+    method: Method,
+    *,
+    features: str = "auto",
+    detector: str | None = None,
+    extractor: str | None = None,
+    matcher: str | None = None,
+) -> FeatureChoice:
+    """Resolve what the user asked for into a combination that works.
+
+    Parameters
+    ----------
+    method : {"vote", "verified"}
+    features : str
+        A bundle's name, or "auto".
+    detector, extractor, matcher : str, optional
+        Each overrides its part of the bundle.
+
+    Raises
+    ------
+    UsageError
+        A name is unknown or the parts do not fit each other; the hint lists what would.
+    """
+    bundle = _known(features, {"auto": None, **BUNDLES}, "features")
+    base_detector, base_extractor = BUNDLES[BEST_FIRST[0] if bundle == "auto" else bundle]
+    chosen_detector = _known(detector, DETECTORS, "detector") if detector else base_detector
+    chosen_extractor = _known(extractor, EXTRACTORS, "extractor") if extractor else base_extractor
+    if detector and not extractor and bundle == "auto" and chosen_detector in EXTRACTORS:
+        chosen_extractor = chosen_detector
+    if extractor and not detector and bundle == "auto":
+        chosen_detector = chosen_extractor.split("-")[0]
+    kind = EXTRACTORS[chosen_extractor]().kind
+    chosen_matcher = _known(matcher, MATCHERS, "matcher") if matcher else _usual_matcher(method, kind)
+    if chosen_matcher == "hamming2" and chosen_extractor == "orb":
+        chosen_extractor = "orb-wta4"  # Hamming2 counts pairs of bits, which only these tests produce.
+    choice = FeatureChoice(chosen_detector, chosen_extractor, chosen_matcher)
+    _refuse_what_cannot_work(choice, method)
+    return choice
+
+
+def _usual_matcher(method: Method, kind: Kind) -> str:
+    if method == "verified":
+        return "ivf"
+    return "flann" if kind == "float" else "hamming"
+
+
+def _refuse_what_cannot_work(choice: FeatureChoice, method: Method) -> None:
+    entry = MATCHERS[choice.matcher]
+    names = [n for n, m in MATCHERS.items() if choice.kind in m.kinds and method in m.methods]
+    fitting = ", ".join(names)
+    if choice.matcher == "hamming" and choice.extractor == "orb-wta4":
+        raise UsageError(
+            "the bits of orb-wta4 come in pairs, which hamming would tear apart",
+            where="--matcher",
+            hint="take --matcher hamming2, or --extractor orb",
+        )
+    if choice.kind not in entry.kinds:
+        raise UsageError(
+            f"matcher {choice.matcher} cannot compare the {choice.kind} descriptors of {choice.extractor}",
+            where="--matcher",
+            hint=f"with --extractor {choice.extractor} these work: {fitting}",
+        )
+    if method not in entry.methods:
+        raise UsageError(
+            f"matcher {choice.matcher} does not work with method {method}",
+            where="--matcher",
+            hint=f"with --method {method} and {choice.extractor} these work: {fitting}",
+        )
+
+
+def _known(name: str, table: Mapping[str, object], what: str) -> str:
+    plain = name.strip().lower()
+    if plain in table:
+        return plain
+    other = _OTHER_NAMES.get(re.sub(r"[^a-z0-9]", "", plain))
+    if other is not None and other in table:
+        return other
+    raise UsageError(f"unknown {what} {name!r}", where=f"--{what}", hint=f"known: {', '.join(table)}")

@@ -1,0 +1,105 @@
+"""Features of one photo, and what an extractor must be able to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Kind = Literal["float", "binary"]
+"""How descriptors are compared: by a distance of numbers, or by counting different bits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """Keypoints and descriptors of one photo, the strongest first.
+
+    Attributes
+    ----------
+    xy : (n, 2) float32
+        Pixels of the upright photo at full size; pixel centres have whole numbers, as in OpenCV.
+    size : (n,) float32
+        Diameter of the described neighbourhood, pixels of the photo at full size.
+    angle : (n,) float32
+        Orientation in degrees, clockwise in the image.
+    descriptors : (n, d) uint8
+        Numbers 0 to 255 ("float" kind) or packed bits ("binary" kind).
+    photo_size : (int, int)
+        Width and height of the upright photo.
+    """
+
+    xy: NDArray[np.float32]
+    size: NDArray[np.float32]
+    angle: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
+    photo_size: tuple[int, int]
+
+    def __len__(self) -> int:
+        """Count the keypoints."""
+        return len(self.xy)
+
+
+Described = tuple[Sequence[cv2.KeyPoint], NDArray[np.uint8]]
+"""n keypoints and their (n, width) uint8 descriptors."""
+
+
+class Detector(Protocol):
+    """Finds keypoints."""
+
+    def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
+        """Find at most `keypoints` keypoints in an (h, w) uint8 image."""
+
+
+class Extractor(Protocol):
+    """Describes keypoints, its own or another detector's."""
+
+    kind: Kind
+    width: int
+    """Bytes of one descriptor."""
+
+    def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
+        """Find and describe at most `keypoints` own keypoints in an (h, w) uint8 image, strongest first."""
+
+    def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
+        """Describe another detector's keypoints; those that cannot be described are left out."""
+
+
+def features_from_keypoints(
+    keypoints: Sequence[cv2.KeyPoint],
+    descriptors: NDArray[np.uint8],
+    *,
+    scale: float,
+    photo_size: tuple[int, int],
+) -> Features:
+    """Bring OpenCV's keypoints of a scaled image to the photo at full size.
+
+    Parameters
+    ----------
+    keypoints : sequence of cv2.KeyPoint, n of them
+    descriptors : (n, d) uint8
+    scale : float
+        Size of the image over size of the photo.
+    photo_size : (int, int)
+        Width and height of the photo at full size.
+    """
+    table = np.array([(*k.pt, k.size, k.angle) for k in keypoints], np.float32).reshape(-1, 4)
+    # OpenCV counts from pixel centres, but scaling acts on distances from the image's outer corner.
+    xy = (table[:, :2] + 0.5) / scale - 0.5
+    return Features(
+        xy=xy.astype(np.float32),
+        size=table[:, 2] / np.float32(scale),
+        angle=table[:, 3],
+        descriptors=np.ascontiguousarray(descriptors, np.uint8).reshape(len(table), -1),
+        photo_size=photo_size,
+    )
+
+
+def strongest(described: Described, keypoints: int) -> Described:
+    """Keep the `keypoints` keypoints of highest response, in falling order."""
+    found, descriptors = described
+    order = sorted(range(len(found)), key=lambda i: -found[i].response)[:keypoints]
+    return [found[i] for i in order], descriptors[order]

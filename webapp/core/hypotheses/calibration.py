@@ -1,0 +1,137 @@
+"""From evidence to probabilities: a softmax over the places found and "not on this map".
+
+Each place has a log-odds of being right, linear in its evidence; "not on this map" has zero. The
+probabilities are the softmax of these, so that they add up to 1. The coefficients are fitted on the map's
+own photos, hidden in turn; `DEFAULT` stands in until then and is what the fit is pulled towards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+EVIDENCE = 3
+"""Numbers that describe one place: see `verified.py`, which computes them."""
+
+_PRIOR_WEIGHT = 0.02
+_STEPS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Coefficients of a map and a method.
+
+    Attributes
+    ----------
+    slope : tuple of EVIDENCE floats
+    offset : float
+        Log-odds of a place without any evidence, against "not on this map".
+    radius_scale : float
+        68 % radius over the spread that the position's estimate states.
+    radius_floor_px : float
+        Least 68 % radius, map pixels.
+    cases : int
+        Photos it was fitted on; 0 for the default.
+    """
+
+    slope: tuple[float, ...]
+    offset: float
+    radius_scale: float
+    radius_floor_px: float
+    cases: int = 0
+
+
+DEFAULT = Calibration(slope=(1.0, 1.0, 1.0), offset=-6.0, radius_scale=1.5, radius_floor_px=0.0)
+"""Rounded from the fits on maps indoors and outdoors."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One photo whose place is known, and what was found.
+
+    Attributes
+    ----------
+    evidence : (h, EVIDENCE) float64
+        Of each hypothesis.
+    right : (h,) bool
+        Which lie within the place radius of the truth; none when the photo's place was hidden.
+    weight : float
+    """
+
+    evidence: NDArray[np.float64]
+    right: NDArray[np.bool_]
+    weight: float = 1.0
+
+
+def probabilities(
+    evidence: NDArray[np.float64], calibration: Calibration
+) -> tuple[NDArray[np.float64], float]:
+    """Turn evidence into probabilities.
+
+    Parameters
+    ----------
+    evidence : (h, EVIDENCE) float64
+    calibration : Calibration
+
+    Returns
+    -------
+    place : (h,) float64
+    off_map : float
+        Together with `place` it adds up to 1.
+    """
+    odds = evidence @ np.array(calibration.slope) + calibration.offset
+    top = max(0.0, float(odds.max(initial=0.0)))
+    grown, off = np.exp(odds - top), float(np.exp(-top))
+    total = grown.sum() + off
+    return grown / total, float(off / total)
+
+
+def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[float, ...], float]:
+    """Fit slope and offset by penalised maximum likelihood (Newton's method).
+
+    Parameters
+    ----------
+    cases : sequence of Case
+    start : Calibration
+        The fit is pulled towards it, so that few cases change it little.
+
+    Returns
+    -------
+    slope : tuple of float
+        Not negative: more evidence never makes a place less probable.
+    offset : float
+    """
+    prior = np.array([*start.slope, start.offset])
+    theta = prior.copy()
+    total = sum(c.weight for c in cases)
+    if not total:
+        return start.slope, start.offset
+    penalty = _PRIOR_WEIGHT * max(total, 1.0) ** 0.5
+    for _ in range(_STEPS):
+        gradient, hessian = penalty * (prior - theta), penalty * np.eye(len(theta))
+        for case in cases:
+            g, h = _case_terms(case, theta)
+            gradient, hessian = gradient + g, hessian + h
+        step = np.linalg.solve(hessian, gradient)
+        theta = theta + step / max(1.0, float(np.abs(step).max()))
+        theta[:-1] = np.maximum(theta[:-1], 0.0)
+        if np.abs(step).max() < 1e-6:
+            break
+    return tuple(float(t) for t in theta[:-1]), float(theta[-1])
+
+
+def _case_terms(case: Case, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gradient and (positive) curvature of one case's log likelihood."""
+    design = np.vstack([np.column_stack([case.evidence, np.ones(len(case.evidence))]), np.zeros(len(theta))])
+    odds = design @ theta
+    p = np.exp(odds - odds.max())
+    p /= p.sum()
+    target = np.append(case.right.astype(float), 0.0 if case.right.any() else 1.0)
+    target = p * target
+    target /= max(float(target.sum()), 1e-300)
+    mean = p @ design
+    curvature = (design * p[:, None]).T @ design - np.outer(mean, mean)
+    return case.weight * (target @ design - mean), case.weight * curvature

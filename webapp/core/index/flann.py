@@ -1,0 +1,53 @@
+"""FLANN (Muja and Lowe 2009): randomised kd-trees for float, locality-sensitive hashing for binary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Kind
+from webapp.core.index.types import Neighbours, nothing_found
+
+_KD_TREES = {"algorithm": 1, "trees": 4, "random_seed": 0}
+_LSH = {"algorithm": 6, "table_number": 12, "key_size": 20, "multi_probe_level": 2}
+_CHECKS = {"checks": 32}
+
+
+class Flann:
+    """Approximate k nearest neighbours; the trees are built in memory when it is made.
+
+    Parameters
+    ----------
+    segments : sequence of (rows, d) uint8
+    kind : {"float", "binary"}
+    """
+
+    def __init__(self, segments: Sequence[NDArray[np.uint8]], kind: Kind) -> None:
+        self._dtype = np.float32 if kind == "float" else np.uint8
+        rows = [np.asarray(s, self._dtype) for s in segments]
+        # FLANN keeps a pointer to this array, not a copy: it has to live as long as the index.
+        self._rows = np.ascontiguousarray(np.concatenate(rows)) if rows else np.zeros((0, 1), self._dtype)
+        self._index = None
+        if len(self._rows):
+            cv2.setRNGSeed(0)
+            self._index = cv2.flann_Index(self._rows, _KD_TREES if kind == "float" else _LSH)
+
+    def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
+        """Find about the k nearest map descriptors of each of (n, d) uint8 descriptors."""
+        found = nothing_found(len(descriptors), k)
+        if self._index is None or not len(descriptors):
+            return found
+        wanted = min(k, len(self._rows))
+        query = np.ascontiguousarray(descriptors, self._dtype)
+        row, distance = self._index.knnSearch(query, wanted, params=_CHECKS)
+        # LSH leaves places it found nothing for untouched: no row, or one out of range.
+        valid = (row >= 0) & (row < len(self._rows))
+        plain = distance.astype(np.float32)
+        if self._dtype is np.float32:
+            plain = np.sqrt(np.maximum(plain, 0.0))
+        found.distance[:, :wanted] = np.where(valid, plain, np.inf)
+        found.row[:, :wanted] = np.where(valid, row, -1)
+        return found

@@ -1,0 +1,101 @@
+"""Method `vote`: the pose estimator of 2013, to the letter.
+
+Every query descriptor votes for the photo of its nearest map descriptor; matches farther than the mean
+distance are dropped; the photos with most votes left are the answer, each with its share of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Features
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics, NoPose
+from webapp.core.localize.indexed import Candidates, IndexedMap, candidates
+
+
+def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection[int] = ()) -> Answer:
+    """Localize a photo by its features.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    query : Features
+    top : int
+        At most so many hypotheses.
+    hide : collection of int
+        Experience ids to leave out.
+
+    Returns
+    -------
+    Answer
+        One hypothesis a photo; no radius, and no probability of being off the map, which the method does
+        not know. Without any match `no_pose` has the reason.
+    """
+    found = candidates(indexed, query.descriptors, k=1, hide=hide)
+    distance, photo = found.distance[:, 0], found.photo[:, 0]
+    matched = photo >= 0
+    kept = matched & (distance <= distance[matched].mean()) if matched.any() else matched
+    statistics = match_statistics(len(query), distance[matched], pruned=int(kept.sum()))
+    if not kept.any():
+        return Answer((), None, 0.0, NoPose(_why_none(len(query))), statistics)
+    votes = np.bincount(photo[kept], minlength=len(indexed.ids))
+    order = np.argsort(-votes, kind="stable")[: min(top, int((votes > 0).sum()))]
+    total = int(votes.sum())
+    hypotheses = tuple(
+        Hypothesis(
+            rank=rank,
+            kind="photo",
+            position=MapPixel(*map(float, indexed.position[p])),
+            probability=float(votes[p] / total),
+            radius_px=None,
+            heading_deg=None,
+            experiences=(int(indexed.ids[p]),),
+            inliers=None,
+            matches=int(votes[p]),
+        )
+        for rank, p in enumerate(order, 1)
+    )
+    other = float(1.0 - votes[order].sum() / total)
+    evidence = tuple(_evidence(indexed, query, found=found, kept=kept, photo=int(p)) for p in order[:1])
+    return Answer(hypotheses, None, max(0.0, other), None, statistics, evidence)
+
+
+def match_statistics(keypoints: int, distance: NDArray[np.float32], *, pruned: int) -> MatchStatistics:
+    """Sum up (m,) match distances; `pruned` is how many matches were left after pruning."""
+    if not len(distance):
+        return MatchStatistics(keypoints, 0, 0, None, None, None, None)
+    exact = distance.astype(np.float64)
+    return MatchStatistics(
+        keypoints=keypoints,
+        matches=len(exact),
+        matches_pruned=pruned,
+        distance_min=float(exact.min()),
+        distance_max=float(exact.max()),
+        distance_mean=float(exact.mean()),
+        distance_total=float(exact.sum()),
+    )
+
+
+def _why_none(keypoints: int) -> str:
+    if not keypoints:
+        return "no keypoints: the photo has no texture to recognise"
+    return "no match: the map has no descriptors to compare with"
+
+
+def _evidence(
+    indexed: IndexedMap, query: Features, *, found: Candidates, kept: NDArray[np.bool_], photo: int
+) -> Evidence:
+    mine = np.flatnonzero(kept & (found.photo[:, 0] == photo))
+    features = indexed.features(photo)
+    assert features is not None  # it has votes, so it has features
+    rows = found.row[mine, 0] - indexed.first_row_of(photo)
+    return Evidence(
+        experience=int(indexed.ids[photo]),
+        query_xy=query.xy[mine],
+        photo_xy=np.asarray(features.xy)[rows],
+        inlier=np.zeros(len(mine), bool),
+    )

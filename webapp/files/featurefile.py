@@ -1,0 +1,52 @@
+"""Features of photos on disk: one photo (while an index is built), or a segment of many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.index.segment import PhotoEntry, Segment
+from webapp.files.arrays import read_arrays, write_arrays
+
+
+def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
+    """Write photos to a segment file.
+
+    Parameters
+    ----------
+    path : Path
+        May hold `{hash}`, see `write_arrays`.
+    entries : sequence of PhotoEntry
+        At least one.
+
+    Returns
+    -------
+    str
+        First 16 characters of the content's SHA-256.
+    """
+    features = [e.features for e in entries]
+    arrays: dict[str, NDArray[Any]] = {
+        "first": np.cumsum([0, *(len(f) for f in features)], dtype=np.int64),
+        "xy": np.concatenate([f.xy for f in features]),
+        "size": np.concatenate([f.size for f in features]),
+        "angle": np.concatenate([f.angle for f in features]),
+        "descriptors": np.concatenate([f.descriptors for f in features]),
+        "photo_size": np.array([f.photo_size for f in features], np.int32),
+        "fov_deg": np.array([e.fov_deg for e in entries], np.float64),
+    }
+    return write_arrays(path, arrays, {"content": [e.content for e in entries]})
+
+
+def read_segment(path: Path) -> Segment:
+    """Open a segment file by memory map.
+
+    Raises
+    ------
+    IndexDamaged
+    """
+    arrays, meta = read_arrays(path)
+    return Segment(content=list(meta["content"]), **arrays)

@@ -1,0 +1,214 @@
+"""The index of a map on disk: a manifest, and immutable segments that it names.
+
+::
+
+    derived/sift-1a2b3c4d/
+        manifest.json               replaced by rename; names everything below
+        <codebook>.codebook         trained, empty search index
+        <segment>.features          keypoints and descriptors of some photos
+        <segment>-<codebook>.ivf    the same descriptors as codes of the codebook
+        spool/<content>.features    photos finished by a build that has not ended yet
+        lock                        one writer at a time
+
+The names are hashes of the contents, so that equal photos and settings give equal names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import faiss
+
+from webapp.core.features.table import FeatureChoice
+from webapp.core.features.types import Kind
+from webapp.errors import IndexDamaged
+from webapp.files import atomic
+from webapp.settings import ExtractSettings
+
+FORMAT = 1
+"""Raised when an older index can no longer be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoRecord:
+    """A map photo as it was when it was indexed.
+
+    Attributes
+    ----------
+    photo : str
+        Path as in the map.
+    bytes, mtime_ns : int
+        Size and time of the file: while both stay, the content is taken to be the same.
+    content : str
+        SHA-256 of the file; empty when it could not be read.
+    error : str
+        Why it has no features; empty when it has.
+    """
+
+    photo: str
+    bytes: int
+    mtime_ns: int
+    content: str
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentRecord:
+    """A segment: the hash that names it, and how much it holds."""
+
+    name: str
+    photos: int
+    descriptors: int
+    codes: str
+    """SHA-256 of its codes, first 16 characters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What an index consists of.
+
+    Attributes
+    ----------
+    detector, extractor : str
+    extract : ExtractSettings
+    codebook : str
+        Name of the codebook; empty while there is no descriptor at all.
+    trained_for : int
+        Descriptors the index had when the codebook was trained.
+    segments : tuple of SegmentRecord
+    photos : dict of int to PhotoRecord
+        By experience id.
+    build_seconds : float
+        Of the builds since the codebook was trained.
+    """
+
+    detector: str
+    extractor: str
+    extract: ExtractSettings
+    codebook: str = ""
+    trained_for: int = 0
+    segments: tuple[SegmentRecord, ...] = ()
+    photos: dict[int, PhotoRecord] = field(default_factory=dict)
+    build_seconds: float = 0.0
+
+
+class IndexFolder:
+    """The files of one index.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.spool = folder / "spool"
+        self.manifest_path = folder / "manifest.json"
+
+    def segment_path(self, name: str) -> Path:
+        """File of a segment's features."""
+        return self.folder / f"{name}.features"
+
+    def codes_path(self, name: str, codebook: str) -> Path:
+        """File of a segment's codes."""
+        return self.folder / f"{name}-{codebook}.ivf"
+
+    def codebook_path(self, name: str) -> Path:
+        """File of a codebook."""
+        return self.folder / f"{name}.codebook"
+
+    def spool_path(self, content: str) -> Path:
+        """File of one finished photo."""
+        return self.spool / f"{content}.features"
+
+    def read_manifest(self) -> Manifest | None:
+        """Read the manifest; None when there is no index yet.
+
+        Raises
+        ------
+        IndexDamaged
+        """
+        try:
+            raw = json.loads(self.manifest_path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise self._damaged(f"cannot be read: {error}") from error
+        if raw.get("format") != FORMAT:
+            raise self._damaged(f"has format {raw.get('format')}, this program reads format {FORMAT}")
+        try:
+            return Manifest(
+                detector=raw["detector"],
+                extractor=raw["extractor"],
+                extract=ExtractSettings(**raw["extract"]),
+                codebook=raw["codebook"],
+                trained_for=raw["trained_for"],
+                segments=tuple(SegmentRecord(**s) for s in raw["segments"]),
+                photos={int(i): PhotoRecord(**p) for i, p in raw["photos"].items()},
+                build_seconds=raw["build_seconds"],
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._damaged(f"lacks or has wrong fields: {error}") from error
+
+    def _damaged(self, what: str) -> IndexDamaged:
+        return IndexDamaged(
+            f"the manifest {what}",
+            where=str(self.manifest_path),
+            hint=f"delete the folder {self.folder} and build again",
+        )
+
+    def write_manifest(self, manifest: Manifest) -> None:
+        """Replace the manifest."""
+        text = json.dumps({"format": FORMAT, **asdict(manifest)}, sort_keys=True)
+        atomic.write_text(self.manifest_path, text)
+
+    def remove_unnamed(self, manifest: Manifest) -> None:
+        """Delete finished photos and files that the manifest does not name."""
+        keep = {self.codebook_path(manifest.codebook)}
+        for segment in manifest.segments:
+            keep |= {self.segment_path(segment.name), self.codes_path(segment.name, manifest.codebook)}
+        for path in [*self.folder.iterdir(), *self.spool.glob("*")]:
+            if path.suffix in {".features", ".ivf", ".codebook", ".tmp"} and path not in keep:
+                path.unlink(missing_ok=True)
+
+    def bytes_on_disk(self) -> int:
+        """Sum the sizes of all files of the index."""
+        return sum(p.stat().st_size for p in self.folder.rglob("*") if p.is_file())
+
+
+def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
+    """Name the folder of the index with these features and settings."""
+    parts = json.dumps([FORMAT, choice.detector, choice.extractor, asdict(extract)], sort_keys=True)
+    name = choice.name.replace("+", "-")
+    return f"{name}-{hashlib.sha256(parts.encode()).hexdigest()[:8]}"
+
+
+def write_search_index(path: Path, index: Any, kind: Kind) -> str:
+    """Write a Faiss index, whole or not at all; `{hash}` in the name becomes its hash, which is returned."""
+    data = (
+        faiss.serialize_index_binary(index) if kind == "binary" else faiss.serialize_index(index)
+    ).tobytes()
+    digest = hashlib.sha256(data).hexdigest()[:16]
+    atomic.write_bytes(path.with_name(path.name.replace("{hash}", digest)), data)
+    return digest
+
+
+def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
+    """Open a Faiss index, by memory map unless it is to be changed.
+
+    Raises
+    ------
+    IndexDamaged
+    """
+    try:
+        if kind == "binary":
+            return faiss.read_index_binary(os.fspath(path), faiss.IO_FLAG_MMAP if mapped else 0)
+        return faiss.read_index(os.fspath(path), faiss.IO_FLAG_MMAP_IFC if mapped else 0)
+    except RuntimeError as error:
+        reason = str(error).splitlines()[-1]
+        raise IndexDamaged(f"cannot be read: {reason}", where=str(path)) from error

@@ -1,0 +1,47 @@
+"""One writer at a time for what lies beside a map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from webapp.errors import StorageError
+
+
+@contextmanager
+def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
+    """Hold the folder's lock; the system frees it when the process ends, however it ends.
+
+    Parameters
+    ----------
+    folder : Path
+        Is made when missing.
+    wait_s : float
+        Seconds to wait for another writer.
+
+    Raises
+    ------
+    StorageError
+        Another process is writing, or the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / "lock", timeout=wait_s)
+        lock.acquire()
+    except Timeout as error:
+        raise StorageError(
+            "another process is building this index", where=str(folder), hint="wait until it has finished"
+        ) from error
+    except OSError as error:
+        raise StorageError(
+            f"the folder cannot be written: {error.strerror}",
+            where=str(folder),
+            hint="choose a folder that you may write to with --index FOLDER",
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()

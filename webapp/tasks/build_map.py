@@ -1,0 +1,52 @@
+"""Builds the index of a map and calibrates its probabilities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.files.mapfolder import read_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks import build_index, calibrate, open_map
+from webapp.tasks.build_index import BuildReport, BuildRequest
+from webapp.tasks.index_place import index_base, index_folder
+from webapp.tasks.open_map import OpenOptions, choose_features
+
+
+@dataclass(frozen=True, slots=True)
+class MapBuildReport:
+    """What was built.
+
+    Attributes
+    ----------
+    index : BuildReport
+    features : str
+        `auto` resolved.
+    calibration_seconds : float or None
+        None where the method has no calibration, or no photo could be used.
+    """
+
+    index: BuildReport
+    features: str
+    calibration_seconds: float | None
+
+
+def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> MapBuildReport:
+    """Bring the index of a map up to date, and its calibration.
+
+    Raises
+    ------
+    MapError, UsageError, StorageError, IndexDamaged, Cancelled
+    """
+    base = index_base(cfg, options.index)
+    choice = choose_features(base, options, settings)
+    the_map = read_map(cfg)
+    folder = index_folder(base, choice, settings.extract)
+    request = BuildRequest(cfg.parent, the_map, folder, choice, options.jobs)
+    report = build_index.run(request, settings=settings, progress=progress)
+    if options.method == "vote" or not report.descriptors:
+        return MapBuildReport(report, choice.name, None)
+    opened = open_map.run(cfg, options, settings=settings, progress=progress)
+    stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    return MapBuildReport(report, choice.name, stored.seconds)

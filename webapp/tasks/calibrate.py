@@ -1,0 +1,133 @@
+"""Fits a map's probabilities on its own photos: each is hidden and looked for (leave one place out)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
+from webapp.core.hypotheses.places import spacing_px
+from webapp.core.localize.indexed import IndexedMap
+from webapp.core.localize.verified import Place, find_places
+from webapp.files import calibrationfile
+from webapp.files.calibrationfile import StoredCalibration
+from webapp.progress import Progress
+from webapp.tasks.open_map import OpenMap
+
+MOST_PHOTOS = 200
+
+_OFF_MAP_EVERY = 2
+_OFF_MAP_WEIGHT = 0.25
+"""Every second photo plays a photo from elsewhere; four of five photos are taken to be from the map."""
+
+_SAME_PLACE = 0.5
+"""Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query."""
+
+_ELSEWHERE = 4.0
+"""Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere."""
+
+_CHANGED_SHARE = 0.1
+"""A map that changed by less keeps its calibration."""
+
+_FEWEST_RADII = 10
+_COVERAGE = 0.68
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    case: Case
+    spread_px: float
+    error_px: float
+
+
+def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
+    """Take the stored calibration where it still fits the map, else make and store a new one.
+
+    Parameters
+    ----------
+    opened : OpenMap
+    map_fov_deg : float or None
+        As given for photos that do not tell theirs.
+    progress : Progress
+        One step a photo.
+
+    Raises
+    ------
+    Cancelled, StorageError
+    """
+    path = _path(opened)
+    contents = calibrationfile.prefixes([p.content for p in opened.manifest.photos.values() if p.content])
+    stored = calibrationfile.read(path)
+    if stored is not None and stored.map_fov_deg == map_fov_deg and not _changed(stored.contents, contents):
+        return stored
+    progress.note("calibrating the probabilities")
+    started = time.perf_counter()
+    calibration = calibrate(opened.indexed, progress)
+    stored = StoredCalibration(calibration, map_fov_deg, contents, time.perf_counter() - started)
+    calibrationfile.write(path, stored)
+    return stored
+
+
+def calibrate(indexed: IndexedMap, progress: Progress) -> Calibration:
+    """Fit the calibration on at most `MOST_PHOTOS` photos of the map, evenly spread over it."""
+    count = min(MOST_PHOTOS, len(indexed.ids))
+    chosen = [i * len(indexed.ids) // count for i in range(count)]
+    progress.size(count)
+    trials: list[_Trial] = []
+    for number, photo in enumerate(chosen):
+        progress.check()
+        trial = _try(indexed, photo, off_map=number % _OFF_MAP_EVERY == 1)
+        trials += [trial] if trial else []
+        progress.advance()
+    slope, offset = fit([t.case for t in trials])
+    fitted = Calibration(slope, offset, DEFAULT.radius_scale, DEFAULT.radius_floor_px, len(trials))
+    return _with_radius(fitted, trials)
+
+
+def _try(indexed: IndexedMap, photo: int, *, off_map: bool) -> _Trial | None:
+    features = indexed.features(photo)
+    if features is None:
+        return None
+    truth = indexed.position[photo]
+    apart = np.hypot(*(indexed.position - truth).T)
+    spacing = spacing_px(indexed.position) or indexed.place_radius_px
+    within = _ELSEWHERE * indexed.place_radius_px if off_map else _SAME_PLACE * spacing
+    hide = {int(i) for i in indexed.ids[apart <= within]}
+    if len(hide) == len(indexed.ids):
+        return None  # nothing of the map is left to be looked through
+    places = find_places(indexed, features, fov_deg=float(indexed.fov_deg[photo]), hide=hide).places
+    evidence = np.array([p.evidence for p in places]).reshape(-1, EVIDENCE)
+    error = np.array([_error(p, truth) for p in places])
+    case = Case(evidence, error <= indexed.place_radius_px, _OFF_MAP_WEIGHT if off_map else 1.0)
+    if not places or off_map:
+        return _Trial(case, np.nan, np.nan)
+    first = int(probabilities(evidence, DEFAULT)[0].argmax())
+    return _Trial(case, places[first].spread_px, float(error[first]) if case.right[first] else np.nan)
+
+
+def _error(place: Place, truth: NDArray[np.float64]) -> float:
+    return float(np.hypot(*(np.array(place.position) - truth)))
+
+
+def _with_radius(fitted: Calibration, trials: Sequence[_Trial]) -> Calibration:
+    """Scale the stated spreads so that the radius held the truth in 68 % of the right answers."""
+    spread = np.array([t.spread_px for t in trials])
+    error = np.array([t.error_px for t in trials])
+    right = np.isfinite(error)
+    if right.sum() < _FEWEST_RADII:
+        return fitted
+    scale = float(np.quantile(error[right] / spread[right], _COVERAGE))
+    return Calibration(fitted.slope, fitted.offset, scale, fitted.radius_floor_px, fitted.cases)
+
+
+def _changed(before: frozenset[str], now: frozenset[str]) -> bool:
+    return len(before ^ now) > _CHANGED_SHARE * max(len(before), 1)
+
+
+def _path(opened: OpenMap) -> Path:
+    return opened.folder.folder / f"calibration-{opened.method}-{opened.choice.matcher}.json"

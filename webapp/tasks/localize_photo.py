@@ -1,0 +1,136 @@
+"""Says where a photo was taken."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from webapp.core.features.extract import extract
+from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.core.hypotheses.model import Answer, FieldOfView
+from webapp.core.localize import verified, vote
+from webapp.core.mapmodel.model import Map
+from webapp.errors import PhotoError
+from webapp.files.calibrationfile import StoredCalibration
+from webapp.files.photo import read_facts, read_gray
+from webapp.settings import Settings
+from webapp.tasks.open_map import OpenMap, guessed_fov_deg
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoLocalizer:
+    """A method on an open map.
+
+    Attributes
+    ----------
+    opened : OpenMap
+    settings : Settings
+    calibration : StoredCalibration or None
+        None for a method that has none.
+    fov_deg : float or None
+        Horizontal field of view of the queries, instead of what their EXIF says.
+    """
+
+    opened: OpenMap
+    settings: Settings
+    calibration: StoredCalibration | None = None
+    fov_deg: float | None = None
+
+    def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
+        """Localize one photo.
+
+        Parameters
+        ----------
+        photo_path : Path
+        top : int
+            At most so many hypotheses.
+        hide : frozenset of int
+            Experience ids to leave out.
+
+        Raises
+        ------
+        PhotoError
+            The photo cannot be used.
+        """
+        clock = [time.perf_counter()]
+        try:
+            data = photo_path.read_bytes()
+        except OSError as error:
+            raise PhotoError(f"cannot be read: {error.strerror}", where=str(photo_path)) from error
+        limits, options = self.settings.photo, self.settings.extract
+        gray = read_gray(data, limits=limits, max_side=options.max_side_px)
+        fov = self._fov(data, gray.full_size) if self.method == "verified" else None
+        clock.append(time.perf_counter())
+        features = extract(
+            gray.pixels,
+            self.opened.choice,
+            keypoints=options.keypoints,
+            scale=gray.scale,
+            photo_size=gray.full_size,
+        )
+        clock.append(time.perf_counter())
+        if fov is None:
+            answer = vote.localize(self.opened.indexed, features, top=top, hide=hide)
+        else:
+            answer = verified.localize(
+                self.opened.indexed,
+                features,
+                fov_deg=fov.degrees,
+                calibration=self.calibration.calibration if self.calibration else DEFAULT,
+                top=top,
+                hide=hide,
+            )
+        clock.append(time.perf_counter())
+        times = {"read": clock[1] - clock[0], "extract": clock[2] - clock[1], "total": clock[3] - clock[0]}
+        if not answer.seconds:
+            times["retrieve"] = clock[3] - clock[2]
+        return replace(answer, seconds={**answer.seconds, **times}, fov=fov)
+
+    def _fov(self, data: bytes, size: tuple[int, int]) -> FieldOfView:
+        if self.fov_deg is not None:
+            return FieldOfView(self.fov_deg, "option")
+        exif = read_facts(data, limits=self.settings.photo).fov_deg
+        if exif is not None:
+            return FieldOfView(exif, "exif")
+        return FieldOfView(guessed_fov_deg(*size), "guess")
+
+    @property
+    def method(self) -> str:
+        """Name of the method."""
+        return self.opened.method
+
+    @property
+    def features(self) -> str:
+        """Name of the features, `auto` resolved."""
+        return self.opened.choice.name
+
+    @property
+    def map(self) -> Map:
+        """Where it looks."""
+        return self.opened.map
+
+    @property
+    def map_hash(self) -> str:
+        """Stands for the map's photos and positions."""
+        return self.opened.map_hash
+
+    @property
+    def place_radius_px(self) -> float:
+        """How far off a right hypothesis may be, map pixels."""
+        return self.opened.indexed.place_radius_px
+
+    @property
+    def build_seconds(self) -> float | None:
+        """Time the index took."""
+        return self.opened.manifest.build_seconds
+
+    @property
+    def calibration_seconds(self) -> float | None:
+        """Time the calibration took; None for a method that has none."""
+        return self.calibration.seconds if self.calibration else None
+
+    @property
+    def index_bytes(self) -> int:
+        """Size of the index on disk."""
+        return self.opened.folder.bytes_on_disk()

@@ -1,0 +1,209 @@
+"""Opens a map for localization: reads it, brings its index up to date, loads that by memory map."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.table import FeatureChoice, Method, choose
+from webapp.core.hypotheses.places import place_radius_px
+from webapp.core.index.bruteforce import BruteForce
+from webapp.core.index.flann import Flann
+from webapp.core.index.ivf import InvertedFile
+from webapp.core.index.segment import Segment
+from webapp.core.index.types import DescriptorSearch
+from webapp.core.localize.indexed import IndexedMap
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.errors import UsageError
+from webapp.files.featurefile import read_segment
+from webapp.files.indexstore import IndexFolder, Manifest, read_search_index
+from webapp.files.mapfolder import read_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks import build_index
+from webapp.tasks.build_index import BuildReport, BuildRequest
+from webapp.tasks.index_place import index_base, index_folder, newest_choice
+
+GUESSED_FOV_DEG = 65.0
+"""Of the longer side, where nothing is known: between a webcam (60) and a telephone (70)."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenOptions:
+    """What was asked for; None leaves the choice to the program."""
+
+    method: Method = "verified"
+    features: str = "auto"
+    detector: str | None = None
+    extractor: str | None = None
+    matcher: str | None = None
+    index: Path | None = None
+    """Folder for the indexes, instead of `derived` beside the map."""
+    jobs: int | None = None
+    map_fov_deg: float | None = None
+    """Horizontal field of view of map photos that do not tell theirs."""
+    right_within_px: float | None = None
+    """Instead of the map's own place radius."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenMap:
+    """A map ready for localization.
+
+    Attributes
+    ----------
+    cfg : Path
+    map : Map
+    method : {"vote", "verified"}
+    choice : FeatureChoice
+    folder : IndexFolder
+    manifest : Manifest
+    indexed : IndexedMap
+    built : BuildReport or None
+        When the index had to be built or brought up to date.
+    """
+
+    cfg: Path
+    map: Map
+    method: Method
+    choice: FeatureChoice
+    folder: IndexFolder
+    manifest: Manifest
+    indexed: IndexedMap
+    built: BuildReport | None
+
+    @property
+    def map_hash(self) -> str:
+        """Stands for the map's photos and positions, 16 hexadecimal characters."""
+        photos = [[e.id, self.manifest.photos[e.id].content, *e.position] for e in self.map.experiences]
+        return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
+
+
+def choose_features(base: Path, options: OpenOptions, settings: Settings) -> FeatureChoice:
+    """Resolve what was asked for; `auto` takes the newest index that is there.
+
+    Raises
+    ------
+    UsageError
+        The combination cannot work.
+    """
+    if options.features == "auto" and options.detector is None and options.extractor is None:
+        return newest_choice(base, settings.extract, method=options.method, matcher=options.matcher)
+    return choose(
+        options.method,
+        features=options.features,
+        detector=options.detector,
+        extractor=options.extractor,
+        matcher=options.matcher,
+    )
+
+
+def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> OpenMap:
+    """Open a map.
+
+    Raises
+    ------
+    MapError, UsageError, StorageError, IndexDamaged, Cancelled
+    """
+    base = index_base(cfg, options.index)
+    choice = choose_features(base, options, settings)
+    the_map = read_map(cfg)
+    if not the_map.experiences:
+        raise UsageError("the map has no photos", where=str(cfg), hint="place photos on it first")
+    folder = IndexFolder(index_folder(base, choice, settings.extract))
+    manifest, built = folder.read_manifest(), None
+    if manifest is None or not _current(the_map, manifest, cfg.parent):
+        progress.note("building the index" if manifest is None else "the map has changed: updating its index")
+        request = BuildRequest(cfg.parent, the_map, folder.folder, choice, options.jobs)
+        built = build_index.run(request, settings=settings, progress=progress)
+        manifest = folder.read_manifest()
+    if manifest is None or not manifest.segments:
+        raise UsageError(
+            "no photo of the map has features to recognise it by",
+            where=str(cfg),
+            hint="run expmap map check on it",
+        )
+    indexed = _load(the_map, folder, manifest, choice=choice, options=options)
+    return OpenMap(cfg, the_map, options.method, choice, folder, manifest, indexed, built)
+
+
+def _current(the_map: Map, manifest: Manifest, map_folder: Path) -> bool:
+    if manifest.photos.keys() != {e.id for e in the_map.experiences}:
+        return False
+    return all(
+        build_index.is_current(e, manifest, map_folder) or _still_failing(e, manifest, map_folder)
+        for e in the_map.experiences
+    )
+
+
+def _still_failing(experience: Experience, manifest: Manifest, map_folder: Path) -> bool:
+    """Tell whether a photo that could not be used is still the same file, or still missing."""
+    record = manifest.photos[experience.id]
+    if not record.error or record.photo != experience.photo:
+        return False
+    try:
+        stat = (map_folder / experience.photo).stat()
+    except OSError:
+        return record.mtime_ns == 0
+    return (record.bytes, record.mtime_ns) == (stat.st_size, stat.st_mtime_ns)
+
+
+def _load(
+    the_map: Map, folder: IndexFolder, manifest: Manifest, *, choice: FeatureChoice, options: OpenOptions
+) -> IndexedMap:
+    segments = [read_segment(folder.segment_path(s.name)) for s in manifest.segments]
+    contents = [c for s in segments for c in s.content]
+    number = {manifest.photos[e.id].content: i for i, e in reversed([*enumerate(the_map.experiences)])}
+    position = np.array([e.position for e in the_map.experiences], np.float64).reshape(-1, 2)
+    photo_of_entry = np.array([number.get(c, -1) for c in contents], np.int64)
+    radius = options.right_within_px or place_radius_px(
+        position, width=the_map.satellite.width, height=the_map.satellite.height
+    )
+    return IndexedMap(
+        ids=np.array([e.id for e in the_map.experiences], np.int64),
+        position=position,
+        fov_deg=_fields_of_view(the_map, segments, photo_of_entry, given=options.map_fov_deg),
+        segments=segments,
+        photo_of_entry=photo_of_entry,
+        search=_search(folder, manifest, segments, choice=choice),
+        place_radius_px=radius,
+    )
+
+
+def _search(
+    folder: IndexFolder, manifest: Manifest, segments: list[Segment], *, choice: FeatureChoice
+) -> DescriptorSearch:
+    if choice.matcher == "ivf":
+        paths = [folder.codes_path(s.name, manifest.codebook) for s in manifest.segments]
+        return InvertedFile([read_search_index(p, choice.kind) for p in paths])
+    descriptors = [s.descriptors for s in segments]
+    if choice.matcher == "flann":
+        return Flann(descriptors, choice.kind)
+    return BruteForce(descriptors, choice.matcher)
+
+
+def _fields_of_view(
+    the_map: Map, segments: list[Segment], photo_of_entry: NDArray[np.int64], *, given: float | None
+) -> NDArray[np.float64]:
+    """Field of view of each photo: from the map, from its EXIF, as given, or guessed."""
+    fov = np.array([math.nan if e.fov_deg is None else e.fov_deg for e in the_map.experiences])
+    exif = np.concatenate([s.fov_deg for s in segments])
+    size = np.concatenate([s.photo_size for s in segments])
+    for entry, photo in enumerate(photo_of_entry):
+        if photo >= 0 and math.isnan(fov[photo]):
+            width, height = size[entry]
+            guess = given or guessed_fov_deg(int(width), int(height))
+            fov[photo] = guess if math.isnan(exif[entry]) else exif[entry]
+    return fov
+
+
+def guessed_fov_deg(width: int, height: int) -> float:
+    """Guess the horizontal field of view of a photo from its shape alone."""
+    focal = max(width, height) / 2.0 / math.tan(math.radians(GUESSED_FOV_DEG) / 2.0)
+    return math.degrees(2.0 * math.atan(width / 2.0 / focal))
