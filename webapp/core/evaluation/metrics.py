@@ -211,3 +211,16 @@ def bootstrap_interval(
         return None
     low, high = np.percentile(figures, [2.5, 97.5])
     return float(low), float(high)
+
+
+def wilson_interval(share: float, count: int) -> Interval:
+    """95 % interval of a share that was seen in `count` trials.
+
+    References
+    ----------
+    E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927).
+    """
+    z2 = 1.96**2
+    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
+    half = 1.96 * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2)) / (1 + z2 / count)
+    return float(max(0.0, middle - half)), float(min(1.0, middle + half))

@@ -1,0 +1,139 @@
+"""Small charts as SVG for the report; the page's style sheet gives them their colours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+
+from webapp.core.evaluation.metrics import error_curve, wilson_interval
+from webapp.core.evaluation.types import ReliabilityBin
+
+WIDTH, HEIGHT = 520, 340
+_LEFT, _RIGHT, _TOP, _BOTTOM = 64, 28, 14, 48
+_DOT = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis of a chart.
+
+    Attributes
+    ----------
+    label : str
+    ticks : tuple of (float, str)
+        Values and what is written at them; the first and the last are the ends of the axis.
+    log : bool
+    """
+
+    label: str
+    ticks: tuple[tuple[float, str], ...]
+    log: bool = False
+
+    def fraction(self, value: float) -> float:
+        """Where a value lies between the ends, 0 to 1; values outside are moved to the nearer end."""
+        low, high = self.ticks[0][0], self.ticks[-1][0]
+        at = min(max(value, low), high)
+        if self.log:
+            return math.log(at / low) / math.log(high / low)
+        return (at - low) / (high - low)
+
+
+SHARE = tuple((percent / 100, f"{percent} %") for percent in (0, 25, 50, 75, 100))
+
+
+def error_chart(errors: NDArray[np.float64], *, place_radius_px: float) -> Markup:
+    """Share of the queries with at most a given error, over the error on a logarithmic axis.
+
+    Parameters
+    ----------
+    errors : (n,) float64
+        Of the first hypotheses, map pixels; infinite without a hypothesis.
+    place_radius_px : float
+        Marked by a line.
+
+    Returns
+    -------
+    Markup
+        An SVG element.
+    """
+    values, shares = error_curve(errors)
+    largest = max(float(values[-1]) if values.size else 1.0, place_radius_px, 100.0)
+    decades = math.ceil(math.log10(largest))
+    ticks = tuple((10.0**i, f"{10**i}") for i in range(decades + 1))
+    x, y = Axis("error of the first hypothesis, map pixels", ticks, log=True), Axis("queries", SHARE)
+    steps = [f"M{_x(x, 1)} {_y(y, 0)}"]
+    for value, share in zip(values, shares, strict=True):
+        steps.append(f"H{_x(x, float(value))}V{_y(y, float(share))}")
+    steps.append(f"H{_x(x, ticks[-1][0])}")
+    at = _x(x, place_radius_px)
+    body = (
+        Markup('<path class="guide" d="M{0} {1}V{2}"/>').format(at, _TOP, HEIGHT - _BOTTOM)
+        + Markup('<text class="note" x="{0}" y="{1}">place radius</text>').format(
+            at + 6, HEIGHT - _BOTTOM - 8
+        )
+        + Markup('<path class="curve" d="{0}"/>').format("".join(steps))
+    )
+    return _chart((x, y), body, title="Error curve: share of queries with at most this error")
+
+
+def reliability_chart(bins: Sequence[ReliabilityBin]) -> Markup:
+    """Share of right answers over stated probability, in bins of equal mass with 95 % intervals.
+
+    Parameters
+    ----------
+    bins : sequence of ReliabilityBin
+
+    Returns
+    -------
+    Markup
+        An SVG element.
+    """
+    x = Axis("stated probability of the first hypothesis", SHARE)
+    y = Axis("of these right", SHARE)
+    diagonal = Markup('<path class="guide" d="M{0} {1}L{2} {3}"/>')
+    body = diagonal.format(_x(x, 0), _y(y, 0), _x(x, 1), _y(y, 1))
+    body += Markup('<text class="note end" x="{0}" y="{1}">as sure as right</text>').format(
+        _x(x, 0.98), _y(y, 0.68)
+    )
+    for one in bins:
+        low, high = wilson_interval(one.right, one.count)
+        at = _x(x, one.probability)
+        words = f"{one.count} queries: {one.probability:.0%} stated, {one.right:.0%} right"
+        body += Markup(
+            '<g><title>{0}</title><path class="whisker" d="M{1} {2}V{3}"/>'
+            '<circle class="dot" cx="{1}" cy="{4}" r="{5}"/></g>'
+        ).format(words, at, _y(y, low), _y(y, high), _y(y, one.right), _DOT)
+    return _chart((x, y), body, title="Reliability: share of right answers over stated probability")
+
+
+def _chart(axes: tuple[Axis, Axis], body: Markup, *, title: str) -> Markup:
+    x, y = axes
+    right, bottom = WIDTH - _RIGHT, HEIGHT - _BOTTOM
+    grid = Markup("")
+    for value, words in y.ticks:
+        at = _y(y, value)
+        grid += Markup('<path class="grid" d="M{0} {1}H{2}"/>').format(_LEFT, at, right)
+        grid += Markup('<text class="tick end" x="{0}" y="{1}">{2}</text>').format(_LEFT - 8, at + 4, words)
+    for value, words in x.ticks:
+        at = _x(x, value)
+        grid += Markup('<path class="grid" d="M{0} {1}V{2}"/>').format(at, _TOP, bottom)
+        grid += Markup('<text class="tick middle" x="{0}" y="{1}">{2}</text>').format(at, bottom + 18, words)
+    labels = Markup('<text class="label middle" x="{0}" y="{1}">{2}</text>').format(
+        (_LEFT + right) / 2, HEIGHT - 8, x.label
+    )
+    return Markup(
+        '<svg class="chart" viewBox="0 0 {0} {1}" role="img" aria-label="{2}">{3}{4}{5}</svg>'
+    ).format(WIDTH, HEIGHT, escape(f"{title} (vertical axis: {y.label})"), grid, labels, body)
+
+
+def _x(axis: Axis, value: float) -> float:
+    return round(_LEFT + axis.fraction(value) * (WIDTH - _LEFT - _RIGHT), 1)
+
+
+def _y(axis: Axis, value: float) -> float:
+    return round(HEIGHT - _BOTTOM - axis.fraction(value) * (HEIGHT - _TOP - _BOTTOM), 1)

@@ -1,0 +1,99 @@
+"""Writes an evaluation into a folder: the report, the tables, the poses."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+from PIL import Image
+
+from webapp.core.evaluation.rows import Row
+from webapp.errors import StorageError
+from webapp.files import tum
+from webapp.files.atomic import write_text
+from webapp.files.photo import read_upright
+from webapp.render.map_picture import draw_map
+from webapp.render.match_picture import draw_matches
+from webapp.render.report import Pictured, render_report
+from webapp.render.results_table import results_csv
+from webapp.settings import PhotoLimits
+from webapp.tasks.evaluate import to_json
+from webapp.tasks.evaluation_poses import trajectories
+from webapp.tasks.evaluation_types import Evaluation
+
+WORST = 8
+"""Queries that the report shows with pictures."""
+
+JPEG_QUALITY = 80
+
+
+def write(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: int = WORST) -> None:
+    """Write `report.html`, `results.csv`, `results.json`, `estimate.tum` and `truth.tum`.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    folder : Path
+        Made when it is missing; files of these names are replaced.
+    limits : PhotoLimits
+        For the photos in the report.
+    worst : int
+        How many queries the report shows with pictures.
+
+    Raises
+    ------
+    StorageError
+        The folder or a file in it cannot be written.
+    PhotoError
+        A photo that was localized, or the map's image, cannot be read any more.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(folder)) from error
+    shown = pictured(evaluation, worst_rows(evaluation.rows, worst), limits=limits)
+    write_text(folder / "report.html", render_report(evaluation, worst=shown))
+    write_text(folder / "results.csv", results_csv(evaluation.rows))
+    write_text(folder / "results.json", json.dumps(to_json(evaluation), indent=1, allow_nan=False) + "\n")
+    poses = trajectories(evaluation.results, evaluation.subject.map)
+    for name, trajectory in (("estimate", poses.estimate), ("truth", poses.truth)):
+        tum.write(
+            folder / f"{name}.tum", trajectory, remarks=[poses.frame, "the timestamp counts the queries"]
+        )
+
+
+def worst_rows(rows: list[Row], count: int) -> list[Row]:
+    """Choose the queries that have a hypothesis and the largest error, the worst first."""
+    known = [(row.first_px, row) for row in rows if row.first_px is not None]
+    return [row for _, row in sorted(known, key=lambda pair: -pair[0])[:count]]
+
+
+def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) -> list[Pictured]:
+    """Draw the map picture and the match picture of each row that has a hypothesis."""
+    subject = evaluation.subject
+    photos = {e.id: e.photo for e in subject.map.experiences}
+    satellite = read_upright(subject.map_folder / subject.map.satellite.path, limits=limits)
+    shown = []
+    for row in rows:
+        answer = row.result.answer
+        if answer is None:
+            continue
+        match = None
+        for evidence in answer.evidence[:1]:
+            match = draw_matches(
+                read_upright(evaluation.query_folder / row.result.path, limits=limits),
+                read_upright(subject.map_folder / photos[evidence.experience], limits=limits),
+                evidence=evidence,
+                query_name=row.result.path,
+                photo_name=photos[evidence.experience],
+            )
+        where = draw_map(satellite, subject.map, answer=answer, truth=row.result.truth)
+        shown.append(Pictured(row, _jpeg(where), None if match is None else _jpeg(match)))
+    return shown
+
+
+def _jpeg(image: Image.Image) -> bytes:
+    data = io.BytesIO()
+    image.save(data, "JPEG", quality=JPEG_QUALITY, optimize=True)
+    return data.getvalue()

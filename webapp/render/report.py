@@ -1,0 +1,151 @@
+"""The report of an evaluation: one HTML file with everything in it."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from webapp.core.evaluation.metrics import GRADES
+from webapp.core.evaluation.rows import Row
+from webapp.core.evaluation.summary import WITHIN_PX, outcomes
+from webapp.render.charts import error_chart, reliability_chart
+from webapp.resources import resource_folder
+from webapp.tasks.evaluation_types import Evaluation
+
+UNKNOWN = "–"
+
+
+@dataclass(frozen=True, slots=True)
+class Pictured:
+    """A query with its pictures.
+
+    Attributes
+    ----------
+    row : Row
+    map_jpeg : bytes
+    match_jpeg : bytes or None
+        None where no match speaks for the hypothesis.
+    """
+
+    row: Row
+    map_jpeg: bytes
+    match_jpeg: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A line of the table of figures."""
+
+    name: str
+    words: str
+    value: str
+    interval: str
+
+
+def render_report(evaluation: Evaluation, *, worst: Sequence[Pictured]) -> str:
+    """Write the report of an evaluation.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    worst : sequence of Pictured
+        The queries to show, the worst first.
+
+    Returns
+    -------
+    str
+        HTML that needs no other file and no network.
+    """
+    subject, summary = evaluation.subject, evaluation.summary
+    environment = Environment(
+        loader=FileSystemLoader(resource_folder("templates")),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(number=number, percent=percent, distance=distance, data_uri=data_uri)
+    return environment.get_template("report/report.html").render(
+        evaluation=evaluation,
+        subject=subject,
+        summary=summary,
+        title=subject.map_folder.resolve().name,
+        figures={figure.name: figure for figure in figures(evaluation)},
+        grades=[(word, limit * subject.place_radius_px) for word, limit in GRADES],
+        rows=evaluation.rows,
+        metres=subject.map.georeference is not None,
+        error_chart=error_chart(outcomes(evaluation.results).errors, place_radius_px=subject.place_radius_px),
+        reliability_chart=reliability_chart(summary.reliability),
+        worst=worst,
+    )
+
+
+def figures(evaluation: Evaluation) -> list[Figure]:
+    """Give every figure with its name in JSON, words, value and 95 % interval, ready to print."""
+    subject, s = evaluation.subject, evaluation.summary
+    shares = {
+        **{f"within_{r}px": (f"within {r} px", s.within[r]) for r in WITHIN_PX},
+        "top5_within_50px": ("one of the first five within 50 px", s.top5_within_50px),
+        "answered_at_99_precision": ("answered when 99 % must be right", s.answered_at_99_precision),
+        "radius_coverage": ("right answers within their 68 % radius", s.radius_coverage),
+    }
+    plain = {
+        "ece": ("calibration error", number(s.ece, 3)),
+        "seconds_per_query_p50": ("time per query, median", _unit(number(s.seconds_per_query_p50, 3), "s")),
+        "seconds_per_query_p95": ("time per query, 95 %", _unit(number(s.seconds_per_query_p95, 3), "s")),
+        "extract_seconds_p50": ("of it keypoints", _unit(number(s.extract_seconds_p50, 3), "s")),
+        "match_seconds_p50": ("of it matching and geometry", _unit(number(s.match_seconds_p50, 3), "s")),
+        "build_seconds": ("time to build the index", _unit(number(subject.build_seconds, 1), "s")),
+        "calibration_seconds": ("time to calibrate", _unit(number(subject.calibration_seconds, 1), "s")),
+        "index_bytes": ("size of the index", _unit(number(subject.index_bytes / 1e6, 1), "MB")),
+        "peak_rss_mb": ("largest memory", _unit(number(evaluation.peak_rss_mb, 0), "MiB")),
+        "queries": ("queries", str(s.queries)),
+        "failed": ("photos that could not be used", str(s.failed)),
+        "abstained": ("answered “not on this map”", str(s.abstained)),
+    }
+    lines = [
+        Figure(
+            "median_px", "median error", _unit(number(s.median_px, 1), "px"), _range(evaluation, "median_px")
+        ),
+        Figure("mean_px", "mean error", _unit(number(s.mean_px, 1), "px"), _range(evaluation, "mean_px")),
+    ]
+    lines += [Figure(k, w, percent(v), _range(evaluation, k, share=True)) for k, (w, v) in shares.items()]
+    lines += [Figure(k, w, v, _range(evaluation, k, digits=3)) for k, (w, v) in plain.items()]
+    return lines
+
+
+def number(value: float | None, digits: int = 1) -> str:
+    """Write a number with so many decimals; a dash for what is unknown."""
+    return UNKNOWN if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+
+
+def percent(share: float | None) -> str:
+    """Write a share as a percentage; a dash for what is unknown."""
+    return UNKNOWN if share is None else f"{100 * share:.1f} %"
+
+
+def distance(value: float | None) -> str:
+    """Write a distance of descriptors, whose size depends on their kind, with about four digits."""
+    size = abs(value or 0.0)
+    return number(value, 0 if size >= 1000 else 1 if size >= 10 else 3)
+
+
+def data_uri(jpeg: bytes) -> str:
+    """Put a JPEG into an address, so that the page needs no other file."""
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")
+
+
+def _unit(text: str, unit: str) -> str:
+    return text if text == UNKNOWN else f"{text} {unit}"
+
+
+def _range(evaluation: Evaluation, name: str, *, share: bool = False, digits: int = 1) -> str:
+    interval = evaluation.summary.intervals.get(name)
+    if interval is None:
+        return ""
+    low, high = (percent(v) if share else number(v, digits) for v in interval)
+    return f"{low.removesuffix(' %')} to {high}"
