@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 EYE_HEIGHT_M = 1.6
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Camera:
     """A pinhole camera without distortion and without roll.
 
@@ -35,18 +36,18 @@ class Camera:
     height: int
     pitch_deg: float = 0.0
 
-    @property
+    @cached_property
     def focal_px(self) -> float:
         """Focal length, pixels."""
         return float(self.width / 2 / np.tan(np.radians(self.fov_deg) / 2))
 
-    @property
+    @cached_property
     def intrinsics(self) -> NDArray[np.float64]:
         """The (3, 3) matrix from camera coordinates to pixels; pixel centres are whole numbers."""
         focal = self.focal_px
         return np.array([[focal, 0, (self.width - 1) / 2], [0, focal, (self.height - 1) / 2], [0, 0, 1]])
 
-    @property
+    @cached_property
     def camera_from_world(self) -> NDArray[np.float64]:
         """The (3, 3) rotation from east, north, up to right, down, forward."""
         heading, pitch = np.radians(self.heading_deg), np.radians(self.pitch_deg)

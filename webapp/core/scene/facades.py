@@ -55,7 +55,7 @@ def front(
         decoration.mural(rng, wall)
     else:
         decoration.ivy(rng, wall)
-    for gap in rng.permutation(columns - 1)[: int(rng.integers(1, 4))]:
+    for gap in () if painted else rng.permutation(columns - 1)[: int(rng.integers(1, 4))]:
         decoration.poster(rng, wall, middle=round((int(gap) + 1) * width / columns))
     decoration.drainpipe(rng, wall)
     return wall

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -16,7 +15,13 @@ from webapp.core.scene.raster import NEAR_M, Frame
 
 _TONES = np.array([0.62, 0.82, 1.0, 1.2], np.float32)
 _SIDES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
-_VARIANTS = 6
+_VARIANTS = 8
+
+Sprite = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+"""Rows and columns (from the centre) and tones of the pixels that are leaf."""
+
+Leaves = tuple[tuple[Sprite, ...], ...]
+"""Pictures of clumps: for each size in `_SIDES`, some variants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +70,7 @@ def _crown(rng: np.random.Generator, tree: Tree, number: int) -> Foliage:
     inside = np.where(rng.random(count) < 0.18, rng.uniform(0.35, 0.7, count), 0.0)
     lobes = rng.standard_normal((5, 3))
     lobes /= np.linalg.norm(lobes, axis=1, keepdims=True)
-    bulge = 0.74 + 0.24 * np.clip(direction @ lobes.T, 0, 1).max(axis=1) + rng.normal(0, 0.05, count)
+    bulge = 0.66 + 0.36 * np.clip(direction @ lobes.T, 0, 1).max(axis=1) ** 2 + rng.normal(0, 0.07, count)
     reach = bulge * (1 - inside)
     base = {"bush": 0.0, "flowers": 0.0, "conifer": 0.09, "birch": 0.28}.get(tree.kind, 0.27) * tree.height
     half = (tree.height - base) / 2
@@ -99,10 +104,8 @@ def _crown(rng: np.random.Generator, tree: Tree, number: int) -> Foliage:
     )
 
 
-@lru_cache(maxsize=1)
-def _sprites() -> tuple[tuple[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]], ...], ...]:
-    """For each side and variant: rows, columns (from the centre) and tones of the pixels that are leaf."""
-    rng = np.random.default_rng(20130523)  # the same leaves in every park
+def cut_leaves(rng: np.random.Generator) -> Leaves:
+    """Paint the clumps of a park at all sizes."""
     pictures = [_leaves(rng) for _ in range(_VARIANTS)]
     table = []
     for side in _SIDES:
@@ -124,18 +127,20 @@ def _leaves(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.f
     """Paint one clump: where there is leaf (0 or 1), and how bright it is (0-1)."""
     side = 192
     mask, tone = np.zeros((side, side), np.float32), np.full((side, side), 0.2, np.float32)
-    for number in range(90):
+    for number in range(110):
         angle, away = rng.uniform(0, 2 * np.pi), side * 0.40 * np.sqrt(rng.random())
         centre = (round(side / 2 + away * np.cos(angle)), round(side / 2 + away * np.sin(angle)))
         axes = (int(rng.integers(9, 19)), int(rng.integers(5, 10)))
         turn = float(np.degrees(angle) + rng.normal(0, 50))
-        bright = float(np.clip(0.15 + 0.6 * number / 90 + rng.normal(0, 0.16), 0, 0.99))
+        bright = float(np.clip(0.15 + 0.6 * number / 110 + rng.normal(0, 0.16), 0, 0.99))
         cv2.ellipse(mask, centre, axes, turn, 0, 360, 1.0, -1)
         cv2.ellipse(tone, centre, axes, turn, 0, 360, bright, -1)
     return mask, tone
 
 
-def draw_foliage(frame: Frame, camera: Camera, foliage: Foliage, *, sun: NDArray[np.float32]) -> None:
+def draw_foliage(
+    frame: Frame, camera: Camera, foliage: Foliage, *, leaves: Leaves, sun: NDArray[np.float32]
+) -> None:
     """Draw all clumps that are nearer than what is drawn already.
 
     Parameters
@@ -144,6 +149,7 @@ def draw_foliage(frame: Frame, camera: Camera, foliage: Foliage, *, sun: NDArray
         Changed.
     camera : Camera
     foliage : Foliage
+    leaves : Leaves
     sun : (n,) float32
         Share of the sun's light on each clump.
     """
@@ -165,7 +171,7 @@ def draw_foliage(frame: Frame, camera: Camera, foliage: Foliage, *, sun: NDArray
     middle = np.rint(pixels[order]).astype(np.int32)
     near, lit = depth[order].astype(np.float32), sun[order]
     variant = order % _VARIANTS
-    for size, variants in enumerate(_sprites()):
+    for size, variants in enumerate(leaves):
         for number, sprite in enumerate(variants):
             batch = np.nonzero((sizes == size) & (variant == number))[0].astype(np.int32)
             if batch.size:
@@ -174,7 +180,7 @@ def draw_foliage(frame: Frame, camera: Camera, foliage: Foliage, *, sun: NDArray
 
 def _stamp(
     frame: Frame,
-    sprite: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]],
+    sprite: Sprite,
     *,
     batch: NDArray[np.int32],
     at: tuple[NDArray[np.int32], NDArray[np.float32]],

@@ -33,8 +33,8 @@ class Ground:
         The park and `BORDER_M` around it.
     country : Quad
         What lies around, just below, coarse.
-    detail : (512, 512, 4) uint8
-        Repeating brightness (128 leaves it as it is) seen from near: grass, gravel, waves, unused.
+    detail : (3, 512, 512) uint8
+        Repeating brightness (128 leaves it as it is) seen from near: grass, gravel, waves.
     """
 
     park: Quad
@@ -68,7 +68,9 @@ def lawn(rng: np.random.Generator, shape: tuple[int, int], metres_per_pixel: flo
     tone = 1 + 0.10 * fractal(rng, shape, 9 / metres_per_pixel, octaves=7)
     grass = np.dstack([tint((104, 128, 62), tone), np.full(shape, GRASS, np.uint8)])
     dry = np.clip(fractal(rng, shape, 14 / metres_per_pixel, octaves=5) - 0.25, 0, 0.7)[..., None]
-    grass[..., :3] = (grass[..., :3] * (1 - dry) + dry * np.array([150, 140, 84])).astype(np.uint8)
+    grass[..., :3] = (grass[..., :3] * (1 - dry) + dry * np.array([150, 140, 84], np.float32)).astype(
+        np.uint8
+    )
     return grass
 
 
@@ -152,19 +154,20 @@ def _square(rng: np.random.Generator, picture: NDArray[np.uint8], plan: Plan) ->
 
 
 def _pond(picture: NDArray[np.uint8], plan: Plan, *, rough: NDArray[np.float32]) -> None:
-    mask = np.zeros(picture.shape[:2], np.uint8)
-    cv2.fillPoly(mask, [pixels(plan.pond)], 255)
-    near = cv2.GaussianBlur(mask, (0, 0), 14).astype(np.float32) / 255
+    outline = pixels(plan.pond)
+    (left, top), (right, bottom) = outline.min(axis=0) - 50, outline.max(axis=0) + 50
+    part, rough = picture[top:bottom, left:right], rough[top:bottom, left:right]
+    mask = np.zeros(part.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [outline - np.array([left, top], np.int32)], 255)
+    near = cv2.GaussianBlur(mask, (0, 0), 12).astype(np.float32) / 255
     shore = near + 0.05 * rough > 0.28
     stone = np.clip(0.95 + 0.25 * rough[shore], 0.5, 1.3)[:, None] * np.array([138, 130, 112])
-    picture[shore, :3] = np.clip(stone, 0, 255).astype(np.uint8)
-    picture[shore, 3] = PAVED
+    part[shore, :3] = np.clip(stone, 0, 255).astype(np.uint8)
+    part[shore, 3] = PAVED
     water = near + 0.012 * rough > 0.47
     deep = np.clip((near[water] - 0.4) / 0.5, 0, 1)[:, None]
-    picture[water, :3] = ((1 - deep) * np.array([92, 106, 84]) + deep * np.array([50, 76, 80])).astype(
-        np.uint8
-    )
-    picture[water, 3] = WATER
+    part[water, :3] = ((1 - deep) * np.array([92, 106, 84]) + deep * np.array([50, 76, 80])).astype(np.uint8)
+    part[water, 3] = WATER
 
 
 def _detail(rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -172,5 +175,5 @@ def _detail(rng: np.random.Generator) -> NDArray[np.uint8]:
     blades = 128 * (1 + 0.34 * fractal(rng, shape, 5, octaves=2, tiling=True))
     stones = 128 * (1 + 0.24 * fractal(rng, shape, 3.5, octaves=2, tiling=True))
     waves = 128 * (1 + 0.16 * fractal(rng, shape, 60, octaves=4, tiling=True))
-    layers = np.dstack([blades, stones, waves, np.full(shape, 128.0)])
+    layers = np.stack([blades, stones, waves])
     return np.asarray(np.clip(layers, 0, 255), np.uint8)

@@ -107,8 +107,8 @@ def draw_plan(rng: np.random.Generator) -> Plan:
     """Draw the layout of a park by lot."""
     loop = _loop(rng)
     link, square = _link(rng, loop)
-    pond = _pond(rng, square)
     paths = np.concatenate([loop, link])
+    pond = _pond(rng, paths, square)
     buildings = _buildings(rng, paths, pond, square=square)
     plan = Plan(loop, link, square, 6.0, pond, buildings, ())
     trees = (*_trees(rng, plan), *_flowers(rng, plan))
@@ -150,9 +150,12 @@ def _link(
     return evenly(curve, 0.5), square
 
 
-def _pond(rng: np.random.Generator, square: NDArray[np.float64]) -> NDArray[np.float64]:
-    side = -1.0 if square[0] > _CENTRE[0] else 1.0
-    centre = square + np.array([side * rng.uniform(17, 20), rng.uniform(-4, 4)])
+def _pond(
+    rng: np.random.Generator, paths: NDArray[np.float64], square: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    spots = _CENTRE + rng.uniform(-1, 1, (400, 2)) * (26, 15)
+    room = np.minimum(nearest(spots, paths) - 11, np.linalg.norm(spots - square, axis=1) - 18)
+    centre = spots[np.argmax(room > 0) if (room > 0).any() else room.argmax()]
     angle = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     radius = 6.5 * (1 + 0.16 * np.sin(2 * angle + rng.uniform(0, 6)) + 0.08 * np.sin(3 * angle))
     return np.asarray(centre + np.stack([1.25 * np.cos(angle), np.sin(angle)], 1) * radius[:, None])

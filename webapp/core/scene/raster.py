@@ -135,10 +135,9 @@ def hit_quad(frame: Frame, camera: Camera, quad: Quad) -> Hits | None:
     if abs(np.linalg.det(axes)) < 1e-9:
         return None
     quad_from_pixel = np.linalg.inv(camera.intrinsics @ axes)
-    x, y = np.arange(left, right, dtype=np.float64), np.arange(top, bottom, dtype=np.float64)[:, None]
-    u, v, w = (
-        (row[0] * x + (row[1] * y + row[2])).astype(np.float32) for row in quad_from_pixel
-    )  # u and v are still to be divided by w, which is one over the depth
+    x, y = np.arange(left, right, dtype=np.float32), np.arange(top, bottom, dtype=np.float32)[:, None]
+    u, v, w = (row[0] * x + (row[1] * y + row[2]) for row in quad_from_pixel.astype(np.float32))
+    # u and v are still to be divided by w, which is one over the depth
     nearer = np.float32(1) / frame.depth[top:bottom, left:right]
     seen = (u >= 0) & (v >= 0) & (u <= w) & (v <= w) & (w > nearer)
     rows, columns = np.nonzero(seen)
@@ -179,8 +178,19 @@ def look_up(image: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.floa
     return np.ascontiguousarray(pixels).view(np.uint32).ravel()
 
 
-def remap(image: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Read a picture between its pixels at (n,) positions; edges are continued. Returns (n, channels)."""
+def remap(
+    image: NDArray[np.uint8],
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    *,
+    border: int = cv2.BORDER_REPLICATE,
+) -> NDArray[np.uint8]:
+    """Read a picture between its pixels at (n,) positions, and beyond its edges as `border` says.
+
+    Returns
+    -------
+    (n, channels) uint8
+    """
     side = 512  # OpenCV wants rows shorter than 2^15
     rows = -(-x.size // side)
     maps = np.zeros((2, rows * side), np.float32)
@@ -190,7 +200,7 @@ def remap(image: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float3
         maps[0].reshape(rows, side),
         maps[1].reshape(rows, side),
         cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
+        borderMode=border,
     )
     return np.asarray(found, np.uint8).reshape(rows * side, -1)[: x.size]
 
@@ -225,7 +235,7 @@ def _bounding_box(camera: Camera, quad: Quad) -> tuple[int, int, int, int] | Non
     )
     local = camera.to_camera(corners)
     polygon = []
-    for here, following in zip(local, np.roll(local, -1, axis=0), strict=True):
+    for here, following in zip(local, local[[1, 2, 3, 0]], strict=True):
         if here[2] >= NEAR_M:
             polygon.append(here)
         if (here[2] >= NEAR_M) != (following[2] >= NEAR_M):  # the edge crosses the near plane

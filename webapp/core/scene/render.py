@@ -14,7 +14,7 @@ from webapp.core.scene.stage import Stage, shadow_pixels
 
 _HAZE_M, _HAZE_TOP_M = 420.0, 25.0
 _DETAIL_REACH_M = 22.0
-_OVERSAMPLING = 1.5
+_OVERSAMPLING = 1.25
 
 
 def render(stage: Stage, camera: Camera, rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -38,7 +38,7 @@ def render(stage: Stage, camera: Camera, rng: np.random.Generator) -> NDArray[np
         draw_quad(frame, large, stage.world.quads[number], sun=float(stage.quad_sun[number]))
     draw_ground(frame, large, stage, quad=stage.ground.park)
     draw_ground(frame, large, stage, quad=stage.ground.country)
-    draw_foliage(frame, large, stage.foliage, sun=stage.foliage_sun)
+    draw_foliage(frame, large, stage.foliage, leaves=stage.world.leaves, sun=stage.foliage_sun)
     return _develop(_lit(frame, camera, stage), stage, rng)
 
 
@@ -87,8 +87,7 @@ def draw_ground(frame: Frame, camera: Camera, stage: Stage, *, quad: Quad) -> No
         mirror = (0.06 + 0.72 * (1 - rise) ** 3)[:, None]
         sky = np.sqrt(np.clip(stage.light.horizon, 0, 1)) * (176, 196, 208)
         pixels[wet, :3] = (pixels[wet, :3] * (1 - mirror) + sky * mirror).astype(np.uint8)
-    at = shadow_pixels(np.stack([east, north], axis=1)).astype(np.float32)
-    sunny = remap(stage.shadow, at[:, 0], at[:, 1])[:, 0].astype(np.float32) / 255
+    sunny = remap(stage.shadow, *shadow_pixels(east, north))[:, 0].astype(np.float32) / 255
     frame.colour.reshape(-1)[hits.index] = pixels.view(np.uint32).ravel()
     frame.depth.reshape(-1)[hits.index] = hits.depth
     frame.sun.reshape(-1)[hits.index] = sunny * np.float32(stage.light.to_sun[2])
@@ -98,15 +97,16 @@ def _detail(
     stage: Stage, east: NDArray[np.float32], north: NDArray[np.float32], *, kind: NDArray[np.uint8]
 ) -> NDArray[np.float32]:
     """Brightness of the fine structure: two turned copies of a tile, which repeat nowhere together."""
-    tile = stage.ground.detail
-    side = tile.shape[0]
-    layer = (kind > PAVED // 2).astype(np.int64) + (kind > (PAVED + WATER) // 2)
+    layer = (kind > PAVED // 2).astype(np.int8) + (kind > (PAVED + WATER) // 2)
     tone = np.ones(east.size, np.float32)
-    for cos, sin, scale in ((1.0, 0.0, 1.0), (0.79, 0.61, 1.7)):
-        x = (cos * east - sin * north) / (DETAIL_METRES_PER_PIXEL * scale) % side
-        y = (sin * east + cos * north) / (DETAIL_METRES_PER_PIXEL * scale) % side
-        found = remap(tile, x.astype(np.float32), y.astype(np.float32))
-        tone *= np.take_along_axis(found, layer[:, None], axis=1)[:, 0].astype(np.float32) / 128
+    for number, tile in enumerate(stage.ground.detail):
+        chosen = np.nonzero(layer == number)[0]
+        for cos, sin, scale in ((1.0, 0.0, 1.0), (0.79, 0.61, 1.7)) if chosen.size else ():
+            step = np.float32(1 / (DETAIL_METRES_PER_PIXEL * scale))
+            x = (np.float32(cos) * east[chosen] - np.float32(sin) * north[chosen]) * step
+            y = (np.float32(sin) * east[chosen] + np.float32(cos) * north[chosen]) * step
+            found = remap(tile, x, y, border=cv2.BORDER_WRAP)[:, 0]
+            tone[chosen] *= found.astype(np.float32) * np.float32(1 / 128)
     return tone
 
 
@@ -114,13 +114,12 @@ def _lit(frame: Frame, camera: Camera, stage: Stage) -> NDArray[np.float32]:
     """Bring the frame to the camera's size and light it; linear colours."""
     light, size = stage.light, (camera.width, camera.height)
     thin = min(1.0, _HAZE_TOP_M / camera.position[2])  # this share of the way to the ground is in the haze
-    clear = np.exp(frame.depth * np.float32(-thin / _HAZE_M))
-    solid = np.isfinite(frame.depth).astype(np.float32)
+    clear = _shrink(np.exp(frame.depth * np.float32(-thin / _HAZE_M)), size)[..., None]
+    cover = _shrink(np.isfinite(frame.depth).astype(np.float32), size)[..., None]
     albedo = np.square(_shrink(frame.rgb(), size).astype(np.float32) / 255)
     sun = _shrink(frame.sun, size)[..., None] * np.array(light.sun, np.float32)
-    lit = albedo * (sun + np.array(light.ambient, np.float32)) * _shrink(clear, size)[..., None]
-    hazy, cover = _shrink(solid - clear, size)[..., None], _shrink(solid, size)[..., None]
-    lit += hazy * np.array(light.horizon, np.float32) * np.float32(0.8)
+    lit = albedo * (sun + np.array(light.ambient, np.float32)) * clear
+    lit += (cover - clear) * np.array(light.horizon, np.float32) * np.float32(0.8)
     if cover.min() < 1:
         lit += (1 - cover) * _sky(camera, stage)
     return np.asarray(lit, np.float32)
@@ -138,8 +137,9 @@ def _sky(camera: Camera, stage: Stage) -> NDArray[np.float32]:
     rays = (rays @ camera.camera_from_world).astype(np.float32)
     up = np.clip(rays[..., 2] / np.linalg.norm(rays, axis=-1), 0.02, 1)[..., None]
     side = stage.clouds.shape[0]
-    flat = rays[..., :2] / np.maximum(rays[..., 2:], 0.04) * np.float32(0.12 * side) % side
-    cover = remap(stage.clouds, flat[..., 0].ravel(), flat[..., 1].ravel()).reshape(*x.shape, 1)
+    flat = rays[..., :2] / np.maximum(rays[..., 2:], 0.04) * np.float32(0.12 * side)
+    cover = remap(stage.clouds, flat[..., 0].ravel(), flat[..., 1].ravel(), border=cv2.BORDER_WRAP)
+    cover = cover.reshape(*x.shape, 1)
     cover = cover.astype(np.float32) / 255 * np.clip((up - 0.03) / 0.2, 0, 1)
     share = (1 - np.clip(up * 1.9, 0, 1)) ** 1.5
     blue = share * np.array(light.horizon, np.float32) + (1 - share) * np.array(light.zenith, np.float32)

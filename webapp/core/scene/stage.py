@@ -79,11 +79,18 @@ def set_stage(rng: np.random.Generator, world: World, light: Light) -> Stage:
     )
 
 
-def shadow_pixels(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn (n, 2) metres into pixels of the shadow picture."""
-    x = (points[:, 0] + _MARGIN_M) / SHADOW_METRES_PER_PIXEL
-    y = (DEPTH_M + _MARGIN_M - points[:, 1]) / SHADOW_METRES_PER_PIXEL
-    return np.stack([x, y], axis=1)
+def shadow_pixels(
+    east: NDArray[np.float32], north: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Turn metres into pixels of the shadow picture, all (n,)."""
+    scale = np.float32(1 / SHADOW_METRES_PER_PIXEL)
+    return (east + np.float32(_MARGIN_M)) * scale, (np.float32(DEPTH_M + _MARGIN_M) - north) * scale
+
+
+def _spots(points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Turn (n, 2) metres into whole pixels of the shadow picture."""
+    x, y = shadow_pixels(points[:, 0].astype(np.float32), points[:, 1].astype(np.float32))
+    return np.stack([x, y], axis=1).astype(np.int32)
 
 
 def _shadow(world: World, foliage: Foliage, light: Light) -> NDArray[np.uint8]:
@@ -92,19 +99,19 @@ def _shadow(world: World, foliage: Foliage, light: Light) -> NDArray[np.uint8]:
     to_sun = light.to_sun
     shift = -to_sun[:2] / max(to_sun[2], 0.12)  # metres on the ground for each metre of height
     fall = foliage.centre[:, :2] + foliage.centre[:, 2:] * shift
-    for (x, y), radius in zip(shadow_pixels(fall.astype(np.float64)), foliage.radius * 0.9, strict=True):
+    for (x, y), radius in zip(_spots(fall.astype(np.float64)), foliage.radius * 0.9, strict=True):
         cv2.circle(dark, (int(x), int(y)), int(radius / SHADOW_METRES_PER_PIXEL), 235, -1)
     for house in world.plan.buildings:
         _house_shadow(dark, house, shift)
     for tree in world.plan.trees:
         if tree.kind not in {"bush", "flowers"}:
             foot = np.array([[tree.east, tree.north]])
-            ends = shadow_pixels(np.concatenate([foot, foot + shift * tree.height * 0.6])).astype(np.int32)
+            ends = _spots(np.concatenate([foot, foot + shift * tree.height * 0.6]))
             cv2.line(dark, ends[0].tolist(), ends[1].tolist(), 235, max(2, int(tree.height * 0.4)))
     for quads_of, corner in enumerate(world.corners):
         low, high = corner[:, 2].min(), corner[:, 2].max()
         if world.quads[quads_of].two_sided and high <= FENCE_M + 0.01 and low == 0:  # the fence
-            ends = shadow_pixels(np.stack([corner[0, :2], corner[1, :2]]) + shift * 0.6).astype(np.int32)
+            ends = _spots(np.stack([corner[0, :2], corner[1, :2]]) + shift * 0.6)
             cv2.line(dark, ends[0].tolist(), ends[1].tolist(), 110, max(2, int(np.hypot(*shift) * 8)))
     soft = cv2.GaussianBlur(dark, (0, 0), 1.6)
     soft[[0, -1]], soft[:, [0, -1]] = 0, 0  # what lies beyond is lit
@@ -117,7 +124,7 @@ def _house_shadow(dark: NDArray[np.uint8], house: Footprint, shift: NDArray[np.f
     outline = np.concatenate(
         [corners, corners + shift * wall_height(house), ends + shift * ridge_height(house)]
     )
-    hull = cv2.convexHull(shadow_pixels(outline).astype(np.int32))
+    hull = cv2.convexHull(_spots(outline))
     cv2.fillConvexPoly(dark, hull, 255)
 
 

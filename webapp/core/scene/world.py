@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.scene.foliage import Foliage, grow
+from webapp.core.scene.foliage import Foliage, Leaves, cut_leaves, grow
 from webapp.core.scene.furniture import along_paths, fence, monument, trunks
 from webapp.core.scene.ground import Ground, lay_ground
 from webapp.core.scene.horizon import ring
@@ -50,6 +50,8 @@ class World:
     normals : (n, 3) float64
         Of the quads; zero for those seen from both sides.
     foliage : Foliage
+    leaves : tuple
+        Pictures of clumps of leaves.
     """
 
     plan: Plan
@@ -58,6 +60,7 @@ class World:
     corners: NDArray[np.float64]
     normals: NDArray[np.float64]
     foliage: Foliage
+    leaves: Leaves
 
 
 def build_world(rng: np.random.Generator) -> World:
@@ -87,7 +90,13 @@ def build_world(rng: np.random.Generator) -> World:
     corners = np.concatenate([corners, (corners[:, 1] + corners[:, 2] - corners[:, 0])[:, None]], axis=1)
     normals = np.stack([np.zeros(3) if q.two_sided else q.normal for q in quads])
     return World(
-        plan, lay_ground(for_ground, plan), tuple(quads), corners, normals, grow(for_leaves, plan.trees)
+        plan=plan,
+        ground=lay_ground(for_ground, plan),
+        quads=tuple(quads),
+        corners=corners,
+        normals=normals,
+        foliage=grow(for_leaves, plan.trees),
+        leaves=cut_leaves(for_leaves),
     )
 
 

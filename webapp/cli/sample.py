@@ -1,0 +1,33 @@
+"""`expmap sample`: make a small map to try things on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from webapp.progress import Progress
+from webapp.settings import from_environment
+from webapp.tasks import make_sample
+
+
+@click.command("sample")
+@click.argument("folder", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=7, show_default=True, help="Of the invented park."
+)
+@click.option("--force", is_flag=True, help="Make it anew where there is a sample already.")
+@click.option("--library", type=click.Path(path_type=Path), help="Folder of the maps.")
+def sample(folder: Path | None, seed: int, force: bool, library: Path | None) -> None:
+    """Make a small map of an invented park, with photos to localize.
+
+    Writes to FOLDER, or to `sample` in the library, and prints the path of its map.
+    """
+    settings = from_environment()
+    if library is not None:
+        settings = replace(settings, library=library)
+    report = make_sample.run(folder, settings=settings, progress=Progress(), seed=seed, force=force)
+    if not report.made:
+        click.echo("the sample is already there", err=True)
+    click.echo(report.cfg_path)
