@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from webapp.core.evaluation.types import QueryResult
+from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map
@@ -36,8 +37,8 @@ class Trajectories:
 def trajectories(results: Iterable[QueryResult], themap: Map) -> Trajectories:
     """Put the first hypotheses and the truth into one frame.
 
-    With a georeference it is metres east (x) and north (y) of the middle of the map's image; without one it
-    is map pixels, x to the right and y down. The yaw turns x towards y in both.
+    With a georeference it is metres east (x) and north (y) of the first true position; without one it is
+    map pixels, x to the right and y down. The yaw turns x towards y in both.
 
     Parameters
     ----------
@@ -57,11 +58,15 @@ def trajectories(results: Iterable[QueryResult], themap: Map) -> Trajectories:
     if themap.georeference is None:
         frame = "map pixels: x to the right, y down; yaw from x towards y"
         return Trajectories([_in_pixels(s) for s in found], [_in_pixels(s) for s in true], frame)
-    middle = MapPixel(themap.satellite.width / 2, themap.satellite.height / 2)
-    local = LocalFrame(themap.georeference.latlon_of(middle))
-    lat, lon = local.origin
-    frame = f"metres east (x) and north (y) of latitude {lat:.8f}, longitude {lon:.8f}; yaw from x towards y"
-    return Trajectories(_in_metres(found, themap, local), _in_metres(true, themap, local), frame)
+    origins = [themap.georeference.latlon_of(position) for _, position, _ in true]
+    origin = next((one for one in origins if math.isfinite(one.lat)), None)
+    if origin is None:
+        return Trajectories([], [], "no query has a place on the ground")
+    local = LocalFrame(origin)
+    frame = f"metres east (x) and north (y) of {origin.lat:.8f}, {origin.lon:.8f}; yaw from x towards y"
+    return Trajectories(
+        _in_metres(found, themap.georeference, local), _in_metres(true, themap.georeference, local), frame
+    )
 
 
 def _in_pixels(sight: _Sight) -> PlanarPose:
@@ -70,15 +75,10 @@ def _in_pixels(sight: _Sight) -> PlanarPose:
     return PlanarPose(float(number), position.x, position.y, yaw)
 
 
-def _in_metres(sights: list[_Sight], themap: Map, local: LocalFrame) -> list[PlanarPose]:
-    if themap.georeference is None or not sights:
-        return []
+def _in_metres(sights: list[_Sight], georeference: Georeference, local: LocalFrame) -> list[PlanarPose]:
+    places = georeference.enu_from_pixel([position for _, position, _ in sights], local)
     poses = []
-    for (number, _, heading), (east, north) in zip(
-        sights,
-        themap.georeference.enu_from_pixel([position for _, position, _ in sights], local),
-        strict=True,
-    ):
+    for (number, _, heading), (east, north) in zip(sights, places, strict=True):
         # A position beyond the horizon of a tilted image has no place on the ground.
         if math.isfinite(east):
             yaw = None if heading is None else math.radians(90 - heading)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from webapp.core.evaluation.metrics import grade
@@ -73,4 +74,7 @@ def row(result: QueryResult, *, place_radius_px: float, metres_per_pixel: float 
 
 
 def _metres(pixels: float | None, metres_per_pixel: float | None) -> float | None:
-    return None if pixels is None or metres_per_pixel is None else pixels * metres_per_pixel
+    # Beyond the horizon of a tilted image a pixel has no size.
+    if pixels is None or metres_per_pixel is None or not math.isfinite(metres_per_pixel):
+        return None
+    return pixels * metres_per_pixel
