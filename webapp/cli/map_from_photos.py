@@ -7,17 +7,15 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.exitcodes import SOME_FAILED
+from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.controlpoints import Model
 from webapp.errors import UsageError
-from webapp.progress import Progress
 from webapp.settings import from_environment
 from webapp.tasks import map_from_photos
 from webapp.tasks.georeference_image import GeoSource
 from webapp.tasks.place_photos import FileResult
 from webapp.tasks.survey_photos import State
-
-SOME_FAILED = 1
-"""Exit code when a photo cannot be read, or none could be placed."""
 
 _BESIDE = Path()
 _FILE = click.Path(path_type=Path)
@@ -90,7 +88,8 @@ def from_photos(
     options = map_from_photos.Options(
         cfg, satellite, next(iter(kinds), None), positions=positions, copy=copy, force=force
     )
-    report = map_from_photos.run(folder, options=options, settings=from_environment(), progress=Progress())
+    with terminal_progress("photos") as progress:
+        report = map_from_photos.run(folder, options=options, settings=from_environment(), progress=progress)
     _tell(report)
     click.echo(json.dumps(_as_json(report), indent=1, ensure_ascii=False) if as_json else _table(report))
     if report.count(State.UNREADABLE) or not report.written:

@@ -130,7 +130,8 @@ class Georeference:
 
     def metres_per_pixel(self, pixel: MapPixel) -> float:
         """Size of a pixel there: the geometric mean of the two local scales, metres."""
-        return math.sqrt(abs(float(np.linalg.det(self.jacobian(pixel)))))
+        (a, b), (c, d) = self.jacobian(pixel).tolist()
+        return math.sqrt(abs(a * d - b * c))
 
     def north_deg(self, pixel: MapPixel) -> float:
         """Direction of true north in the image there: degrees clockwise from image-up, in (-180, 180].

@@ -64,7 +64,7 @@ class LocalFrame:
         Returns
         -------
         (n, 2) float64
-            Latitude, longitude; NaN farther away than the other side of the Earth.
+            Latitude, longitude; a way that is longer than to the other side of the Earth goes on around it.
         """
         return latlon_from_plane(self.plane, enu)
 
