@@ -70,7 +70,7 @@ def detail(themap: Map, whole: View, *, centre: MapPixel, size: tuple[int, int])
     scale = min(ZOOM * whole.scale, MAX_SCALE)
     spread = np.array(size, dtype=np.float64) / scale
     image = themap.satellite.width, themap.satellite.height
-    return _around(np.array(centre), spread, image, scale=scale).fitted(size)
+    return _around(np.array(centre), spread, image, scale=scale)
 
 
 def _around(
@@ -78,11 +78,9 @@ def _around(
 ) -> View:
     """Cut a box of this spread out of the image; where it would stick out it moves in, or is smaller."""
     limit = np.array(image, dtype=np.float64)
-    spread = np.minimum(np.maximum(spread, 1), limit)
-    low = np.clip(centre - spread / 2, 0, limit - spread)
-    left, top = np.floor(low)
-    right, bottom = np.minimum(np.ceil(low + spread), limit)
-    return View(int(left), int(top), int(right), int(bottom), scale)
+    spread = np.minimum(np.maximum(np.floor(spread), 1), limit)
+    left, top = np.floor(np.clip(centre - spread / 2, 0, limit - spread))
+    return View(int(left), int(top), int(left + spread[0]), int(top + spread[1]), scale)
 
 
 def ground(satellite: NDArray[np.uint8], themap: Map, view: View) -> NDArray[np.uint8]:
