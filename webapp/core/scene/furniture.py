@@ -47,17 +47,16 @@ def _bark(rng: np.random.Generator, colour: tuple[int, int, int], *, marks: bool
     return Texture.of(wood)
 
 
+def fence_corners() -> NDArray[np.float64]:
+    """Corners of the fence, (4, 2) metres, counter-clockwise."""
+    inset = 0.8
+    east, north = WIDTH_M - inset, DEPTH_M - inset
+    return np.array([[inset, inset], [east, inset], [east, north], [inset, north]])
+
+
 def fence(rng: np.random.Generator) -> list[Quad]:
     """Run a wooden fence around the park, each board in its own tone."""
-    inset = 0.8
-    corners = np.array(
-        [
-            [inset, inset],
-            [WIDTH_M - inset, inset],
-            [WIDTH_M - inset, DEPTH_M - inset],
-            [inset, DEPTH_M - inset],
-        ]
-    )
+    corners = fence_corners()
     quads = []
     for left, right in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         length = float(np.linalg.norm(right - left))

@@ -23,11 +23,15 @@ def window(rng: np.random.Generator, wall: NDArray[np.uint8], *, foot: tuple[int
     if style.shutters:
         for side in (box[0] - width * 0.42, box[2] + width * 0.06):
             _shutter(wall, (side, box[1], side + width * 0.36, bottom), style.door)
-    fill_box(wall, (box[0] - 5, box[1] - 8, box[2] + 5, box[3] + 2), style.trim)
-    fill_box(wall, (box[0] - 8, box[3], box[2] + 8, box[3] + 6), style.trim)
-    fill_box(wall, (box[0] - 8, box[3] + 6, box[2] + 8, box[3] + 9), darker(style.trim, 0.5))
+    frame = style.frame_px
+    fill_box(wall, (box[0] - frame, box[1] - frame, box[2] + frame, box[3] + 2), style.trim)
+    _lintel(wall, box, style)
+    fill_box(wall, (box[0] - frame - 3, box[3], box[2] + frame + 3, box[3] + 6), style.trim)
+    fill_box(wall, (box[0] - frame - 3, box[3] + 6, box[2] + frame + 3, box[3] + 9), darker(style.trim, 0.5))
     _glass(rng, wall, box)
     _bars(wall, box, style)
+    if rng.random() < style.flower_boxes:
+        _flower_box(rng, wall, box)
 
 
 def door(rng: np.random.Generator, wall: NDArray[np.uint8], *, foot: tuple[int, int], style: Style) -> None:
@@ -54,14 +58,35 @@ def door(rng: np.random.Generator, wall: NDArray[np.uint8], *, foot: tuple[int, 
     fill_box(wall, (left - 14, bottom - 7, left + width + 14, bottom), (150, 146, 140))
 
 
+def _lintel(wall: NDArray[np.uint8], box: _Box, style: Style) -> None:
+    left, top, right, _ = (round(side) for side in box)
+    top -= style.frame_px
+    if style.lintel == "beam":
+        fill_box(wall, (left - 9, top - 6, right + 9, top), darker(style.trim, 0.85))
+    elif style.lintel == "gable":
+        gable = np.array([[left - 10, top], [right + 10, top], [(left + right) // 2, top - 18]], np.int32)
+        cv2.fillPoly(wall, [gable], darker(style.trim, 0.9), cv2.LINE_AA)
+    elif style.lintel == "arch":
+        axes = ((right - left) // 2 + style.frame_px, 13)
+        cv2.ellipse(wall, ((left + right) // 2, top), axes, 0, 180, 360, style.trim, -1, cv2.LINE_AA)
+        cv2.ellipse(
+            wall, ((left + right) // 2, top), (axes[0] - 6, 7), 0, 180, 360, style.door, -1, cv2.LINE_AA
+        )
+
+
 def _glass(rng: np.random.Generator, wall: NDArray[np.uint8], box: _Box) -> None:
     left, top, right, bottom = (round(side) for side in box)
     height, width = bottom - top, right - left
-    if height < 4 or width < 4 or top < 0 or left < 0 or right > wall.shape[1]:
+    if top < 0 or left < 0 or right > wall.shape[1]:
         return
     fall = np.linspace(1.25, 0.7, height, dtype=np.float32)[:, None, None]
-    reflection = 1 + 0.25 * fractal(rng, (height, width), 26, octaves=3)[..., None]
-    glass = np.array(jitter(rng, (70, 84, 98), 8), np.float32) * fall * reflection
+    glass = np.array(jitter(rng, (62, 76, 88), 8), np.float32) * fall
+    # the sky and trees that each pane mirrors
+    line = height * (rng.uniform(0.2, 0.7) + 0.16 * fractal(rng, (2, width), 20, octaves=3)[0])
+    sky = np.arange(height)[:, None] < line[None, :]
+    clouds = 1 + 0.4 * fractal(rng, (height, width), 24, octaves=3)
+    glass = np.where(sky[..., None], np.array(jitter(rng, (132, 156, 176), 12), np.float32) * fall, glass)
+    glass = np.ascontiguousarray(glass * clouds[..., None], np.float32)
     _behind(rng, glass, fall)
     wall[top:bottom, left:right] = np.clip(glass, 0, 255).astype(np.uint8)
 
@@ -97,6 +122,16 @@ def _bars(wall: NDArray[np.uint8], box: _Box, style: Style) -> None:
     for step in range(1, down):
         y = top + (bottom - top) * step / down
         fill_box(wall, (left, y - 1.5, right, y + 1.5), style.trim)
+
+
+def _flower_box(rng: np.random.Generator, wall: NDArray[np.uint8], box: _Box) -> None:
+    left, right, top = box[0] - 4, box[2] + 4, box[3] - 2
+    fill_box(wall, (left, top, right, top + 11), (104, 72, 50))
+    bloom = jitter(rng, (190, 90, 110), 55)
+    for _ in range(38):
+        spot = (int(rng.uniform(left, right)), int(top + rng.normal(-3, 4)))
+        colour = bloom if rng.random() < 0.45 else jitter(rng, (70, 116, 54), 14)
+        cv2.circle(wall, spot, int(rng.integers(1, 4)), colour, -1, cv2.LINE_AA)
 
 
 def _shutter(wall: NDArray[np.uint8], box: _Box, colour: Colour) -> None:

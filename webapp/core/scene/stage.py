@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.scene.foliage import Foliage
-from webapp.core.scene.furniture import FENCE_M
+from webapp.core.scene.furniture import FENCE_M, fence_corners
 from webapp.core.scene.ground import PAVED, Ground, pixels
 from webapp.core.scene.light import Light
 from webapp.core.scene.noise import fractal
@@ -108,11 +108,8 @@ def _shadow(world: World, foliage: Foliage, light: Light) -> NDArray[np.uint8]:
             foot = np.array([[tree.east, tree.north]])
             ends = _spots(np.concatenate([foot, foot + shift * tree.height * 0.6]))
             cv2.line(dark, ends[0].tolist(), ends[1].tolist(), 235, max(2, int(tree.height * 0.4)))
-    for quads_of, corner in enumerate(world.corners):
-        low, high = corner[:, 2].min(), corner[:, 2].max()
-        if world.quads[quads_of].two_sided and high <= FENCE_M + 0.01 and low == 0:  # the fence
-            ends = _spots(np.stack([corner[0, :2], corner[1, :2]]) + shift * 0.6)
-            cv2.line(dark, ends[0].tolist(), ends[1].tolist(), 110, max(2, int(np.hypot(*shift) * 8)))
+    fence = fence_corners() + shift * FENCE_M / 2
+    cv2.polylines(dark, [_spots(fence)], True, 110, max(2, int(np.hypot(*shift) * 8)))
     soft = cv2.GaussianBlur(dark, (0, 0), 1.6)
     soft[[0, -1]], soft[:, [0, -1]] = 0, 0  # what lies beyond is lit
     return np.asarray(255 - soft, np.uint8)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.scene.masonry import Colour, Material
+
+Lintel = Literal["none", "beam", "gable", "arch"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,12 @@ class Style:
     panes : tuple of int
         Panes of a window, across and down.
     shutters : bool
+    lintel : {"none", "beam", "gable", "arch"}
+        Over each window.
+    frame_px : int
+        Width of the window frames, pixels of the texture.
+    flower_boxes : float
+        Share of the windows that have one.
     """
 
     name: str
@@ -41,6 +50,9 @@ class Style:
     spacing_m: float = 2.3
     panes: tuple[int, int] = (2, 2)
     shutters: bool = False
+    lintel: Lintel = "none"
+    frame_px: int = 5
+    flower_boxes: float = 0.0
 
 
 def fill_box(image: NDArray[np.uint8], box: tuple[float, float, float, float], colour: Colour) -> None:

@@ -16,7 +16,7 @@ from webapp.core.scene.noise import jitter
 from webapp.core.scene.plan import Plan, draw_plan
 from webapp.core.scene.raster import Quad
 from webapp.core.scene.solids import house_quads
-from webapp.core.scene.style import Style
+from webapp.core.scene.style import Lintel, Style
 
 _NAMES = (
     "CAFE", "LIBRARY", "BOATHOUSE", "MUSEUM", "SCHOOL", "THEATRE", "NURSERY", "POST", "BAKERY", "GALLERY",
@@ -33,6 +33,8 @@ _LOOKS: tuple[tuple[Material, Colour, Colour, Colour], ...] = (
     ("plaster", (226, 222, 212), (120, 132, 140), (44, 84, 122)),
 )
 _ROOFS: tuple[Colour, ...] = ((146, 84, 66), (94, 94, 98), (128, 96, 78), (118, 82, 72))
+_PANES = ((1, 1), (1, 2), (2, 2), (2, 3), (3, 2), (3, 4), (2, 1), (1, 3))
+_LINTELS: tuple[Lintel, ...] = ("none", "beam", "gable", "arch")
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,10 @@ def _styles(rng: np.random.Generator, count: int) -> list[Style]:
             roof=jitter(rng, _ROOFS[int(rng.integers(len(_ROOFS)))], 4),
             window_m=(float(rng.uniform(0.95, 1.25)), float(rng.uniform(1.35, 1.75))),
             spacing_m=float(rng.uniform(2.2, 2.7)),
-            panes=(2, int(rng.integers(2, 4))),
+            panes=_PANES[int(rng.integers(len(_PANES)))],
+            lintel=_LINTELS[int(rng.integers(len(_LINTELS)))],
+            frame_px=int(rng.integers(3, 8)),
+            flower_boxes=float(rng.choice([0.0, 0.2, 0.5])),
             shutters=shutters,
         )
         styles.append(replace(style, spacing_m=style.spacing_m + 0.7) if shutters else style)
