@@ -46,6 +46,8 @@ def read_exif(image: Image.Image) -> Exif:
             tables.append(dict(exif))
         except (*DAMAGED, OSError):
             return Exif(notes=("its EXIF is damaged and was left out",))
+        if image.info.get("exif") and not tables[0]:
+            notes.append("its EXIF is empty or damaged")
         for name, ifd in (("camera", _CAMERA_IFD), ("GPS", _GPS_IFD)):
             try:
                 tables.append(dict(exif.get_ifd(ifd)))

@@ -47,7 +47,7 @@ def natural_key(name: str) -> tuple[Key, str]:
     """Give the sort key of a path: folder by folder, numbers by value, letter case last."""
     parts = tuple(
         tuple(
-            (0, int(piece), "") if piece.isdigit() else (1, 0, piece)
+            (0, int(piece), "") if piece.isascii() and piece.isdigit() else (1, 0, piece)
             for piece in _DIGITS.split(part)
             if piece
         )

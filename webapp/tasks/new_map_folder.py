@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -62,7 +63,8 @@ class NewMapFolder:
 
     def same(self, path: Path, others: Iterable[Path]) -> bool:
         """Tell whether `path` is one of the others."""
-        return any(path.resolve() == other.resolve() for other in others)
+        # os.path.realpath, unlike Path.resolve, also answers for links in a circle
+        return any(os.path.realpath(path) == os.path.realpath(other) for other in others)
 
     def photo_name(self, name: str) -> str:
         """Name a photo of the photos' folder as the map does: relative to the map's folder."""
