@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.paths import name_problem
@@ -135,9 +136,11 @@ def _how_far(pixel: MapPixel, image: MapImage) -> str:
     if not math.isfinite(pixel.x):
         return "its position is beyond the horizon of the image"
     edge = MapPixel(min(max(pixel.x, 0.0), image.width), min(max(pixel.y, 0.0), image.height))
-    distance = math.dist(pixel, edge)
-    metres = distance * image.georeference.metres_per_pixel(edge) if image.georeference else math.nan
-    told = f" ({metres:.3g} m)" if math.isfinite(metres) else ""
+    told = ""
+    if image.georeference is not None:
+        frame = LocalFrame(image.georeference.latlon_of(edge))
+        metres = math.hypot(*frame.enu_of(image.georeference.latlon_of(pixel)))
+        told = f" ({metres:.3g} m)" if metres < 1000.0 else f" ({metres / 1000.0:.0f} km)"
     sides = [
         name
         for name, beyond in (
@@ -148,4 +151,4 @@ def _how_far(pixel: MapPixel, image: MapImage) -> str:
         )
         if beyond
     ]
-    return f"{distance:.0f} px{told} beyond the {' and '.join(sides)} edge"
+    return f"{math.dist(pixel, edge):.0f} px{told} beyond the {' and '.join(sides)} edge"
