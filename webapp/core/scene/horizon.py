@@ -38,7 +38,7 @@ def _panorama(rng: np.random.Generator, width: int) -> NDArray[np.uint8]:
     while at < width:
         _house(rng, picture, at)
         at += int(rng.integers(130, 800))
-    _woods(rng, picture, top=0.36, colour=(72, 98, 56))
+    _woods(rng, picture, top=0.30, colour=(72, 98, 56))
     return picture
 
 
@@ -61,7 +61,7 @@ def _woods(
 def _house(rng: np.random.Generator, picture: NDArray[np.uint8], left: int) -> None:
     """A distant house: wall, windows, roof."""
     height, width = picture.shape[:2]
-    wide, high = int(rng.integers(70, 150)), int(rng.integers(70, 125))
+    wide, high = int(rng.integers(70, 150)), int(rng.integers(92, 132))
     right, top = min(left + wide, width - 1), height - high
     wall = jitter(rng, (206, 190, 166), 22)
     cv2.rectangle(picture, (left, top), (right, height - 1), (*wall, 255), -1)

@@ -93,9 +93,9 @@ class Frame:
             np.zeros(shape, np.uint32), np.zeros(shape, np.float32), np.full(shape, np.inf, np.float32)
         )
 
-    def rgb(self) -> NDArray[np.uint8]:
-        """The colours as (h, w, 3) uint8."""
-        return self.colour.view(np.uint8).reshape(*self.colour.shape, 4)[..., :3]
+    def rgba(self) -> NDArray[np.uint8]:
+        """The colours as (h, w, 4) uint8; the fourth means nothing."""
+        return self.colour.view(np.uint8).reshape(*self.colour.shape, 4)
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,7 +116,7 @@ def _lit(frame: Frame, camera: Camera, stage: Stage) -> NDArray[np.float32]:
     thin = min(1.0, _HAZE_TOP_M / camera.position[2])  # this share of the way to the ground is in the haze
     clear = _shrink(np.exp(frame.depth * np.float32(-thin / _HAZE_M)), size)[..., None]
     cover = _shrink(np.isfinite(frame.depth).astype(np.float32), size)[..., None]
-    albedo = np.square(_shrink(frame.rgb(), size).astype(np.float32) / 255)
+    albedo = np.square(_shrink(frame.rgba(), size)[..., :3].astype(np.float32) / 255)
     sun = _shrink(frame.sun, size)[..., None] * np.array(light.sun, np.float32)
     lit = albedo * (sun + np.array(light.ambient, np.float32)) * clear
     lit += (cover - clear) * np.array(light.horizon, np.float32) * np.float32(0.8)
@@ -155,5 +155,5 @@ def _develop(lit: NDArray[np.float32], stage: Stage, rng: np.random.Generator) -
     vignette = 1 - 0.10 * (x**2 + y**2)
     photo = np.sqrt(np.clip(lit * vignette[..., None], 0, 1)) * 255
     photo = np.asarray(cv2.GaussianBlur(photo, (0, 0), 0.45), np.float32)
-    photo += rng.standard_normal(photo.shape, np.float32) * np.float32(stage.light.noise)
+    photo += rng.standard_normal((height, width, 1), np.float32) * np.float32(stage.light.noise)
     return np.asarray(np.clip(photo + 0.5, 0, 255), np.uint8)

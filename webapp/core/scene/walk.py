@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from webapp.core.scene.camera import EYE_HEIGHT_M, Camera
 from webapp.core.scene.plan import Plan
 
-_SWING_DEG, _SWING_STOPS = 35.0, 5.0
+_SWING_DEG, _SWING_STOPS = 28.0, 6.0
 _PITCH_DEG = 2.0
 _MONUMENT_M = 3.5
 

@@ -114,7 +114,7 @@ def _styles(rng: np.random.Generator, count: int) -> list[Style]:
             wall=jitter(rng, wall, 8),
             trim=jitter(rng, trim, 4),
             door=jitter(rng, door, 8),
-            roof=jitter(rng, _ROOFS[int(rng.integers(len(_ROOFS)))], 4),
+            roof=jitter(rng, _ROOFS[int(rng.integers(len(_ROOFS)))], 2),
             window_m=(float(rng.uniform(0.95, 1.25)), float(rng.uniform(1.35, 1.75))),
             spacing_m=float(rng.uniform(2.2, 2.7)),
             panes=_PANES[int(rng.integers(len(_PANES)))],
