@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from webapp.progress import Progress
+from webapp.cli.progressbar import terminal_progress
 from webapp.settings import from_environment
 from webapp.tasks import make_sample
 
@@ -27,7 +27,8 @@ def sample(folder: Path | None, seed: int, force: bool, library: Path | None) ->
     settings = from_environment()
     if library is not None:
         settings = replace(settings, library=library)
-    report = make_sample.run(folder, settings=settings, progress=Progress(), seed=seed, force=force)
+    with terminal_progress("photos") as progress:
+        report = make_sample.run(folder, settings=settings, progress=progress, seed=seed, force=force)
     if not report.made:
         click.echo("the sample is already there", err=True)
     click.echo(report.cfg_path)
