@@ -60,4 +60,6 @@ def from_environment(environ: Mapping[str, str] | None = None) -> Settings:
     """
     env = os.environ if environ is None else environ
     models = env.get("EXPMAP_MODELS")
-    return Settings(library=Path(env.get("EXPMAP_LIBRARY") or "maps"), models=Path(models) if models else None)
+    return Settings(
+        library=Path(env.get("EXPMAP_LIBRARY") or "maps"), models=Path(models) if models else None
+    )

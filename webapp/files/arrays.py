@@ -22,7 +22,7 @@ _MAGIC = b"EXPMAP1\n"
 _ALIGN = 64
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> str:
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> str:
     """Write arrays and a JSON-able header to a file, whole or not at all.
 
     Parameters

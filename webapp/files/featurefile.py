@@ -38,7 +38,7 @@ def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
         "photo_size": np.array([f.photo_size for f in features], np.int32),
         "fov_deg": np.array([e.fov_deg for e in entries], np.float64),
     }
-    return write_arrays(path, arrays, {"content": [e.content for e in entries]})
+    return write_arrays(path, arrays, meta={"content": [e.content for e in entries]})
 
 
 def read_segment(path: Path) -> Segment:

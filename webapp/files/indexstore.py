@@ -188,7 +188,7 @@ def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
     return f"{name}-{hashlib.sha256(parts.encode()).hexdigest()[:8]}"
 
 
-def write_search_index(path: Path, index: Any, kind: Kind) -> str:
+def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:
     """Write a Faiss index, whole or not at all; `{hash}` in the name becomes its hash, which is returned."""
     data = (
         faiss.serialize_index_binary(index) if kind == "binary" else faiss.serialize_index(index)

@@ -90,7 +90,7 @@ def _places(panels: list[Canvas], *, beside: bool) -> list[tuple[int, int]]:
 def _panel(
     satellite: NDArray[np.uint8], themap: Map, view: View, *, answer: Answer, truth: MapPixel | None
 ) -> Canvas:
-    panel = Canvas(ground(satellite, themap, view))
+    panel = Canvas(ground(satellite, themap, view=view))
     for experience in themap.experiences:
         at = view.shown(experience.position)
         panel.disc(at, DOT_PX + 1, colour=INK)

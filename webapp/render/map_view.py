@@ -83,7 +83,7 @@ def _around(
     return View(int(left), int(top), int(left + spread[0]), int(top + spread[1]), scale)
 
 
-def ground(satellite: NDArray[np.uint8], themap: Map, view: View) -> NDArray[np.uint8]:
+def ground(satellite: NDArray[np.uint8], themap: Map, *, view: View) -> NDArray[np.uint8]:
     """Cut a view out of the satellite image, with its colours held back.
 
     Parameters

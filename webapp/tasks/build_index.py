@@ -104,7 +104,9 @@ def run(request: BuildRequest, *, settings: Settings, progress: Progress) -> Bui
         old = index.read_manifest() or Manifest(
             request.choice.detector, request.choice.extractor, settings.extract
         )
-        changed = [e for e in request.map.experiences if not is_current(e, old, request.map_folder)]
+        changed = [
+            e for e in request.map.experiences if not is_current(e, old, map_folder=request.map_folder)
+        ]
         photos = {e.id: old.photos[e.id] for e in request.map.experiences if e.id in old.photos}
         path_of = {e.id: e.photo for e in request.map.experiences}
         extracted = 0
@@ -134,7 +136,7 @@ def run(request: BuildRequest, *, settings: Settings, progress: Progress) -> Bui
     )
 
 
-def is_current(experience: Experience, manifest: Manifest, map_folder: Path) -> bool:
+def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Tell whether the index holds the photo as it is on disk now, judged by path, size and time."""
     record = manifest.photos.get(experience.id)
     if record is None or record.photo != experience.photo or record.error:

@@ -40,9 +40,9 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
     MapError, UsageError, StorageError, IndexDamaged, Cancelled
     """
     base = index_base(cfg, options.index)
-    choice = choose_features(base, options, settings)
+    choice = choose_features(base, options, settings=settings)
     the_map = read_map(cfg)
-    folder = index_folder(base, choice, settings.extract)
+    folder = index_folder(base, choice, extract=settings.extract)
     request = BuildRequest(cfg.parent, the_map, folder, choice, options.jobs)
     report = build_index.run(request, settings=settings, progress=progress)
     if options.method == "vote" or not report.descriptors:

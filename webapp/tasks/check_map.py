@@ -79,7 +79,7 @@ def run(cfg_path: Path, *, settings: Settings, progress: Progress) -> Report:
     findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *beside.findings]
     judge = _Judge(cfg_path, settings.photo, beside.georeference)
     facts = _folder_facts(judge, pieces, progress=progress)
-    findings += check_folder(pieces.image, pieces.photos, facts)
+    findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
     return Report(cfg_path, len(pieces.photos), tuple(findings))
 

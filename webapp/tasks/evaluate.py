@@ -112,7 +112,7 @@ def run_self(
             _Trial(
                 QueryResult(own.photo, own.position, None, truth_heading_deg=own.heading_deg),
                 map_folder / own.photo,
-                hidden(localizer.map, own, within),
+                hidden(localizer.map, own, within_px=within),
             )
             for own in chosen
         ]
@@ -124,7 +124,7 @@ def run_self(
     return evaluations
 
 
-def hidden(themap: Map, own: Experience, within_px: float | None) -> frozenset[int]:
+def hidden(themap: Map, own: Experience, *, within_px: float | None) -> frozenset[int]:
     """Ids to hide when a map's own photo is the query: it, and those at most `within_px` from it."""
     if within_px is None:
         return frozenset({own.id})

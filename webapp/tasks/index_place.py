@@ -61,7 +61,7 @@ def newest_choice(
     return choose(method, matcher=matcher)
 
 
-def index_folder(base: Path, choice: FeatureChoice, extract: ExtractSettings) -> Path:
+def index_folder(base: Path, choice: FeatureChoice, *, extract: ExtractSettings) -> Path:
     """Name the folder of the index with these features."""
     return base / index_key(choice, extract)
 

@@ -85,7 +85,7 @@ class OpenMap:
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
 
 
-def choose_features(base: Path, options: OpenOptions, settings: Settings) -> FeatureChoice:
+def choose_features(base: Path, options: OpenOptions, *, settings: Settings) -> FeatureChoice:
     """Resolve what was asked for; `auto` takes the newest index that is there.
 
     Raises
@@ -112,11 +112,11 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
     MapError, UsageError, StorageError, IndexDamaged, Cancelled
     """
     base = index_base(cfg, options.index)
-    choice = choose_features(base, options, settings)
+    choice = choose_features(base, options, settings=settings)
     the_map = read_map(cfg)
     if not the_map.experiences:
         raise UsageError("the map has no photos", where=str(cfg), hint="place photos on it first")
-    folder = IndexFolder(index_folder(base, choice, settings.extract))
+    folder = IndexFolder(index_folder(base, choice, extract=settings.extract))
     manifest, built = folder.read_manifest(), None
     if manifest is None or not _current(the_map, manifest, cfg.parent):
         progress.note("building the index" if manifest is None else "the map has changed: updating its index")
@@ -137,7 +137,7 @@ def _current(the_map: Map, manifest: Manifest, map_folder: Path) -> bool:
     if manifest.photos.keys() != {e.id for e in the_map.experiences}:
         return False
     return all(
-        build_index.is_current(e, manifest, map_folder) or _still_failing(e, manifest, map_folder)
+        build_index.is_current(e, manifest, map_folder=map_folder) or _still_failing(e, manifest, map_folder)
         for e in the_map.experiences
     )
 

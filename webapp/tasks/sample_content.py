@@ -88,7 +88,7 @@ class _Studio:
         """Take a photo and store it."""
         self.progress.check()
         camera = view.camera(fov_deg=FOV_DEG, width=self.size.width, height=self.size.width * 3 // 4)
-        photo = Image.fromarray(render(stage, camera, rng))
+        photo = Image.fromarray(render(stage, camera, rng=rng))
         photo.save(self.folder / name, quality=90, exif=exif_bytes(tags))
         self.progress.advance()
 
@@ -136,8 +136,8 @@ def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progres
 
 
 def _make_map(studio: _Studio, world: World, *, rng: np.random.Generator) -> None:
-    stage = set_stage(rng, world, AFTERNOON)
-    picture = Image.fromarray(overhead(stage, studio.size.metres_per_pixel, rng))
+    stage = set_stage(rng, world, light=AFTERNOON)
+    picture = Image.fromarray(overhead(stage, studio.size.metres_per_pixel, rng=rng))
     picture.save(studio.folder / "satellite.png")
     studio.progress.advance()
     corners = _corners()
@@ -145,7 +145,7 @@ def _make_map(studio: _Studio, world: World, *, rng: np.random.Generator) -> Non
     write_text(studio.folder / "corners.json", json.dumps(described, indent=1) + "\n")
     georeference = from_corners(corners, width=picture.width, height=picture.height).georeference
     experiences = []
-    for number, view in enumerate(map_views(rng, world.plan, studio.size.photos)):
+    for number, view in enumerate(map_views(rng, world.plan, count=studio.size.photos)):
         name, position = f"photos/photo_{number:02d}.jpg", studio.pixel(view)
         taken_at = _FIRST + number * timedelta(seconds=25)
         tags = CameraTags(
@@ -162,10 +162,10 @@ def _make_map(studio: _Studio, world: World, *, rng: np.random.Generator) -> Non
 
 def _make_queries(studio: _Studio, world: World, *, rng: np.random.Generator) -> list[dict[str, object]]:
     """Photograph the park on other days; returns the truth about each query."""
-    views = query_views(rng, world.plan, studio.size.queries, stops=studio.size.photos)
+    views = query_views(rng, world.plan, count=studio.size.queries, stops=studio.size.photos)
     described: list[dict[str, object]] = []
     for day, (light, date, conditions) in enumerate(_DAYS):
-        stage = set_stage(rng, world, conditions)
+        stage = set_stage(rng, world, light=conditions)
         for number in range(day, len(views), len(_DAYS)):
             name, view = f"queries/query_{number:02d}.jpg", views[number]
             studio.shoot(name, stage, view=view, rng=rng, tags=CameraTags(date, FOCAL_35MM))
@@ -181,9 +181,9 @@ def _make_queries(studio: _Studio, world: World, *, rng: np.random.Generator) ->
 def _shoot_elsewhere(studio: _Studio, *, rng: np.random.Generator) -> None:
     """Photograph another park, in the same light."""
     world = build_world(rng)
-    view = map_views(rng, world.plan, 5)[2]
+    view = map_views(rng, world.plan, count=5)[2]
     tags = CameraTags(_DAYS[0][1] + timedelta(days=1), FOCAL_35MM)
-    studio.shoot(OFF_MAP, set_stage(rng, world, AFTERNOON), view=view, rng=rng, tags=tags)
+    studio.shoot(OFF_MAP, set_stage(rng, world, light=AFTERNOON), view=view, rng=rng, tags=tags)
 
 
 def _corners() -> Corners:

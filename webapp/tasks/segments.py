@@ -104,7 +104,7 @@ class _Source:
 
 def _train(index: IndexFolder, segments: list[SegmentRecord], *, total: int, kind: Kind) -> str:
     sample = np.concatenate(list(_sample(index, segments, total)))
-    return write_search_index(index.codebook_path("{hash}"), ivf.train(sample, total, kind), kind)
+    return write_search_index(index.codebook_path("{hash}"), ivf.train(sample, total, kind=kind), kind=kind)
 
 
 def _sample(index: IndexFolder, segments: Iterable[SegmentRecord], total: int) -> Iterator[NDArray[np.uint8]]:
@@ -124,4 +124,4 @@ def _encode(index: IndexFolder, segment: SegmentRecord, *, codebook: str, kind: 
     codes = read_search_index(index.codebook_path(codebook), kind, mapped=False)
     ivf.encode(codes, np.asarray(read_segment(index.segment_path(segment.name)).descriptors))
     path = index.codes_path(segment.name, codebook)
-    return replace(segment, codes=write_search_index(path, codes, kind))
+    return replace(segment, codes=write_search_index(path, codes, kind=kind))

@@ -84,7 +84,7 @@ def test_no_photos_is_a_warning() -> None:
     ],
 )
 def test_photos(facts: FileFacts, code: Code, words: str) -> None:
-    (found,) = check_folder(IMAGE, [line(2, 1, 1)], FolderFacts(FINE, (600, 300), {"2.jpg": facts}))
+    (found,) = check_folder(IMAGE, [line(2, 1, 1)], facts=FolderFacts(FINE, (600, 300), {"2.jpg": facts}))
     assert (found.code, found.line, found.column) == (code, 2, 3)
     assert words in found.fix
 
@@ -100,14 +100,16 @@ def test_photos(facts: FileFacts, code: Code, words: str) -> None:
     ],
 )
 def test_satellite(facts: FileFacts, size: tuple[int, int] | None, code: Code) -> None:
-    (found,) = check_folder(IMAGE, [], FolderFacts(facts, size))
+    (found,) = check_folder(IMAGE, [], facts=FolderFacts(facts, size))
     assert (found.code, found.line) == (code, 1)
     if size == (601, 300):
         assert "s.png;601;300" in found.fix
 
 
 def test_orphans_get_a_line_to_add() -> None:
-    found = check_folder(IMAGE, [line(2, 1, 1)], FolderFacts(FINE, None, {}, ["x.jpg", "y;.jpg", "z.jpg"]))
+    found = check_folder(
+        IMAGE, [line(2, 1, 1)], facts=FolderFacts(FINE, None, {}, ["x.jpg", "y;.jpg", "z.jpg"])
+    )
     assert codes(found) == [Code.ORPHAN_PHOTO] * 3
     assert [f.line for f in found] == [3, 3, 3]
     assert "3;x.jpg;X;Y" in found[0].fix and "rename" in found[1].fix and "x.jpg" in found[0].message
@@ -120,12 +122,12 @@ def gps(*positions: tuple[float, float]) -> FolderFacts:
 
 def test_swapped_against_gps() -> None:
     lines = [line(2, 10, 100), line(3, 20, 200), line(4, 30, 250), line(5, 80, 80)]
-    (found,) = check_folder(IMAGE, lines, gps((101, 12), (195, 20), (250, 33), (80, 81)))
+    (found,) = check_folder(IMAGE, lines, facts=gps((101, 12), (195, 20), (250, 33), (80, 81)))
     assert (found.code, found.line) == (Code.SWAPPED_XY, 2)
     assert "3 of 4" in found.message and "2;2.jpg;100;10" in found.fix
 
 
 def test_imprecise_gps_is_no_suspicion() -> None:
     lines = [line(2, 10, 100), line(3, 20, 200), line(4, 30, 250)]
-    assert check_folder(IMAGE, lines, gps((60, 90), (25, 260), (10, 230))) == []
-    assert check_folder(IMAGE, lines[:2], gps((100, 10), (200, 20))) == []
+    assert check_folder(IMAGE, lines, facts=gps((60, 90), (25, 260), (10, 230))) == []
+    assert check_folder(IMAGE, lines[:2], facts=gps((100, 10), (200, 20))) == []

@@ -31,7 +31,7 @@ def wall(*, north=10.0, size=4.0, texture=None, two_sided=False):
 def photograph(quads, camera):
     frame = Frame.empty(camera)
     for quad in quads:
-        draw_quad(frame, camera, quad, sun=1.0)
+        draw_quad(frame, camera, quad=quad, sun=1.0)
     return frame
 
 

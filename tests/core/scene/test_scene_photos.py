@@ -28,16 +28,16 @@ def world():
 
 @pytest.fixture(scope="module")
 def stage(world):
-    return set_stage(np.random.default_rng(1), world, AFTERNOON)
+    return set_stage(np.random.default_rng(1), world, light=AFTERNOON)
 
 
 @pytest.fixture(scope="module")
 def from_above(stage):
-    return overhead(stage, METRES_PER_PIXEL, np.random.default_rng(2))
+    return overhead(stage, METRES_PER_PIXEL, rng=np.random.default_rng(2))
 
 
 def shoot(stage, camera, seed=0):
-    return render(stage, camera, np.random.default_rng(seed))
+    return render(stage, camera, rng=np.random.default_rng(seed))
 
 
 def front_of(house, *, distance, aside=0.0, turn_deg=0.0):
@@ -74,7 +74,7 @@ def off_epipolar_line(first, second, xy1, xy2):
 
 
 def test_neighbouring_photos_match_as_their_true_poses_say(stage):
-    views = map_views(np.random.default_rng(3), stage.world.plan, 60)
+    views = map_views(np.random.default_rng(3), stage.world.plan, count=60)
     shares = []
     for number in (7, 9, 24, 31, 42):
         cameras = [view.camera(**SIZE) for view in views[number : number + 2]]
@@ -86,7 +86,7 @@ def test_neighbouring_photos_match_as_their_true_poses_say(stage):
 
 
 def test_turning_on_the_spot_moves_the_photo_by_the_homography_of_the_turn(stage):
-    first = map_views(np.random.default_rng(3), stage.world.plan, 60)[30].camera(**SIZE)
+    first = map_views(np.random.default_rng(3), stage.world.plan, count=60)[30].camera(**SIZE)
     second = replace(first, heading_deg=first.heading_deg + 30)
     xy1, xy2 = matches(shoot(stage, first), shoot(stage, second, 1))
     turn = second.intrinsics @ second.camera_from_world @ first.camera_from_world.T
@@ -117,7 +117,7 @@ def test_a_house_front_maps_between_two_photos_as_its_corners_do(stage):
 
 def test_the_same_seed_gives_the_same_photo(stage):
     camera = replace(front_of(stage.world.plan.buildings[0], distance=7.0), width=160, height=120)
-    again = set_stage(np.random.default_rng(1), build_world(np.random.default_rng(7)), AFTERNOON)
+    again = set_stage(np.random.default_rng(1), build_world(np.random.default_rng(7)), light=AFTERNOON)
     assert (shoot(stage, camera) == shoot(again, camera)).all()
     assert (shoot(stage, camera) != shoot(stage, camera, 1)).any()
 
@@ -126,7 +126,9 @@ def test_light_changes_the_photo_as_it_should(stage):
     camera = front_of(stage.world.plan.buildings[0], distance=7.0, turn_deg=40.0)
     photos = {"afternoon": shoot(stage, camera).astype(float)}
     for name, light in (("evening", EVENING), ("overcast", OVERCAST), ("autumn", AUTUMN)):
-        photos[name] = shoot(set_stage(np.random.default_rng(1), stage.world, light), camera).astype(float)
+        photos[name] = shoot(set_stage(np.random.default_rng(1), stage.world, light=light), camera).astype(
+            float
+        )
     red_by_blue = {name: photo[..., 0].mean() / photo[..., 2].mean() for name, photo in photos.items()}
     assert photos["evening"].mean() < photos["afternoon"].mean() - 10
     assert red_by_blue["evening"] > red_by_blue["afternoon"] > red_by_blue["overcast"]

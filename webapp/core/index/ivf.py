@@ -35,7 +35,7 @@ def cells_for(descriptors: int) -> int:
     return max(1, min(cells, descriptors // SAMPLE_PER_CELL, _MOST_CELLS))
 
 
-def train(sample: NDArray[np.uint8], descriptors: int, kind: Kind) -> Any:
+def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
     """Train an empty index.
 
     Parameters

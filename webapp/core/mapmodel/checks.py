@@ -87,7 +87,9 @@ def check_lines(image: ImageLine | None, photos: Sequence[PhotoLine]) -> list[Fi
     return found
 
 
-def check_folder(image: ImageLine | None, photos: Sequence[PhotoLine], facts: FolderFacts) -> list[Finding]:
+def check_folder(
+    image: ImageLine | None, photos: Sequence[PhotoLine], *, facts: FolderFacts
+) -> list[Finding]:
     """Find what is wrong between the map and the files in its folder.
 
     Parameters

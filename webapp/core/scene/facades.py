@@ -40,8 +40,8 @@ def front(
     for floor in range(max(1, int(size_m[1] // FLOOR_M))):
         ground = height - round(floor * FLOOR_M * PIXELS_PER_METRE)
         if floor:
-            fill_box(wall, (0, ground - 7, width, ground + 2), style.trim)
-            fill_box(wall, (0, ground + 2, width, ground + 5), darker(style.trim, 0.6))
+            fill_box(wall, (0, ground - 7, width, ground + 2), colour=style.trim)
+            fill_box(wall, (0, ground + 2, width, ground + 5), colour=darker(style.trim, 0.6))
         for column in range(columns):
             middle = round((column + 0.5) * width / columns)
             if floor == 0 and column == door_column:

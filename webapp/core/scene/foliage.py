@@ -91,7 +91,7 @@ def _crown(rng: np.random.Generator, tree: Tree, number: int) -> Foliage:
         "flowers": [(196, 60, 66), (226, 176, 60), (150, 84, 156), (226, 220, 214), (74, 112, 54)],
         "birch": [(138, 154, 74), (122, 148, 78)],
     }.get(tree.kind, [(84, 122, 50), (66, 106, 46), (104, 130, 56), (92, 112, 64)])
-    main = np.array(jitter(rng, palette[int(rng.integers(len(palette)))], 5), np.float64)
+    main = np.array(jitter(rng, palette[int(rng.integers(len(palette)))], amount=5), np.float64)
     colour = main * rng.normal(1, 0.09, (count, 1)) + rng.normal(0, 4, (count, 3))
     return Foliage(
         centre.astype(np.float32),
@@ -139,7 +139,7 @@ def _leaves(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.f
 
 
 def draw_foliage(
-    frame: Frame, camera: Camera, foliage: Foliage, *, leaves: Leaves, sun: NDArray[np.float32]
+    frame: Frame, camera: Camera, *, foliage: Foliage, leaves: Leaves, sun: NDArray[np.float32]
 ) -> None:
     """Draw all clumps that are nearer than what is drawn already.
 

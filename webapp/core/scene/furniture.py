@@ -38,7 +38,7 @@ def trunks(rng: np.random.Generator, trees: tuple[Tree, ...]) -> list[Quad]:
 
 def _bark(rng: np.random.Generator, colour: tuple[int, int, int], *, marks: bool = False) -> Texture:
     shape = (220, 16)
-    tone = 1 + 0.25 * fractal(rng, (shape[0] // 6, shape[1]), 4, octaves=2)
+    tone = 1 + 0.25 * fractal(rng, (shape[0] // 6, shape[1]), cell_px=4, octaves=2)
     wood = tint(colour, cv2.resize(tone, (shape[1], shape[0])).astype(np.float32))
     if marks:
         for y in rng.integers(4, shape[0] - 4, 15):
@@ -70,8 +70,11 @@ def fence(rng: np.random.Generator) -> list[Quad]:
 
 def _pickets(rng: np.random.Generator, length: float) -> Texture:
     height, width = 40, round(length * 32)
-    tone, _ = courses(rng, (height, width), (7.0, 1e6, 0.0), spread=0.14)
-    wood = tint(jitter(rng, (150, 126, 98), 5), tone + 0.08 * fractal(rng, (height, width), 20, octaves=3))
+    tone, _ = courses(rng, (height, width), size_px=(7.0, 1e6, 0.0), spread=0.14)
+    wood = tint(
+        jitter(rng, (150, 126, 98), amount=5),
+        tone + 0.08 * fractal(rng, (height, width), cell_px=20, octaves=3),
+    )
     x, y = np.arange(width)[None, :], np.arange(height)[:, None]
     board = (x % 7 < 5) & (y >= 2 + np.abs(x % 7 - 2))
     rail = ((y > 8) & (y < 12)) | ((y > 29) & (y < 33))
@@ -117,9 +120,11 @@ def _free(plan: Plan, spot: NDArray[np.float64]) -> bool:
 def _bench(rng: np.random.Generator, spot: NDArray[np.float64], out: NDArray[np.float64]) -> list[Quad]:
     """A bench that looks at the path."""
     side = np.array([-out[1], out[0]])  # the path is on the side of -out
-    tone, joint = courses(rng, (28, 100), (1e6, 7.0, 1.3), spread=0.1)
+    tone, joint = courses(rng, (28, 100), size_px=(1e6, 7.0, 1.3), spread=0.1)
     tone[joint] *= 0.35
-    planks = Texture.of(tint(jitter(rng, (150, 92, 52), 14), tone + 0.05 * fractal(rng, (28, 100), 24)))
+    planks = Texture.of(
+        tint(jitter(rng, (150, 92, 52), amount=14), tone + 0.05 * fractal(rng, (28, 100), cell_px=24))
+    )
     legs = Texture.of(np.full((8, 8, 3), 58, np.uint8))
     quads = []
     for place in (-0.75, 0.75):
@@ -131,7 +136,7 @@ def _bench(rng: np.random.Generator, spot: NDArray[np.float64], out: NDArray[np.
 
 
 def _lamp(rng: np.random.Generator, spot: NDArray[np.float64], side: NDArray[np.float64]) -> list[Quad]:
-    iron = Texture.of(tint((46, 58, 54), 1 + 0.2 * fractal(rng, (120, 8), 12, octaves=2)))
+    iron = Texture.of(tint((46, 58, 54), 1 + 0.2 * fractal(rng, (120, 8), cell_px=12, octaves=2)))
     glass = np.full((24, 24, 3), (232, 226, 200), np.uint8)
     cv2.rectangle(glass, (0, 0), (23, 23), (40, 48, 46), 3)
     top = box_quads(lift(spot, 3.2), side, size=(0.34, 0.34, 0.45), texture=Texture.of(glass))
@@ -142,16 +147,16 @@ def _lamp(rng: np.random.Generator, spot: NDArray[np.float64], side: NDArray[np.
 
 def _board(rng: np.random.Generator, spot: NDArray[np.float64], out: NDArray[np.float64]) -> list[Quad]:
     """A notice board with a picture and some lines, no two alike."""
-    paper = np.full((76, 104, 3), jitter(rng, (222, 214, 190), 14), np.uint8)
+    paper = np.full((76, 104, 3), jitter(rng, (222, 214, 190), amount=14), np.uint8)
     for _ in range(12):
         spots = rng.integers((6, 8), (60, 70), (int(rng.integers(3, 6)), 2)).astype(np.int32)
-        cv2.fillPoly(paper, [spots], jitter(rng, (120, 126, 104), 50), cv2.LINE_AA)
+        cv2.fillPoly(paper, [spots], jitter(rng, (120, 126, 104), amount=50), cv2.LINE_AA)
     for y in range(18, 70, 9):
         word = "".join(chr(97 + letter) for letter in rng.integers(0, 26, 5))
         cv2.putText(paper, word, (64, y), cv2.FONT_HERSHEY_PLAIN, 0.7, (36, 36, 40), 1, cv2.LINE_AA)
     cv2.rectangle(paper, (0, 0), (103, 75), (72, 52, 36), 6)
     side = np.array([-out[1], out[0]])
-    wood = Texture.of(tint((92, 68, 48), 1 + 0.2 * fractal(rng, (60, 8), 12, octaves=2)))
+    wood = Texture.of(tint((92, 68, 48), 1 + 0.2 * fractal(rng, (60, 8), cell_px=12, octaves=2)))
     quads = box_quads(lift(spot, 0.95), side, size=(1.45, 0.06, 1.06), texture=Texture.of(paper))
     for place in (-0.6, 0.6):
         quads += box_quads(lift(spot + side * place, 0.0), side, size=(0.1, 0.08, 0.95), texture=wood)

@@ -52,22 +52,24 @@ def pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
 def lay_ground(rng: np.random.Generator, plan: Plan) -> Ground:
     """Paint the ground of a park."""
     corner = np.array([-BORDER_M, -BORDER_M, 0.0])
-    park = flat(corner, (WIDTH_M + 2 * BORDER_M, DEPTH_M + 2 * BORDER_M), Texture.of(_paint(rng, plan)))
-    far = lawn(rng, (525, 600), 0.4)
-    country = flat(np.array([-60.0, -60.0, -0.03]), (240.0, 210.0), Texture.of(far))
+    park = flat(
+        corner, (WIDTH_M + 2 * BORDER_M, DEPTH_M + 2 * BORDER_M), texture=Texture.of(_paint(rng, plan))
+    )
+    far = lawn(rng, (525, 600), metres_per_pixel=0.4)
+    country = flat(np.array([-60.0, -60.0, -0.03]), (240.0, 210.0), texture=Texture.of(far))
     return Ground(park, country, _detail(rng))
 
 
-def flat(corner: NDArray[np.float64], size: tuple[float, float], texture: Texture) -> Quad:
+def flat(corner: NDArray[np.float64], size: tuple[float, float], *, texture: Texture) -> Quad:
     """Lay a texture on level ground, its top to the north."""
     return Quad(corner, np.array([size[0], 0.0, 0.0]), np.array([0.0, size[1], 0.0]), texture)
 
 
-def lawn(rng: np.random.Generator, shape: tuple[int, int], metres_per_pixel: float) -> NDArray[np.uint8]:
+def lawn(rng: np.random.Generator, shape: tuple[int, int], *, metres_per_pixel: float) -> NDArray[np.uint8]:
     """Paint grass with dry and lush patches, (h, w, 4) uint8."""
-    tone = 1 + 0.10 * fractal(rng, shape, 9 / metres_per_pixel, octaves=7)
+    tone = 1 + 0.10 * fractal(rng, shape, cell_px=9 / metres_per_pixel, octaves=7)
     grass = np.dstack([tint((104, 128, 62), tone), np.full(shape, GRASS, np.uint8)])
-    dry = np.clip(fractal(rng, shape, 14 / metres_per_pixel, octaves=5) - 0.25, 0, 0.7)[..., None]
+    dry = np.clip(fractal(rng, shape, cell_px=14 / metres_per_pixel, octaves=5) - 0.25, 0, 0.7)[..., None]
     grass[..., :3] = (grass[..., :3] * (1 - dry) + dry * np.array([150, 140, 84], np.float32)).astype(
         np.uint8
     )
@@ -79,10 +81,10 @@ def _paint(rng: np.random.Generator, plan: Plan) -> NDArray[np.uint8]:
         round((DEPTH_M + 2 * BORDER_M) / METRES_PER_PIXEL),
         round((WIDTH_M + 2 * BORDER_M) / METRES_PER_PIXEL),
     )
-    picture = lawn(rng, shape, METRES_PER_PIXEL)
+    picture = lawn(rng, shape, metres_per_pixel=METRES_PER_PIXEL)
     _stripes(picture)
     _daisies(rng, picture)
-    rough = fractal(rng, shape, 14, octaves=3)
+    rough = fractal(rng, shape, cell_px=14, octaves=3)
     _paths(rng, picture, plan, rough=rough)
     _square(rng, picture, plan)
     _pond(picture, plan, rough=rough)
@@ -102,7 +104,7 @@ def _daisies(rng: np.random.Generator, picture: NDArray[np.uint8]) -> None:
     """Flowers and weeds in patches: each patch is to be seen at its place only."""
     height, width = picture.shape[:2]
     for colour in ((236, 234, 222), (232, 204, 70), (62, 96, 44), (132, 104, 70)):
-        spread = fractal(rng, (height // 8, width // 8), 40, octaves=3)
+        spread = fractal(rng, (height // 8, width // 8), cell_px=40, octaves=3)
         spots = rng.integers(0, (height, width), (45000, 2))
         spots = spots[spread[np.minimum(spots[:, 0] // 8, height // 8 - 1), spots[:, 1] // 8 - 1] > 0.35]
         picture[spots[:, 0], spots[:, 1], :3] = colour
@@ -123,7 +125,7 @@ def _paths(
         target = plan.paths[np.linalg.norm(plan.paths - door, axis=1).argmin()]
         cv2.line(mask, *(tuple(p.tolist()) for p in pixels(np.stack([door, target]))), 255, wide // 2)
     soft = cv2.GaussianBlur(mask, (0, 0), 5).astype(np.float32) / 255 + 0.10 * rough
-    gravel = tint((190, 174, 146), 1 + 0.07 * fractal(rng, shape, 90, octaves=6) + 0.03 * rough)
+    gravel = tint((190, 174, 146), 1 + 0.07 * fractal(rng, shape, cell_px=90, octaves=6) + 0.03 * rough)
     stones = rng.integers(0, shape, (60000, 2))
     gravel[stones[:, 0], stones[:, 1]] = rng.integers(70, 225, (60000, 1))
     trodden = (soft > 0.28) & (soft <= 0.5)
@@ -138,11 +140,11 @@ def _square(rng: np.random.Generator, picture: NDArray[np.uint8], plan: Plan) ->
     (left, bottom), (right, top) = pixels(plan.square + np.array([[-reach, -reach], [reach, reach]]))
     part = picture[top:bottom, left:right]
     shape = part.shape[:2]
-    tone, joint = courses(rng, shape, (10.0, 7.0, 1.0), spread=0.1)
+    tone, joint = courses(rng, shape, size_px=(10.0, 7.0, 1.0), spread=0.1)
     tone[joint] = 0.66
     paving = tint((178, 162, 144), tone)
     flat_colour = np.broadcast_to(np.array([150, 146, 138], np.uint8), paving.shape)
-    soil = tint((112, 84, 58), 1 + 0.1 * fractal(rng, shape, 6))
+    soil = tint((112, 84, 58), 1 + 0.1 * fractal(rng, shape, cell_px=6))
     y, x = np.mgrid[: shape[0], : shape[1]] * METRES_PER_PIXEL - reach
     away = np.hypot(x, y) - plan.square_radius
     for beyond, surface in ((1.7, soil), (0.25, flat_colour), (0.0, paving)):
@@ -172,8 +174,8 @@ def _pond(picture: NDArray[np.uint8], plan: Plan, *, rough: NDArray[np.float32])
 
 def _detail(rng: np.random.Generator) -> NDArray[np.uint8]:
     shape = (512, 512)
-    blades = 128 * (1 + 0.34 * fractal(rng, shape, 5, octaves=2, tiling=True))
-    stones = 128 * (1 + 0.24 * fractal(rng, shape, 3.5, octaves=2, tiling=True))
-    waves = 128 * (1 + 0.16 * fractal(rng, shape, 60, octaves=4, tiling=True))
+    blades = 128 * (1 + 0.34 * fractal(rng, shape, cell_px=5, octaves=2, tiling=True))
+    stones = 128 * (1 + 0.24 * fractal(rng, shape, cell_px=3.5, octaves=2, tiling=True))
+    waves = 128 * (1 + 0.16 * fractal(rng, shape, cell_px=60, octaves=4, tiling=True))
     layers = np.stack([blades, stones, waves])
     return np.asarray(np.clip(layers, 0, 255), np.uint8)

@@ -47,13 +47,17 @@ def _woods(
 ) -> None:
     """A row of tree tops over the whole width, `top` of the height in the mean."""
     height, width = picture.shape[:2]
-    hills = top + 0.16 * fractal(rng, (2, width), 700, octaves=2)[0]
-    crowns = np.abs(fractal(rng, (2, width), 44, octaves=2)[0])
-    leaves = 0.05 * fractal(rng, (height, width), 7, octaves=2)
+    hills = top + 0.16 * fractal(rng, (2, width), cell_px=700, octaves=2)[0]
+    crowns = np.abs(fractal(rng, (2, width), cell_px=44, octaves=2)[0])
+    leaves = 0.05 * fractal(rng, (height, width), cell_px=7, octaves=2)
     line = (hills + 0.16 * np.sqrt(crowns))[None, :] + leaves
     share = 1 - np.arange(height, dtype=np.float32)[:, None] / height
     wood = share < line
-    tone = 0.95 + 0.34 * fractal(rng, (height, width), 30, octaves=5) - 0.3 * np.clip(line - share, 0, 0.5)
+    tone = (
+        0.95
+        + 0.34 * fractal(rng, (height, width), cell_px=30, octaves=5)
+        - 0.3 * np.clip(line - share, 0, 0.5)
+    )
     picture[wood, :3] = tint(colour, tone.astype(np.float32))[wood]
     picture[wood, 3] = 255
 
@@ -63,13 +67,13 @@ def _house(rng: np.random.Generator, picture: NDArray[np.uint8], left: int) -> N
     height, width = picture.shape[:2]
     wide, high = int(rng.integers(70, 150)), int(rng.integers(92, 132))
     right, top = min(left + wide, width - 1), height - high
-    wall = jitter(rng, (206, 190, 166), 22)
+    wall = jitter(rng, (206, 190, 166), amount=22)
     cv2.rectangle(picture, (left, top), (right, height - 1), (*wall, 255), -1)
     roof = np.array(
         [[left - 8, top], [right + 8, top], [right - wide // 5, top - 34], [left + wide // 5, top - 34]]
     )
-    cv2.fillPoly(picture, [roof.astype(np.int32)], (*jitter(rng, (136, 76, 60), 20), 255))
+    cv2.fillPoly(picture, [roof.astype(np.int32)], (*jitter(rng, (136, 76, 60), amount=20), 255))
     for y in range(top + 10, height - 16, 32):
         for x in range(left + 10, right - 12, 20):
-            glass = jitter(rng, (78, 86, 98), 16)
+            glass = jitter(rng, (78, 86, 98), amount=16)
             cv2.rectangle(picture, (x, y), (x + 9, y + 15), (*glass, 255), -1)

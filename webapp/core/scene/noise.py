@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 def fractal(
     rng: np.random.Generator,
     shape: tuple[int, int],
-    cell_px: float,
     *,
+    cell_px: float,
     octaves: int = 4,
     tiling: bool = False,
 ) -> NDArray[np.float32]:
@@ -80,7 +80,7 @@ def tint(colour: tuple[int, int, int], tone: NDArray[np.float32]) -> NDArray[np.
     return np.asarray(np.clip(tone[..., None] * base, 0, 255), np.uint8)
 
 
-def jitter(rng: np.random.Generator, colour: tuple[int, int, int], amount: float) -> tuple[int, int, int]:
+def jitter(rng: np.random.Generator, colour: tuple[int, int, int], *, amount: float) -> tuple[int, int, int]:
     """Vary a colour a little, each channel by about `amount` levels."""
     varied = np.clip(np.array(colour) + rng.normal(0, amount, 3), 0, 255)
     return (int(varied[0]), int(varied[1]), int(varied[2]))

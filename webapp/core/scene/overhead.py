@@ -13,7 +13,7 @@ from webapp.core.scene.stage import Stage
 _ALTITUDE_M = 4000.0
 
 
-def overhead(stage: Stage, metres_per_pixel: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Take a picture from so high above that roofs hardly hide their walls.
 
     Parameters
@@ -32,4 +32,4 @@ def overhead(stage: Stage, metres_per_pixel: float, rng: np.random.Generator) ->
     width, height = round(WIDTH_M / metres_per_pixel), round(DEPTH_M / metres_per_pixel)
     fov = 2 * np.degrees(np.arctan(WIDTH_M / 2 / _ALTITUDE_M))
     camera = Camera((WIDTH_M / 2, DEPTH_M / 2, _ALTITUDE_M), 0.0, float(fov), width, height, pitch_deg=-90.0)
-    return render(stage, camera, rng)
+    return render(stage, camera, rng=rng)

@@ -121,7 +121,7 @@ class Hits:
     texels: NDArray[np.float32]
 
 
-def hit_quad(frame: Frame, camera: Camera, quad: Quad) -> Hits | None:
+def hit_quad(frame: Frame, camera: Camera, *, quad: Quad) -> Hits | None:
     """Find the pixels where a quad is seen; None where it is seen nowhere."""
     to_camera = np.array(camera.position) - quad.corner
     if not quad.two_sided and to_camera @ quad.normal <= 0:
@@ -205,7 +205,7 @@ def remap(
     return np.asarray(found, np.uint8).reshape(rows * side, -1)[: x.size]
 
 
-def draw_quad(frame: Frame, camera: Camera, quad: Quad, *, sun: float) -> None:
+def draw_quad(frame: Frame, camera: Camera, *, quad: Quad, sun: float) -> None:
     """Draw a quad where it is nearer than what is drawn already.
 
     Parameters
@@ -217,7 +217,7 @@ def draw_quad(frame: Frame, camera: Camera, quad: Quad, *, sun: float) -> None:
     sun : float
         Share of the sun's light on it, 0-1.
     """
-    hits = hit_quad(frame, camera, quad)
+    hits = hit_quad(frame, camera, quad=quad)
     if hits is None:
         return
     colour = sample(quad.texture, hits)

@@ -17,7 +17,7 @@ _DETAIL_REACH_M = 22.0
 _OVERSAMPLING = 1.25
 
 
-def render(stage: Stage, camera: Camera, rng: np.random.Generator) -> NDArray[np.uint8]:
+def render(stage: Stage, camera: Camera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Take a photo.
 
     Parameters
@@ -35,10 +35,10 @@ def render(stage: Stage, camera: Camera, rng: np.random.Generator) -> NDArray[np
     large = camera.resized(_OVERSAMPLING)
     frame = Frame.empty(large)
     for number in visible(stage, large):
-        draw_quad(frame, large, stage.world.quads[number], sun=float(stage.quad_sun[number]))
-    draw_ground(frame, large, stage, quad=stage.ground.park)
-    draw_ground(frame, large, stage, quad=stage.ground.country)
-    draw_foliage(frame, large, stage.foliage, leaves=stage.world.leaves, sun=stage.foliage_sun)
+        draw_quad(frame, large, quad=stage.world.quads[number], sun=float(stage.quad_sun[number]))
+    draw_ground(frame, large, stage=stage, quad=stage.ground.park)
+    draw_ground(frame, large, stage=stage, quad=stage.ground.country)
+    draw_foliage(frame, large, foliage=stage.foliage, leaves=stage.world.leaves, sun=stage.foliage_sun)
     return _develop(_lit(frame, camera, stage), stage, rng)
 
 
@@ -64,9 +64,9 @@ def visible(stage: Stage, camera: Camera) -> NDArray[np.intp]:
     return kept[np.argsort(depth[kept].mean(axis=1), kind="stable")]
 
 
-def draw_ground(frame: Frame, camera: Camera, stage: Stage, *, quad: Quad) -> None:
+def draw_ground(frame: Frame, camera: Camera, *, stage: Stage, quad: Quad) -> None:
     """Draw level ground with its fine detail, its shadows, and the sky on its water; changes the frame."""
-    hits = hit_quad(frame, camera, quad)
+    hits = hit_quad(frame, camera, quad=quad)
     if hits is None:
         return
     pixels = sample(quad.texture, hits).view(np.uint8).reshape(-1, 4)

@@ -32,7 +32,7 @@ def ridge_height(house: Footprint) -> float:
     return wall_height(house) + RISE * house.depth / 2
 
 
-def house_quads(rng: np.random.Generator, house: Footprint, style: Style) -> list[Quad]:
+def house_quads(rng: np.random.Generator, house: Footprint, *, style: Style) -> list[Quad]:
     """Build a house: four walls, two gables, the roof and a chimney."""
     height = wall_height(house)
     corners = house.corners()
@@ -71,7 +71,7 @@ def _roof(rng: np.random.Generator, house: Footprint, style: Style) -> list[Quad
         along = lift(house.side * sign * length, 0.0)
         foot = house.centre + house.facing * sign * reach - house.side * sign * length / 2
         up = lift(-house.facing * sign * reach, RISE * reach)
-        picture = roof_surface(rng, (slope_px, round(length * PIXELS_PER_METRE)), style.roof)
+        picture = roof_surface(rng, (slope_px, round(length * PIXELS_PER_METRE)), colour=style.roof)
         quads.append(Quad(lift(foot, top - RISE * reach), along, up, Texture.of(picture), two_sided=True))
     return quads
 

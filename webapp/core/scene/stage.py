@@ -54,7 +54,7 @@ class Stage:
     clouds: NDArray[np.uint8]
 
 
-def set_stage(rng: np.random.Generator, world: World, light: Light) -> Stage:
+def set_stage(rng: np.random.Generator, world: World, *, light: Light) -> Stage:
     """Put a park under a light; `rng` moves the clouds and drops the leaves."""
     foliage, ground = world.foliage, world.ground
     if light.autumn:
@@ -126,7 +126,7 @@ def _house_shadow(dark: NDArray[np.uint8], house: Footprint, shift: NDArray[np.f
 
 
 def _clouds(rng: np.random.Generator, light: Light) -> NDArray[np.uint8]:
-    noise = fractal(rng, (512, 512), 190, octaves=6, tiling=True)
+    noise = fractal(rng, (512, 512), cell_px=190, octaves=6, tiling=True)
     cover = np.clip((noise - (0.55 - 1.1 * light.clouds)) / 0.9, 0, 1)
     return np.asarray(cv2.GaussianBlur((cover * 255).astype(np.uint8), (0, 0), 1.5), np.uint8)
 

@@ -55,7 +55,7 @@ class Style:
     flower_boxes: float = 0.0
 
 
-def fill_box(image: NDArray[np.uint8], box: tuple[float, float, float, float], colour: Colour) -> None:
+def fill_box(image: NDArray[np.uint8], box: tuple[float, float, float, float], *, colour: Colour) -> None:
     """Fill a box given as left, top, right, bottom (pixels) in an (h, w, 3) uint8 picture."""
     left, top, right, bottom = (round(side) for side in box)
     cv2.rectangle(image, (left, top), (right - 1, bottom - 1), colour, -1)

@@ -40,12 +40,12 @@ class View:
         return Camera(position, self.heading_deg, fov_deg, width, height, self.pitch_deg)
 
 
-def map_views(rng: np.random.Generator, plan: Plan, count: int) -> list[View]:
+def map_views(rng: np.random.Generator, plan: Plan, *, count: int) -> list[View]:
     """Walk all paths and take `count` photos, evenly spread."""
     return [_view(rng, plan, float(stop), stops=count, stray=0.5) for stop in range(count)]
 
 
-def query_views(rng: np.random.Generator, plan: Plan, count: int, *, stops: int) -> list[View]:
+def query_views(rng: np.random.Generator, plan: Plan, *, count: int, stops: int) -> list[View]:
     """Walk the same way another day: `count` photos between the `stops` of the map, on other lines."""
     between = [int((number + 0.5) * stops / count) + 0.5 for number in range(count)]
     return [_view(rng, plan, stop, stops=stops, stray=1.0) for stop in between]

@@ -82,7 +82,7 @@ def build_world(rng: np.random.Generator) -> World:
     quads: list[Quad] = []
     styles = _styles(for_houses, len(plan.buildings))
     for house, style in zip(plan.buildings, styles, strict=True):
-        quads += house_quads(for_houses, house, style)
+        quads += house_quads(for_houses, house, style=style)
     quads += fence(for_rest)
     quads += along_paths(for_rest, plan)
     quads += monument(for_rest, plan)
@@ -111,10 +111,10 @@ def _styles(rng: np.random.Generator, count: int) -> list[Style]:
         style = Style(
             name=_NAMES[int(names[number % len(_NAMES)])],
             material=material,
-            wall=jitter(rng, wall, 8),
-            trim=jitter(rng, trim, 4),
-            door=jitter(rng, door, 8),
-            roof=jitter(rng, _ROOFS[int(rng.integers(len(_ROOFS)))], 2),
+            wall=jitter(rng, wall, amount=8),
+            trim=jitter(rng, trim, amount=4),
+            door=jitter(rng, door, amount=8),
+            roof=jitter(rng, _ROOFS[int(rng.integers(len(_ROOFS)))], amount=2),
             window_m=(float(rng.uniform(0.95, 1.25)), float(rng.uniform(1.35, 1.75))),
             spacing_m=float(rng.uniform(2.2, 2.7)),
             panes=_PANES[int(rng.integers(len(_PANES)))],
