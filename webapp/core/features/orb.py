@@ -13,6 +13,8 @@ from webapp.core.features.types import Described, Kind, strongest
 _SCALE_FACTOR = 1.2
 _LEVELS = 8
 _PATCH = 31
+_BORDER = 31
+"""Pixels along each edge in which no corner is looked for."""
 
 
 class Orb:
@@ -33,16 +35,25 @@ class Orb:
 
     def _orb(self, keypoints: int) -> cv2.ORB:
         return cv2.ORB_create(
-            keypoints, _SCALE_FACTOR, _LEVELS, WTA_K=self._points_per_test, patchSize=_PATCH
+            keypoints,
+            _SCALE_FACTOR,
+            _LEVELS,
+            edgeThreshold=_BORDER,
+            WTA_K=self._points_per_test,
+            patchSize=_PATCH,
         )
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
         """Find at most `keypoints` corners in an (h, w) uint8 image, the strongest first."""
+        if _too_small(gray):
+            return ()
         found = self._orb(keypoints).detect(gray, None)
         return sorted(found, key=lambda k: -k.response)[:keypoints]
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
         """Find and describe the `keypoints` strongest corners; descriptors (n, 32) uint8."""
+        if _too_small(gray):
+            return (), self._or_none(None)
         found, bits = self._orb(keypoints).detectAndCompute(gray, None)
         return strongest((found, self._or_none(bits)), keypoints)
 
@@ -51,13 +62,18 @@ class Orb:
 
         Keypoints nearer to the border than the tests reach are left out.
         """
-        if not keypoints:
+        if not keypoints or _too_small(gray):
             return (), self._or_none(None)
         described, bits = self._orb(len(keypoints)).compute(gray, [_in_orb_level(k) for k in keypoints])
         return described, self._or_none(bits)
 
     def _or_none(self, bits: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
         return np.zeros((0, self.width), np.uint8) if bits is None else bits
+
+
+def _too_small(gray: NDArray[np.uint8]) -> bool:
+    """Tell whether an image is all border; OpenCV fails on some of these."""
+    return min(gray.shape) <= 2 * _BORDER
 
 
 def _in_orb_level(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:

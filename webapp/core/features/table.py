@@ -63,6 +63,12 @@ BUNDLES: dict[str, tuple[str, str]] = {
 }
 """`--features NAME`: detector and extractor; the matcher follows from the method."""
 
+_USUAL_FIRST = ("ivf", "hamming", "flann", "hamming2")
+"""The matcher where none was asked for: the first that works."""
+
+_PAIRS_OF_BITS = frozenset({"orb-wta4"})
+"""Extractors whose descriptors only Hamming2 compares."""
+
 BEST_FIRST = ("sift",)
 """What `auto` takes: the first that is available here."""
 
@@ -126,8 +132,8 @@ def choose(
         chosen_extractor = chosen_detector
     if extractor and not detector and bundle == "auto":
         chosen_detector = chosen_extractor.split("-")[0]
-    kind = EXTRACTORS[chosen_extractor]().kind
-    chosen_matcher = _known(matcher, MATCHERS, "matcher") if matcher else _usual_matcher(method, kind)
+    usual = next(m for m in _USUAL_FIRST if _fits(m, chosen_extractor, method))
+    chosen_matcher = _known(matcher, MATCHERS, "matcher") if matcher else usual
     if chosen_matcher == "hamming2" and chosen_extractor == "orb":
         chosen_extractor = "orb-wta4"  # Hamming2 counts pairs of bits, which only these tests produce.
     choice = FeatureChoice(chosen_detector, chosen_extractor, chosen_matcher)
@@ -135,34 +141,29 @@ def choose(
     return choice
 
 
-def _usual_matcher(method: Method, kind: Kind) -> str:
-    if method == "verified":
-        return "ivf"
-    return "flann" if kind == "float" else "hamming"
+def _fits(matcher: str, extractor: str, method: Method) -> bool:
+    entry = MATCHERS[matcher]
+    if extractor in _PAIRS_OF_BITS and matcher != "hamming2":
+        return False
+    return EXTRACTORS[extractor]().kind in entry.kinds and method in entry.methods
 
 
 def _refuse_what_cannot_work(choice: FeatureChoice, method: Method) -> None:
-    entry = MATCHERS[choice.matcher]
-    names = [n for n, m in MATCHERS.items() if choice.kind in m.kinds and method in m.methods]
-    fitting = ", ".join(names)
-    if choice.matcher == "hamming" and choice.extractor == "orb-wta4":
-        raise UsageError(
-            "the bits of orb-wta4 come in pairs, which hamming would tear apart",
-            where="--matcher",
-            hint="take --matcher hamming2, or --extractor orb",
+    if _fits(choice.matcher, choice.extractor, method):
+        return
+    fitting = ", ".join(m for m in MATCHERS if _fits(m, choice.extractor, method))
+    hint = f"with --method {method} and --extractor {choice.extractor} these work: {fitting}"
+    if method not in MATCHERS[choice.matcher].methods:
+        message = f"matcher {choice.matcher} does not work with method {method}"
+    elif choice.kind not in MATCHERS[choice.matcher].kinds:
+        message = (
+            f"matcher {choice.matcher} cannot compare the {choice.kind} descriptors of {choice.extractor}"
         )
-    if choice.kind not in entry.kinds:
-        raise UsageError(
-            f"matcher {choice.matcher} cannot compare the {choice.kind} descriptors of {choice.extractor}",
-            where="--matcher",
-            hint=f"with --extractor {choice.extractor} these work: {fitting}",
-        )
-    if method not in entry.methods:
-        raise UsageError(
-            f"matcher {choice.matcher} does not work with method {method}",
-            where="--matcher",
-            hint=f"with --method {method} and {choice.extractor} these work: {fitting}",
-        )
+        others = [b for b, (_, extractor) in BUNDLES.items() if _fits(choice.matcher, extractor, method)]
+        hint = f"take --features {' or '.join(others)}; {hint}"
+    else:
+        message = f"the bits of {choice.extractor} come in pairs, which {choice.matcher} would tear apart"
+    raise UsageError(message, where="--matcher", hint=hint)
 
 
 def _known(name: str, table: Mapping[str, object], what: str) -> str:

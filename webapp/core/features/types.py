@@ -93,7 +93,7 @@ def features_from_keypoints(
         xy=xy.astype(np.float32),
         size=table[:, 2] / np.float32(scale),
         angle=table[:, 3],
-        descriptors=np.ascontiguousarray(descriptors, np.uint8).reshape(len(table), -1),
+        descriptors=np.ascontiguousarray(descriptors, np.uint8),
         photo_size=photo_size,
     )
 

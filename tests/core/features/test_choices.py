@@ -1,0 +1,105 @@
+"""Which combinations of detector, extractor and matcher are taken, and what is said about the others."""
+
+import itertools
+
+import pytest
+
+from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS, Method, choose
+from webapp.errors import UsageError
+
+FITTING = {
+    "sift": {"flann", "l1", "l2", "ivf"},
+    "sift-plain": {"flann", "l1", "l2", "ivf"},
+    "orb": {"flann", "hamming", "hamming2", "ivf"},
+    "orb-wta4": {"hamming2"},
+}
+
+ALL = [
+    (method, detector, extractor, matcher)
+    for method in METHODS
+    for detector, extractor, matcher in itertools.product(DETECTORS, EXTRACTORS, MATCHERS)
+]
+
+
+def works(method: Method, extractor: str, matcher: str) -> bool:
+    return matcher in FITTING[extractor] and (method, matcher) != ("vote", "ivf")
+
+
+@pytest.mark.parametrize(
+    ("method", "detector", "extractor", "matcher"), [c for c in ALL if works(c[0], *c[2:])]
+)
+def test_combinations_that_work(method, detector, extractor, matcher):
+    choice = choose(method, detector=detector, extractor=extractor, matcher=matcher)
+    assert (choice.detector, choice.matcher) == (detector, matcher)
+    # Hamming2 counts pairs of bits, so ORB makes pairs for it.
+    assert choice.extractor == ("orb-wta4" if matcher == "hamming2" else extractor)
+
+
+@pytest.mark.parametrize(
+    ("method", "detector", "extractor", "matcher"), [c for c in ALL if not works(c[0], *c[2:])]
+)
+def test_combinations_that_cannot_work_are_refused_with_those_that_can(method, detector, extractor, matcher):
+    with pytest.raises(UsageError) as refused:
+        choose(method, detector=detector, extractor=extractor, matcher=matcher)
+    assert refused.value.where == "--matcher"
+    assert refused.value.hint is not None
+    offered = refused.value.hint.split("work: ")[1].split(", ")
+    assert offered
+    assert set(offered) == {m for m in FITTING[extractor] if works(method, extractor, m)}
+    for name in offered:
+        assert choose(method, detector=detector, extractor=extractor, matcher=name).matcher == name
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("features", ["auto", *BUNDLES])
+def test_every_bundle_has_a_matcher_for_every_method(method, features):
+    choice = choose(method, features=features)
+    assert choice.name == ("sift" if features == "auto" else features)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("detector", "extractor"), [*itertools.product(DETECTORS, EXTRACTORS)])
+def test_every_pair_has_a_usual_matcher(method, detector, extractor):
+    choice = choose(method, detector=detector, extractor=extractor)
+    assert works(method, choice.extractor, choice.matcher)
+    assert (choice.detector, choice.extractor) == (detector, extractor)
+
+
+def test_names_in_any_case_and_as_in_opencv():
+    assert choose("vote", features="SIFT", matcher="FlannBased").matcher == "flann"
+    assert choose("vote", features="Sift", matcher="BruteForce").matcher == "l2"
+    assert choose("vote", features="SIFT", matcher="BruteForce-L1").matcher == "l1"
+    assert choose("vote", features="ORB", matcher="BruteForce-Hamming").matcher == "hamming"
+    assert choose("vote", features="orb", matcher="BruteForce-Hamming(2)").matcher == "hamming2"
+    assert choose("vote", features="orb", matcher="Hamming2").matcher == "hamming2"
+    assert choose("vote", detector=" ORB ", extractor="RootSIFT", matcher="L2").name == "orb+sift"
+
+
+def test_one_part_alone_brings_the_fitting_other():
+    assert choose("vote", detector="orb").name == "orb"
+    assert choose("vote", extractor="orb").name == "orb"
+    assert choose("vote", extractor="sift-plain").detector == "sift"
+    assert choose("vote", features="sift", detector="orb").name == "orb+sift"
+    assert choose("vote", features="orb", extractor="sift").name == "orb+sift"
+
+
+@pytest.mark.parametrize(
+    ("part", "known"),
+    [
+        ("features", "auto, sift"),
+        ("detector", "sift, orb"),
+        ("extractor", "sift-plain"),
+        ("matcher", "flann"),
+    ],
+)
+def test_unknown_names_are_told_with_the_known_ones(part, known):
+    with pytest.raises(UsageError, match="surf") as refused:
+        choose("vote", **{part: "surf"})
+    assert refused.value.where == f"--{part}"
+    assert known in str(refused.value.hint)
+
+
+def test_a_matcher_of_other_descriptors_names_the_features_for_it():
+    with pytest.raises(UsageError, match="--features orb") as refused:
+        choose("vote", matcher="hamming")
+    assert "flann, l1, l2" in str(refused.value)
