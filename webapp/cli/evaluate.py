@@ -1,4 +1,4 @@
-"""`expmap evaluate`: how good are the answers?"""
+"""`expmap evaluate`: how good the answers are."""
 
 from __future__ import annotations
 
@@ -20,10 +20,12 @@ from webapp.tasks import evaluate as task
 from webapp.tasks import prepare
 from webapp.tasks.evaluation_types import EvaluateOptions, Evaluation
 
+_QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
+
 
 @click.command()
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
-@click.argument("queries", metavar="QUERIES.csv", type=MAP_FILE, required=False)
+@click.argument("queries", metavar="[QUERIES.csv]", type=_QUERIES, required=False)
 @click.option("--self", "of_itself", is_flag=True, help="Take the map's own photos, each hidden in turn.")
 @click.option(
     "--hide-within",
@@ -85,7 +87,7 @@ def evaluate(
 def _report(evaluation: Evaluation, output: Path | None, *, several: bool) -> None:
     for result in evaluation.results:
         if result.error:
-            click.echo(f"{result.path}: {result.error}", err=True)
+            click.echo(f"expmap: {result.error}", err=True)
     if output is None:
         return
     folder = output / evaluation.scheme if several else output

@@ -1,4 +1,4 @@
-"""`expmap localize`: where were these photos taken?"""
+"""`expmap localize`: where photos were taken."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from webapp.cli.options import MAP_FILE, fov_options, index_options, open_option
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import Answer
-from webapp.errors import PhotoError, StorageError
+from webapp.errors import PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import from_environment
 from webapp.tasks import prepare
 from webapp.tasks.localize_photo import PhotoLocalizer
 
+_FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
 
 
-@click.command()
+@click.command(short_help="Say where photos were taken.")
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
 @click.argument("photos", metavar="PHOTO...", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option("--top", type=click.IntRange(1), default=5, show_default=True, help="At most so many places.")
@@ -48,6 +49,8 @@ def localize(
 
     With several photos the pictures are numbered: OUT-1.png, OUT-2.png and so on.
     """
+    for option, path in (("--matches", matches), ("--picture", picture)):
+        _refuse_unwritable(path, option)
     settings = from_environment()
     with terminal_progress("photos") as progress:
         localizer = prepare.run(
@@ -70,6 +73,16 @@ def localize(
     if as_json:
         click.echo(json.dumps(forms, indent=2))
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
+
+
+def _refuse_unwritable(path: Path | None, option: str) -> None:
+    """Find out before the work, and not after it, that a picture cannot be written there."""
+    if path is None:
+        return
+    if path.suffix.lower() not in _FORMATS:
+        raise UsageError(f"cannot draw a {path.name}", where=option, hint="name a .png or .jpg")
+    if not path.parent.is_dir():
+        raise UsageError(f"there is no folder {path.parent}", where=option, hint="make it first")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +129,7 @@ class _Output:
         target = path.with_stem(f"{path.stem}-{number}") if self.several else path
         try:
             image.save(target)
-        except (OSError, ValueError) as error:
-            raise StorageError(
-                f"the picture cannot be written: {error}", where=str(target), hint="name a .png in a folder"
-            ) from error
+        except OSError as error:
+            reason = error.strerror or error
+            raise StorageError(f"the picture cannot be written: {reason}", where=str(target)) from error
         click.echo(f"drawn: {target}", err=True)

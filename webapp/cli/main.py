@@ -40,6 +40,12 @@ class LazyGroup(click.Group):
         return command
 
 
+def _show_version(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        click.echo(f"expmap {__version__}")
+        ctx.exit()
+
+
 map_group = LazyGroup(
     name="map",
     help="Make and check map files.",
@@ -66,9 +72,7 @@ root = LazyGroup(
             is_flag=True,
             expose_value=False,
             is_eager=True,
-            callback=lambda ctx, _, value: (
-                (click.echo(f"expmap {__version__}"), ctx.exit()) if value else None
-            ),
+            callback=_show_version,
             help="Show the version and exit.",
         )
     ],
@@ -79,8 +83,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code; an error is one line on standard error."""
     try:
         code = root.main(args=arguments, prog_name="expmap", standalone_mode=False)
-    except click.ClickException as error:
+    except click.exceptions.NoArgsIsHelpError as error:
         error.show()
+        code = error.exit_code
+    except click.ClickException as error:
+        click.echo(f"expmap: {_in_one_line(error)}", err=True)
         code = error.exit_code
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)
@@ -93,6 +100,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 1
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _in_one_line(error: click.ClickException) -> str:
+    message = " ".join(error.format_message().split()).rstrip(".")
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    return message if context is None else f"{message} ({context.command_path} --help tells more)"
 
 
 if __name__ == "__main__":

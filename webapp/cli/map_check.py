@@ -8,15 +8,14 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.exitcodes import BAD_MAP
 from webapp.core.mapmodel.findings import Finding
 from webapp.progress import Progress
 from webapp.settings import from_environment
 from webapp.tasks import check_map
 
-BAD_MAP = 3
-"""Exit code when the map has errors."""
-
-_SHOWN = 20
+_SHOWN = {"error": 20, "warning": 5}
+"""Findings of one kind in one file that are printed; --json has all."""
 
 
 @click.command("check")
@@ -44,18 +43,20 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
 def _print(report: check_map.Report) -> None:
     """Print the findings; of one kind in one file, only the first."""
     seen: Counter[tuple[str, str]] = Counter()
+    most: dict[tuple[str, str], int] = {}
     for finding in report.findings:
         kind = (finding.file, finding.code)
         seen[kind] += 1
-        if seen[kind] <= _SHOWN:
+        most[kind] = _SHOWN[finding.severity]
+        if seen[kind] <= most[kind]:
             place = f"{_file(report, finding)}:{finding.line}:{finding.column}"
             click.echo(
                 f"{place}: {finding.severity}: {finding.message} ({finding.code})\n    fix: {finding.fix}"
             )
     for (file, code), count in seen.items():
-        if count > _SHOWN:
+        if count > most[file, code]:
             name = report.cfg_path.with_name(file) if file else report.cfg_path
-            click.echo(f"{name}: {count - _SHOWN} more of {code}; --json lists all", err=True)
+            click.echo(f"{name}: {count - most[file, code]} more of {code}; --json lists all", err=True)
 
 
 def _file(report: check_map.Report, finding: Finding) -> Path:

@@ -21,7 +21,7 @@ _BESIDE = Path()
 _FILE = click.Path(path_type=Path)
 
 
-@click.command("from-photos")
+@click.command("from-photos", short_help="Make a map from the photos in a folder.")
 @click.argument("folder", type=_FILE)
 @click.option("-o", "--output", "cfg", type=_FILE, required=True, metavar="MAP.cfg", help="The map to write.")
 @click.option("--satellite", type=_FILE, metavar="IMAGE", help="Satellite image; inside the map's folder.")

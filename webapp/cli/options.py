@@ -13,7 +13,8 @@ from webapp.tasks.open_map import OpenOptions
 
 Command = Callable[..., Any]
 
-MAP_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+MAP_FILE = click.Path(path_type=Path)
+"""Not looked for here: a map that is missing is a bad map, and not a wrong option."""
 
 
 def index_options(command: Command) -> Command:

@@ -1,1 +1,1 @@
-"""The use-cases, one a file: `run(..., settings, progress) -> report`, called by the front ends and the tests."""
+"""The use-cases, one a file: `run(..., settings, progress) -> report`, called by every front end."""

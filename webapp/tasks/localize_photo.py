@@ -11,7 +11,6 @@ from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.core.hypotheses.model import Answer, FieldOfView
 from webapp.core.localize import verified, vote
 from webapp.core.mapmodel.model import Map
-from webapp.errors import PhotoError
 from webapp.files.calibrationfile import StoredCalibration
 from webapp.files.photo import read_facts, read_gray
 from webapp.settings import Settings
@@ -54,13 +53,9 @@ class PhotoLocalizer:
             The photo cannot be used.
         """
         clock = [time.perf_counter()]
-        try:
-            data = photo_path.read_bytes()
-        except OSError as error:
-            raise PhotoError(f"cannot be read: {error.strerror}", where=str(photo_path)) from error
         limits, options = self.settings.photo, self.settings.extract
-        gray = read_gray(data, limits=limits, max_side=options.max_side_px)
-        fov = self._fov(data, gray.full_size) if self.method == "verified" else None
+        gray = read_gray(photo_path, limits=limits, max_side=options.max_side_px)
+        fov = self._fov(photo_path, gray.full_size) if self.method == "verified" else None
         clock.append(time.perf_counter())
         features = extract(
             gray.pixels,
@@ -87,10 +82,10 @@ class PhotoLocalizer:
             times["retrieve"] = clock[3] - clock[2]
         return replace(answer, seconds={**answer.seconds, **times}, fov=fov)
 
-    def _fov(self, data: bytes, size: tuple[int, int]) -> FieldOfView:
+    def _fov(self, photo_path: Path, size: tuple[int, int]) -> FieldOfView:
         if self.fov_deg is not None:
             return FieldOfView(self.fov_deg, "option")
-        exif = read_facts(data, limits=self.settings.photo).fov_deg
+        exif = read_facts(photo_path, limits=self.settings.photo).fov_deg
         if exif is not None:
             return FieldOfView(exif, "exif")
         return FieldOfView(guessed_fov_deg(*size), "guess")

@@ -1,0 +1,8 @@
+"""`python -m webapp` is `expmap`."""
+
+from __future__ import annotations
+
+from webapp.cli.main import main
+
+if __name__ == "__main__":
+    main()
