@@ -25,7 +25,7 @@ class FieldError(Exception):
         The text that should stand there instead, where it can be told.
     """
 
-    def __init__(self, code: Code, message: str, better: str | None = None) -> None:
+    def __init__(self, code: Code, message: str, *, better: str | None = None) -> None:
         super().__init__(message)
         self.code = code
         self.message = message
@@ -42,7 +42,7 @@ def parse_name(text: str) -> str:
     """
     problem = name_problem(text)
     if problem:
-        raise FieldError(problem.code, problem.message, problem.better)
+        raise FieldError(problem.code, problem.message, better=problem.better)
     return text
 
 
@@ -55,7 +55,7 @@ def parse_id(text: str) -> int:
     """
     if not _INTEGER.fullmatch(text):
         better = text[1:] if _INTEGER.fullmatch(text[1:]) and text[0] == "+" else None
-        raise FieldError(Code.NON_NUMERIC_ID, f"the id {quoted(text)} is not a whole number", better)
+        raise FieldError(Code.NON_NUMERIC_ID, f"the id {quoted(text)} is not a whole number", better=better)
     return _limited(text, "the id", smallest=0)
 
 
@@ -88,11 +88,11 @@ def _whole(text: str, what: str) -> str:
     better = str(round_half_up(float(Decimal(f"{fraction[1]}.{fraction[2]}0")))) if fraction else None
     if fraction and "," in text:
         message = f"{what} = {quoted(text)} has a decimal comma: pixels are whole numbers"
-        raise FieldError(Code.DECIMAL_COMMA, message, better)
+        raise FieldError(Code.DECIMAL_COMMA, message, better=better)
     if text[0] == "+" and _INTEGER.fullmatch(text[1:]):
         better = text[1:]
     message = f"{what} = {quoted(text)} is not a whole number in plain digits"
-    raise FieldError(Code.NOT_AN_INTEGER, message, better)
+    raise FieldError(Code.NOT_AN_INTEGER, message, better=better)
 
 
 def _limited(text: str, what: str, *, smallest: int) -> int:
