@@ -73,7 +73,8 @@ class Orb:
 
 def _too_small(gray: NDArray[np.uint8]) -> bool:
     """Tell whether an image is all border; OpenCV fails on some of these."""
-    return min(gray.shape) <= 2 * _BORDER
+    height, width = gray.shape
+    return bool(min(height, width) <= 2 * _BORDER)
 
 
 def _in_orb_level(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:

@@ -33,6 +33,8 @@ class BruteForce:
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
         """Find the k nearest map descriptors of each of (n, d) uint8 descriptors."""
         best = nothing_found(len(descriptors), k)
+        if not len(descriptors):
+            return best
         first = 0
         for segment in self._segments:
             for start in range(0, len(segment), _BLOCK_ROWS):

@@ -7,7 +7,8 @@ query is assigned to cells once. Jégou et al. 2011; the 4-bit codes are André 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import faiss
@@ -27,6 +28,8 @@ _COMPRESS_FROM = 20_000
 
 _PROBES = 4
 _PROBES_WHEN_SMALL = 16
+_FEW_CELLS = 256
+"""Cells searched for each descriptor, and how many cells make a map small."""
 
 
 def cells_for(descriptors: int) -> int:
@@ -57,11 +60,27 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
         return binary
     codes = f"PQ{width // 2}x4fs" if descriptors >= _COMPRESS_FROM else "SQ8_direct"
     index: Any = faiss.index_factory(width, f"IVF{cells},{codes}")
+    if descriptors < _COMPRESS_FROM:
+        index.by_residual = False  # a byte holds a descriptor, but not its difference to a cell's centre
     index.cp.seed = 1
     index.cp.min_points_per_centroid = 1
     index.cp.max_points_per_centroid = SAMPLE_PER_CELL
-    index.train(sample.astype(np.float32))
+    points = sample.astype(np.float32)
+    index.train_q1(len(points), faiss.swig_ptr(points), False, faiss.METRIC_L2)
+    # The quantizer has thousands of tiny steps: threads would spend their time waiting for each other.
+    with _one_thread():
+        index.train(points)
     return index
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    before = faiss.omp_get_max_threads()
+    faiss.omp_set_num_threads(1)
+    try:
+        yield
+    finally:
+        faiss.omp_set_num_threads(before)
 
 
 def encode(codebook: Any, descriptors: NDArray[np.uint8]) -> None:
@@ -84,7 +103,7 @@ class InvertedFile:
     def __init__(self, segments: Sequence[Any]) -> None:
         self._segments = [s for s in segments if s.ntotal]
         for segment in self._segments:
-            segment.nprobe = _PROBES if segment.nlist > _PROBES**4 else _PROBES_WHEN_SMALL
+            segment.nprobe = min(segment.nlist, _PROBES if segment.nlist > _FEW_CELLS else _PROBES_WHEN_SMALL)
 
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
         """Find about the k nearest map descriptors of each of (n, d) uint8 descriptors."""
@@ -93,7 +112,7 @@ class InvertedFile:
         if isinstance(self._segments[0], faiss.IndexBinary):
             return self._search_binary(np.ascontiguousarray(descriptors), k)
         query = descriptors.astype(np.float32)
-        to_cell, cell = self._segments[0].quantizer.search(query, min(self._segments[0].nprobe, self.cells))
+        to_cell, cell = self._segments[0].quantizer.search(query, self._segments[0].nprobe)
         first, parts = 0, []
         for segment in self._segments:
             squared, row = segment.search_preassigned(query, k, cell, to_cell)
@@ -101,11 +120,6 @@ class InvertedFile:
             parts.append(Neighbours(distance, np.where(row >= 0, row + first, -1)))
             first += segment.ntotal
         return parts[0] if len(parts) == 1 else nearest_of(parts, k)
-
-    @property
-    def cells(self) -> int:
-        """How many cells the codebook has."""
-        return int(self._segments[0].nlist)
 
     def _search_binary(self, query: NDArray[np.uint8], k: int) -> Neighbours:
         first, parts = 0, []
