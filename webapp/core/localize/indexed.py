@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
 from webapp.core.index.segment import Segment
-from webapp.core.index.types import DescriptorSearch, Neighbours
+from webapp.core.index.types import DescriptorSearch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,20 +62,45 @@ class IndexedMap:
         photo = self.photo_of_entry[np.clip(entry, 0, len(self.photo_of_entry) - 1)]
         return np.where(row >= 0, photo, -1)
 
+    def keypoint_angle(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Look up the orientation of descriptor rows, any shape, degrees; 0 for row -1."""
+        return self._gather(row, [s.angle for s in self.segments])
+
+    def keypoint_xy(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Look up where the keypoints of descriptor rows, any shape, are in their photos; (..., 2)."""
+        return self._gather(row, [s.xy for s in self.segments])
+
+    @staticmethod
+    def _gather(row: NDArray[np.int64], arrays: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
+        found = np.zeros((*row.shape, *arrays[0].shape[1:]), np.float32)
+        first = 0
+        for array in arrays:
+            here = (row >= first) & (row < first + len(array))
+            found[here] = array[row[here] - first]
+            first += len(array)
+        return found
+
     def features(self, photo: int) -> Features | None:
         """Take out a photo's features, by its number; None when it could not be read."""
+        place = self._place(photo)
+        return None if place is None else place[0].entry(place[1]).features
+
+    def photo_size(self, photo: int) -> tuple[int, int]:
+        """Tell width and height of an upright photo that has features."""
+        place = self._place(photo)
+        if place is None:
+            raise IndexError(f"photo {photo} has no features")
+        width, height = place[0].photo_size[place[1]]
+        return int(width), int(height)
+
+    def _place(self, photo: int) -> tuple[Segment, int] | None:
+        """Find a photo's segment and its number there."""
         entry = int(self._entry_of_photo[photo])
-        if entry < 0:
-            return None
-        for segment in self.segments:
+        for segment in self.segments if entry >= 0 else ():
             if entry < len(segment.content):
-                return segment.entry(entry).features
+                return segment, entry
             entry -= len(segment.content)
         return None
-
-    def first_row_of(self, photo: int) -> int:
-        """Tell the first descriptor row of a photo that has features."""
-        return int(self.first_row[self._entry_of_photo[photo]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,8 +120,11 @@ class Candidates:
     photo: NDArray[np.int64]
 
 
-_SPARE_PER_HIDDEN = 2
-_MOST_SPARE = 40
+_SPARE = 4
+"""So many more neighbours are looked up at first where some photos are not to be seen."""
+
+_MOST_NEIGHBOURS = 1000
+"""A descriptor with so many neighbours in photos that are not to be seen has none."""
 
 
 def candidates(
@@ -109,28 +138,51 @@ def candidates(
     descriptors : (n, d) uint8
     k : int
     hide : collection of int
-        Experience ids to leave out, as if they were not in the map. Their places in the list are taken by
-        the next neighbours, of which a limited number is looked up; what is missing then counts as absent.
+        Experience ids to leave out, as if they were not in the map.
 
     Returns
     -------
     Candidates
     """
-    removed = bool((indexed.photo_of_entry < 0).any())
-    spare = min(_MOST_SPARE, _SPARE_PER_HIDDEN * len(hide)) + (4 if removed else 0)
-    found = indexed.search.search(descriptors, k + spare)
+    hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64, len(hide)))
+    whole = not hidden.any() and bool((indexed.photo_of_entry >= 0).all())
+    wanted = k if whole else k + _SPARE
+    answer = _visible(indexed, descriptors, hidden=hidden, k=k, looked_up=wanted)
+    # Photos that are not to be seen can fill the list of a descriptor: then more are looked up for it.
+    while not whole and wanted < _MOST_NEIGHBOURS:
+        short = np.flatnonzero(answer.more & (answer.photo[:, -1] < 0))
+        if not len(short):
+            break
+        wanted = min(4 * wanted, _MOST_NEIGHBOURS)
+        longer = _visible(indexed, descriptors[short], hidden=hidden, k=k, looked_up=wanted)
+        for part, more in zip(answer, longer, strict=True):
+            part[short] = more
+    return Candidates(answer.distance, answer.row, answer.photo)
+
+
+class _Visible(NamedTuple):
+    """As `Candidates`; `more` (n,) bool tells where further neighbours could be looked up."""
+
+    distance: NDArray[np.float32]
+    row: NDArray[np.int64]
+    photo: NDArray[np.int64]
+    more: NDArray[np.bool_]
+
+
+def _visible(
+    indexed: IndexedMap,
+    descriptors: NDArray[np.uint8],
+    *,
+    hidden: NDArray[np.bool_],
+    k: int,
+    looked_up: int,
+) -> _Visible:
+    """Take the first k of `looked_up` neighbours that are in photos of the map that are not `hidden`."""
+    found = indexed.search.search(descriptors, looked_up)
     photo = indexed.photo_of_row(found.row)
-    if hide:
-        hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64))
-        photo = np.where((photo >= 0) & hidden[photo], -1, photo)
-    if not spare:
-        return Candidates(found.distance, found.row, photo)
-    return _first_visible(found, photo, k)
-
-
-def _first_visible(found: Neighbours, photo: NDArray[np.int64], k: int) -> Candidates:
+    photo = np.where((photo >= 0) & hidden[photo], -1, photo)
     order = np.argsort(photo < 0, axis=1, kind="stable")[:, :k]
     photo = np.take_along_axis(photo, order, 1)
-    distance = np.where(photo >= 0, np.take_along_axis(found.distance, order, 1), np.inf)
+    distance = np.where(photo >= 0, np.take_along_axis(found.distance, order, 1), np.float32(np.inf))
     row = np.where(photo >= 0, np.take_along_axis(found.row, order, 1), -1)
-    return Candidates(distance.astype(np.float32), row, photo)
+    return _Visible(distance, row, photo, found.row[:, -1] >= 0)

@@ -38,7 +38,8 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
     found = candidates(indexed, query.descriptors, k=1, hide=hide)
     distance, photo = found.distance[:, 0], found.photo[:, 0]
     matched = photo >= 0
-    kept = matched & (distance <= distance[matched].mean()) if matched.any() else matched
+    # In double precision: rounded down, the mean of equal distances would be nearer than each of them.
+    kept = matched & (distance <= distance[matched].mean(dtype=np.float64)) if matched.any() else matched
     statistics = match_statistics(len(query), distance[matched], pruned=int(kept.sum()))
     if not kept.any():
         return Answer((), None, 0.0, NoPose(_why_none(len(query))), statistics)
@@ -90,12 +91,9 @@ def _evidence(
     indexed: IndexedMap, query: Features, *, found: Candidates, kept: NDArray[np.bool_], photo: int
 ) -> Evidence:
     mine = np.flatnonzero(kept & (found.photo[:, 0] == photo))
-    features = indexed.features(photo)
-    assert features is not None  # it has votes, so it has features
-    rows = found.row[mine, 0] - indexed.first_row_of(photo)
     return Evidence(
         experience=int(indexed.ids[photo]),
         query_xy=query.xy[mine],
-        photo_xy=np.asarray(features.xy)[rows],
+        photo_xy=indexed.keypoint_xy(found.row[mine, 0]),
         inlier=np.zeros(len(mine), bool),
     )
