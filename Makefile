@@ -1,37 +1,50 @@
 # Two commands do all the set-up: `make run` and `make test`. Both need only Python 3.11+ and make.
 PYTHON ?= python3
 VENV   := .venv
+ifeq ($(OS),Windows_NT)
+BIN    := $(VENV)/Scripts
+else
 BIN    := $(VENV)/bin
+endif
+SAMPLE := maps/sample
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# By environment, so that what builds the package is pinned too.
+export PIP_CONSTRAINT       := constraints.txt
+export PIP_BUILD_CONSTRAINT := constraints.txt
 
-.PHONY: install run test lint clean help
+.PHONY: help install run lint test clean
 
-help:            ## what can be made
+help:            ## say what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
 
-install: $(VENV)/.installed ## .venv with the command expmap in it
+install: $(VENV)/.installed ## make .venv with the command expmap in it
 
-$(VENV)/bin/python:
-	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
+$(VENV)/pyvenv.cfg:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg
+	@echo "installing Experience Map into $(VENV), which takes about a minute"
+	$(PIP) -e .
 	@touch $@
 
-$(VENV)/.tested: pyproject.toml constraints.txt $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+$(VENV)/.tested: $(VENV)/.installed
+	@echo "installing what the tests need"
+	$(PIP) -e '.[test]'
 	@touch $@
 
 run: install     ## make the sample map and localize a photo on it
-	$(BIN)/expmap sample
-	$(BIN)/expmap localize maps/sample/map.cfg maps/sample/queries/query_00.jpg --picture maps/sample/where.png --matches maps/sample/matches.png
+	$(BIN)/expmap sample $(SAMPLE)
+	$(BIN)/expmap localize $(SAMPLE)/map.cfg $(SAMPLE)/queries/query_02.jpg --picture $(SAMPLE)/where.png --matches $(SAMPLE)/matches.png
+	@echo "Look at $(SAMPLE)/where.png and $(SAMPLE)/matches.png, then read docs/first-map.md."
 
-lint: $(VENV)/.tested ## linters and types
+lint: $(VENV)/.tested ## check style and types
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: $(VENV)/.tested lint ## everything
+test: lint       ## run everything that must pass
 	$(BIN)/pytest -n auto --dist loadgroup
 
 clean:           ## remove what was made here, but no map
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

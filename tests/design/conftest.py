@@ -1,0 +1,88 @@
+"""The program as text and syntax trees, and its commands as a table."""
+
+import ast
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import click
+import pytest
+
+from webapp.cli.main import root as command_root
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Module:
+    """A module of the program."""
+
+    path: Path
+    text: str = field(repr=False)
+    tree: ast.Module = field(repr=False)
+
+    @property
+    def name(self) -> str:
+        """As it is imported."""
+        parts = self.path.relative_to(ROOT).with_suffix("").parts
+        return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+    @property
+    def layer(self) -> str:
+        """The folder or module right below the package."""
+        return [*self.name.split("."), ""][1]
+
+    def imported(self) -> Iterator[str]:
+        """Names of modules it imports anywhere in it, and of what it takes from them."""
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0 and node.module, f"{self.path}:{node.lineno}: a relative import"
+                yield node.module
+                yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@pytest.fixture(scope="session")
+def project() -> Path:
+    """The folder of the project."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def modules() -> list[Module]:
+    """All modules of the program."""
+    found = []
+    for path in sorted((ROOT / "webapp").rglob("*.py")):
+        text = path.read_text("utf-8")
+        found.append(Module(path, text, ast.parse(text)))
+    return found
+
+
+@pytest.fixture(scope="session")
+def tracked() -> list[Path]:
+    """All files under version control, and new ones that are not ignored."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("this is not a git working copy, so nobody knows which files belong to it")
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
+    paths = [ROOT / name for name in names.split("\0") if name]
+    return [path for path in paths if path.is_file()]
+
+
+@pytest.fixture(scope="session")
+def commands() -> dict[str, click.Command]:
+    """All commands that do something, by the words that call them."""
+    return dict(_commands(command_root, "expmap"))
+
+
+def _commands(command: click.Command, words: str) -> Iterator[tuple[str, click.Command]]:
+    if not isinstance(command, click.Group):
+        yield words, command
+        return
+    context = click.Context(command)
+    for name in command.list_commands(context):
+        found = command.get_command(context, name)
+        assert found is not None
+        yield from _commands(found, f"{words} {name}")

@@ -1,0 +1,84 @@
+"""Imports the modules named on its command line and prints, as JSON, what each did besides.
+
+Run in a process of its own: its guards cannot be taken off again.
+"""
+
+import contextlib
+import importlib
+import io
+import json
+import os
+import sys
+import threading
+from pathlib import Path
+
+WRITING = {
+    "os.mkdir",
+    "os.rename",
+    "os.remove",
+    "os.rmdir",
+    "os.symlink",
+    "os.link",
+    "shutil.move",
+    "shutil.rmtree",
+}
+REACHING = {"socket.connect", "socket.bind", "subprocess.Popen", "os.system", "os.posix_spawn", "os.fork"}
+
+noticed: list[str] = []
+current = ""
+
+
+def note(what: str) -> None:
+    """Write down what the module being imported did."""
+    noticed.append(f"{current}: {what}")
+
+
+def watch(event: str, args: tuple[object, ...]) -> None:
+    """See files written, connections made and processes started, by whoever it is."""
+    if event == "open":
+        mode, flags = args[1], args[2]
+        writes = any(letter in mode for letter in "wax+") if isinstance(mode, str) else False
+        if (writes or (isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR))) and args[
+            0
+        ] != os.devnull:
+            note(f"writes {args[0]}")
+    elif event in WRITING | REACHING:
+        note(f"{event} {args[0] if args else ''}")
+
+
+class Environment(os._Environ):  # type: ignore[name-defined]
+    """The environment, which notes when this program's own modules read it."""
+
+    def __getitem__(self, key):
+        """Give a variable."""
+        frame = sys._getframe(1)
+        while frame and frame.f_globals.get("__name__") in ("os", "collections.abc", "_collections_abc"):
+            frame = frame.f_back
+        if frame and str(frame.f_globals.get("__name__")).startswith("webapp"):
+            note(f"reads the environment variable {key}")
+        return super().__getitem__(key)
+
+
+def main() -> None:
+    """Import everything that was asked for."""
+    global current
+    os.environ.__class__ = Environment
+    folder = Path.cwd()
+    sys.addaudithook(watch)
+    for current in sys.argv[1:]:
+        printed = io.StringIO()
+        threads = threading.active_count()
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+            importlib.import_module(current)
+        if printed.getvalue():
+            note(f"prints {printed.getvalue()!r}")
+        if threading.active_count() > threads:
+            note("starts a thread")
+        if Path.cwd() != folder:
+            note(f"changes to {Path.cwd()}")
+            os.chdir(folder)
+    sys.stdout.write(json.dumps(noticed))
+
+
+if __name__ == "__main__":
+    main()

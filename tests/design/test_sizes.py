@@ -1,0 +1,122 @@
+"""Files, functions and parameter lists stay small enough to be read in one go.
+
+- A file has at most 400 lines; half of them at most 150.
+- A function's body, its docstring apart, has at most 60 lines; of 95 % of them at most 40.
+- A function has at most 6 parameters. Those of a command are its options, and are not counted.
+- Public functions take at most two parameters by position, private ones three; `self` and `cls` are not
+  counted, and the coordinates `x, y` count as one.
+"""
+
+import ast
+import statistics
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import pytest
+
+FILE_LINES, MEDIAN_LINES = 400, 150
+BODY_LINES, USUAL_BODY_LINES, USUAL_SHARE = 60, 40, 0.95
+PARAMETERS, BY_POSITION, BY_POSITION_PRIVATE = 6, 2, 3
+
+
+class Function(NamedTuple):
+    """A function or method, and where it is."""
+
+    place: str
+    node: ast.FunctionDef | ast.AsyncFunctionDef
+    public: bool
+    in_class: bool
+
+    def body_lines(self) -> int:
+        """Lines from the first statement after the docstring to the end."""
+        body = self.node.body[ast.get_docstring(self.node) is not None :]
+        return self.node.end_lineno - body[0].lineno + 1 if body else 0
+
+    def by_position(self) -> list[str]:
+        """Names of what can be given by position."""
+        taken = [a.arg for a in (*self.node.args.posonlyargs, *self.node.args.args)]
+        bound = self.in_class and not any(_last_name(d) == "staticmethod" for d in self.node.decorator_list)
+        return taken[bound:]
+
+    def parameters(self) -> int:
+        """Count everything that can be given."""
+        rest = (self.node.args.vararg, self.node.args.kwarg)
+        return len(self.by_position()) + len(self.node.args.kwonlyargs) + sum(r is not None for r in rest)
+
+    def is_command(self) -> bool:
+        """Tell whether the parameters are a command's options."""
+        return any(_last_name(d) in ("command", "group") for d in self.node.decorator_list)
+
+
+def _last_name(decorator: ast.expr) -> str:
+    called = decorator.func if isinstance(decorator, ast.Call) else decorator
+    return called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+
+
+def _functions(node: ast.AST, place: str, *, public: bool, in_class: bool) -> Iterator[Function]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
+            shown = public and (not child.name.startswith("_") or child.name == "__init__")
+            yield Function(f"{place}:{child.lineno} {child.name}", child, shown, in_class)
+            yield from _functions(child, place, public=False, in_class=False)
+        else:
+            is_class = isinstance(child, ast.ClassDef)
+            shown = public and not (is_class and child.name.startswith("_"))
+            yield from _functions(child, place, public=shown, in_class=is_class)
+
+
+@pytest.fixture(scope="module")
+def functions(modules, project):
+    """All functions of the program."""
+    return [
+        function
+        for module in modules
+        for function in _functions(
+            module.tree, str(module.path.relative_to(project)), public=True, in_class=False
+        )
+    ]
+
+
+def test_files_are_short(modules):
+    lines = {str(module.path): len(module.text.splitlines()) for module in modules}
+    assert {path: count for path, count in lines.items() if count > FILE_LINES} == {}
+    assert statistics.median(lines.values()) <= MEDIAN_LINES
+
+
+def test_functions_are_short(functions):
+    lines = {function.place: function.body_lines() for function in functions}
+    assert {place: count for place, count in lines.items() if count > BODY_LINES} == {}
+    usual = sum(count <= USUAL_BODY_LINES for count in lines.values())
+    assert usual >= USUAL_SHARE * len(lines)
+
+
+def test_parameters_are_few(functions):
+    many = {f.place: f.parameters() for f in functions if f.parameters() > PARAMETERS and not f.is_command()}
+    assert many == {}
+
+
+def test_parameters_after_the_second_have_names(functions):
+    broken = {}
+    for function in functions:
+        taken = function.by_position()
+        count = len(taken) - ("x" in taken and "y" in taken)
+        most = BY_POSITION if function.public else BY_POSITION_PRIVATE
+        if count > most and not function.is_command():
+            broken[function.place] = taken
+    assert broken == {}
+
+
+def test_everything_public_is_described(modules, functions):
+    bare = [module.name for module in modules if not ast.get_docstring(module.tree)]
+    bare += [
+        f.place
+        for f in functions
+        if f.public and not f.node.name.startswith("_") and not ast.get_docstring(f.node)
+    ]
+    bare += [
+        f"{module.path}:{node.lineno} {node.name}"
+        for module in modules
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_") and not ast.get_docstring(node)
+    ]
+    assert bare == []
