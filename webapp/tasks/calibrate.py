@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
+from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
 from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.verified import Place, find_places
@@ -22,11 +22,12 @@ from webapp.tasks.open_map import OpenMap
 MOST_PHOTOS = 200
 
 _OFF_MAP_EVERY = 2
-_OFF_MAP_WEIGHT = 0.25
-"""Every second photo plays a photo from elsewhere; four of five photos are taken to be from the map."""
+_OFF_MAP_WEIGHT = 0.1
+"""Every second photo plays a photo from elsewhere; ten of eleven photos are taken to be from the map."""
 
-_SAME_PLACE = 0.5
-"""Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query."""
+_SAME_PLACE = 1.05
+"""Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query: what is
+left is about as far from it as a map's photos are from a new one."""
 
 _ELSEWHERE = 4.0
 """Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere."""
@@ -85,7 +86,7 @@ def calibrate(indexed: IndexedMap, progress: Progress) -> Calibration:
         trials += [trial] if trial else []
         progress.advance()
     slope, offset = fit([t.case for t in trials])
-    fitted = Calibration(slope, offset, DEFAULT.radius_scale, DEFAULT.radius_floor_px, len(trials))
+    fitted = Calibration(slope, offset, DEFAULT.radius_scale, len(trials))
     return _with_radius(fitted, trials)
 
 
@@ -100,14 +101,15 @@ def _try(indexed: IndexedMap, photo: int, *, off_map: bool) -> _Trial | None:
     hide = {int(i) for i in indexed.ids[apart <= within]}
     if len(hide) == len(indexed.ids):
         return None  # nothing of the map is left to be looked through
-    places = find_places(indexed, features, fov_deg=float(indexed.fov_deg[photo]), hide=hide).places
-    evidence = np.array([p.evidence for p in places]).reshape(-1, EVIDENCE)
+    found = find_places(indexed, features, fov_deg=float(indexed.fov_deg[photo]), hide=hide)
+    places = found.places
     error = np.array([_error(p, truth) for p in places])
-    case = Case(evidence, error <= indexed.place_radius_px, _OFF_MAP_WEIGHT if off_map else 1.0)
+    case = Case(found.evidence, error <= indexed.place_radius_px, _OFF_MAP_WEIGHT if off_map else 1.0)
     if not places or off_map:
         return _Trial(case, np.nan, np.nan)
-    first = int(probabilities(evidence, DEFAULT)[0].argmax())
-    return _Trial(case, places[first].spread_px, float(error[first]) if case.right[first] else np.nan)
+    first = int(probabilities(found.evidence, DEFAULT)[0].argmax())
+    measures = case.right[first] and places[first].kind == "position"
+    return _Trial(case, places[first].spread_px, float(error[first]) if measures else np.nan)
 
 
 def _error(place: Place, truth: NDArray[np.float64]) -> float:
@@ -115,14 +117,17 @@ def _error(place: Place, truth: NDArray[np.float64]) -> float:
 
 
 def _with_radius(fitted: Calibration, trials: Sequence[_Trial]) -> Calibration:
-    """Scale the stated spreads so that the radius held the truth in 68 % of the right answers."""
+    """Scale the stated spreads so that the radius held the truth in 68 % of the right answers.
+
+    Never down: a map's own photos are easier than those that come later.
+    """
     spread = np.array([t.spread_px for t in trials])
     error = np.array([t.error_px for t in trials])
     right = np.isfinite(error)
     if right.sum() < _FEWEST_RADII:
         return fitted
     scale = float(np.quantile(error[right] / spread[right], _COVERAGE))
-    return Calibration(fitted.slope, fitted.offset, scale, fitted.radius_floor_px, fitted.cases)
+    return Calibration(fitted.slope, fitted.offset, max(scale, 1.0), fitted.cases)
 
 
 def _changed(before: frozenset[str], now: frozenset[str]) -> bool:

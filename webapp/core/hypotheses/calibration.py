@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 EVIDENCE = 3
 """Numbers that describe one place: see `verified.py`, which computes them."""
 
-_PRIOR_WEIGHT = 0.02
+_PRIOR_WEIGHT = 1.0
+"""Pull towards the default, in units of one photo, times the root of their number."""
+
 _STEPS = 60
 
 
@@ -30,9 +32,7 @@ class Calibration:
     offset : float
         Log-odds of a place without any evidence, against "not on this map".
     radius_scale : float
-        68 % radius over the spread that the position's estimate states.
-    radius_floor_px : float
-        Least 68 % radius, map pixels.
+        68 % radius over the spread that the estimate of a position states.
     cases : int
         Photos it was fitted on; 0 for the default.
     """
@@ -40,11 +40,10 @@ class Calibration:
     slope: tuple[float, ...]
     offset: float
     radius_scale: float
-    radius_floor_px: float
     cases: int = 0
 
 
-DEFAULT = Calibration(slope=(1.0, 1.0, 1.0), offset=-6.0, radius_scale=1.5, radius_floor_px=0.0)
+DEFAULT = Calibration(slope=(1.0, 2.0, 8.0), offset=-3.0, radius_scale=1.2)
 """Rounded from the fits on maps indoors and outdoors."""
 
 

@@ -22,16 +22,31 @@ _SIGMA_BEARING = 0.25
 _FULL_PARALLAX = math.radians(2.0)
 """From this parallax on a bearing counts fully; below, its photo only says "near"."""
 
-_NEAR = 2.0
+_NEAR = 3.0
 """How fast a photo's say fades with its distance, in place radii."""
+
+_FARTHEST = math.exp(-4.0 / 3.0)
+"""Nearness from which on a photo can speak for a place: four place radii away."""
 
 _HEADINGS_TRIED = 6
 _COARSE, _REACH = 0.25, 1.5
 """Grid step and half width around each photo, in place radii."""
 
-_REFINEMENTS = 3
-_SPREAD_LEVEL = 0.9
-"""Positions that score this share of the best are still plausible: their spread is the uncertainty."""
+_LIKELIHOOD = 4.0
+"""Log-likelihood of one fully trusted photo that agrees."""
+
+_FLOOR = 1e-3
+"""Density of photos taken away from all others, over the map's own."""
+
+_REACHED_BY_DENSITY = 4.0
+"""Photos farther than this, in place radii, do not count in the density."""
+
+_APART = 2.0
+
+_REFINEMENTS = 2
+
+_FINE = 17
+"""Points a side of the grid of the final estimate, a place radius around each solution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +71,7 @@ class Bearings:
     weight: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Fix:
     """A position that explains the bearings.
 
@@ -68,25 +83,33 @@ class Fix:
         Radians clockwise from up.
     score : float
         Sum of the weights of the photos that agree.
+    agreement : (n,) float64
+        Of each photo, 0 to 1.
     spread_px : float
-        Root mean square distance of the plausible positions from it, map pixels.
+        Root mean square distance of the position from it, by its posterior, map pixels.
     """
 
     x: float
     y: float
     heading: float
     score: float
+    agreement: NDArray[np.float64]
     spread_px: float
 
 
-def resect(bearings: Bearings, place_radius_px: float, *, most: int) -> list[Fix]:
+def resect(
+    bearings: Bearings, taken_at: NDArray[np.float64], place_radius_px: float, *, most: int
+) -> list[Fix]:
     """Find the positions that explain the bearings best.
 
     Parameters
     ----------
     bearings : Bearings
+    taken_at : (p, 2) float64
+        Where the map's photos were taken, map pixels: more photos are likely to be taken there.
     place_radius_px : float
-        Scale of the search; solutions nearer to each other than this are one.
+        Scale of the search; solutions nearer to each other than twice this are one, so that the truth
+        is within the radius of one of them only.
     most : int
         At most so many solutions.
 
@@ -104,56 +127,98 @@ def resect(bearings: Bearings, place_radius_px: float, *, most: int) -> list[Fix
     fixes: list[Fix] = []
     while len(fixes) < most and len(grid):
         best = int(score.argmax())
-        fix = _refine(bearings, grid[best], place_radius_px)
-        fixes.append(fix)
-        apart = np.hypot(*(grid - grid[best]).T) > place_radius_px
+        fixes.append(_posterior_mean(bearings, taken_at, grid[best], place_radius_px=place_radius_px))
+        apart = np.hypot(*(grid - grid[best]).T) > _APART * place_radius_px
         grid, score = grid[apart], score[apart]
     return sorted(fixes, key=lambda f: -f.score)
 
 
-def _refine(bearings: Bearings, start: NDArray[np.float64], place_radius_px: float) -> Fix:
-    """Search finer and finer around a point of the grid."""
-    centre, step = start, _COARSE * place_radius_px
+def _posterior_mean(
+    bearings: Bearings, taken_at: NDArray[np.float64], centre: NDArray[np.float64], *, place_radius_px: float
+) -> Fix:
+    """Average the positions around a solution by their posterior; its spread is the uncertainty."""
+    step = _COARSE * place_radius_px
     for _ in range(_REFINEMENTS):
-        around = centre + _square(np.linspace(-step, step, 5))
-        score, heading = _score(bearings, around, place_radius_px)
-        best = int(score.argmax())
-        centre, step = around[best], step / 2.5
-    wide = centre + _square(np.linspace(-1.0, 1.0, 9) * place_radius_px)
-    plausible, _ = _score(bearings, wide, place_radius_px)
-    weight = np.maximum(plausible / max(score[best], 1e-12) - _SPREAD_LEVEL, 0.0)
-    weight[len(wide) // 2] = max(weight[len(wide) // 2], 1e-6)
-    spread = math.sqrt(float((weight * ((wide - centre) ** 2).sum(1)).sum() / weight.sum()))
+        closer = centre + _square(np.linspace(-step, step, 5))
+        centre = closer[_score(bearings, closer, place_radius_px)[0].argmax()]
+        step /= 2.5
+    around = centre + _square(np.linspace(-1.0, 1.0, _FINE) * place_radius_px)
+    score, heading = _score(bearings, around, place_radius_px)
+    posterior = _LIKELIHOOD * score + np.log(_density(around, taken_at, place_radius_px) + _FLOOR)
+    weight = np.exp(posterior - posterior.max())
+    weight /= weight.sum()
+    mean = weight @ around
+    turned = float(np.angle((weight * np.exp(1j * heading)).sum()))
     return Fix(
-        x=float(centre[0]),
-        y=float(centre[1]),
-        heading=float(heading[best]) % (2.0 * math.pi),
-        score=float(score[best]),
-        spread_px=max(spread, step),
+        x=float(mean[0]),
+        y=float(mean[1]),
+        heading=turned % (2.0 * math.pi),
+        score=float(score.max()),
+        agreement=_agreement(
+            bearings,
+            around[int(score.argmax())],
+            float(heading[score.argmax()]),
+            place_radius_px=place_radius_px,
+        ),
+        spread_px=math.sqrt(float(weight @ ((around - mean) ** 2).sum(1))),
     )
+
+
+def _density(
+    position: NDArray[np.float64], taken_at: NDArray[np.float64], place_radius_px: float
+) -> NDArray[np.float64]:
+    """Density of the map's photos at (g, 2) positions, smoothed over half a place radius, relative."""
+    apart = np.hypot(*(taken_at - position.mean(0)).T)
+    near = np.unique(taken_at[apart <= _REACHED_BY_DENSITY * place_radius_px], axis=0)
+    if not len(near):
+        return np.zeros(len(position))
+    squared = ((position[:, None] - near[None]) ** 2).sum(-1)
+    density: NDArray[np.float64] = np.exp(-2.0 * squared / place_radius_px**2).mean(1)
+    return density
 
 
 def _square(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
 
 
+def _agreement(
+    bearings: Bearings, position: NDArray[np.float64], heading: float, *, place_radius_px: float
+) -> NDArray[np.float64]:
+    """Tell how far each photo agrees with a position and a heading, 0 to 1; (n,)."""
+    near, implied, reliable = _geometry(bearings, position[None], place_radius_px)
+    agrees: NDArray[np.float64] = 1.0 - reliable + reliable * _kernel(implied[0] - heading)
+    agrees[near[0] < _FARTHEST] = 0.0
+    return agrees
+
+
+def _geometry(
+    bearings: Bearings, position: NDArray[np.float64], place_radius_px: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Nearness (g, n) and implied heading (g, n) of (g, 2) positions; reliability (n,) of the bearings."""
+    to_photo = bearings.position[None] - position[:, None]
+    near = np.exp(-np.hypot(to_photo[..., 0], to_photo[..., 1]) / (_NEAR * place_radius_px))
+    implied = np.arctan2(to_photo[..., 0], -to_photo[..., 1]) - bearings.bearing
+    return near, implied, np.minimum(bearings.parallax / _FULL_PARALLAX, 1.0)
+
+
+def _kernel(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Fall from 1 to 0 with the size of an angle, slowly enough to bear outliers."""
+    apart = np.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
+    agree: NDArray[np.float64] = 1.0 / (1.0 + (apart / _SIGMA_BEARING) ** 2) ** 2
+    return agree
+
+
 def _score(
     bearings: Bearings, position: NDArray[np.float64], place_radius_px: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Score (g, 2) positions; returns the scores and the best heading of each, radians."""
-    to_photo = bearings.position[None] - position[:, None]
-    distance = np.hypot(to_photo[..., 0], to_photo[..., 1])
-    azimuth = np.arctan2(to_photo[..., 0], -to_photo[..., 1])
-    implied = azimuth - bearings.bearing
-    trust = bearings.weight * np.exp(-distance / (_NEAR * place_radius_px))
-    reliable = np.minimum(bearings.parallax / _FULL_PARALLAX, 1.0)
+    near, implied, reliable = _geometry(bearings, position, place_radius_px)
+    trust = bearings.weight * near
     base = (trust * (1.0 - reliable)).sum(1)
     best = np.full(len(position), -np.inf)
     heading = np.zeros(len(position))
     for j in np.argsort(-bearings.weight * reliable)[:_HEADINGS_TRIED]:
-        apart = np.remainder(implied - implied[:, j : j + 1] + math.pi, 2.0 * math.pi) - math.pi
-        agree = 1.0 / (1.0 + (apart / _SIGMA_BEARING) ** 2) ** 2
-        total = base + (trust * reliable * agree).sum(1)
+        total = base + (trust * reliable * _kernel(implied - implied[:, j : j + 1])).sum(1)
         better = total > best
         best = np.where(better, total, best)
         heading = np.where(better, implied[:, j], heading)

@@ -21,21 +21,26 @@ from numpy.typing import NDArray
 from webapp.core.features.relative import Camera, RelativePose, relative_pose
 from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.calibration import Calibration, probabilities
+from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, NoPose
 from webapp.core.localize.indexed import IndexedMap, candidates
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
-from webapp.core.localize.shortlist import Shortlisted, shortlist, weighted_votes
+from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
 from webapp.core.localize.vote import match_statistics
 
 NEIGHBOURS = 10
-_SHORTLIST = 15
+_SHORTLIST = 12
 _PLACES = 8
 _EVIDENCE_PHOTOS = 5
 
 _CHANCE_INLIERS = 6.0
-_SURE_INLIERS = 40.0
-"""Inliers of a random pair of photos, and from which on a pair is beyond doubt."""
+"""Inliers that any pair of photos has."""
+
+_INLIER_SCALE = 35.0
+"""Inliers beyond chance that make two of three poses right."""
+
+_WILD_PARALLAX = math.radians(20.0)
+"""A pose with more parallax is rather a wrong one: its turn does not bring the rays together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +64,10 @@ class Verified:
     @property
     def weight(self) -> float:
         """Trust in the geometry, 0 to 1."""
-        return min(1.0, max(0.0, (self.inliers - _CHANCE_INLIERS) / (_SURE_INLIERS - _CHANCE_INLIERS)))
+        if not isinstance(self.pose, RelativePose):
+            return 0.0
+        enough = 1.0 - math.exp(-max(0.0, self.inliers - _CHANCE_INLIERS) / _INLIER_SCALE)
+        return enough / (1.0 + (self.pose.parallax / _WILD_PARALLAX) ** 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,8 +84,8 @@ class Place:
         What the estimate itself says of its uncertainty.
     photos : list of Verified
         That speak for it, the best first.
-    evidence : (EVIDENCE,) float64
-        Log of the best photo's inliers, log of all photos' inliers, share of the votes.
+    score : float
+        Sum of the trust in the photos that agree on it.
     """
 
     kind: Literal["position", "photo"]
@@ -85,14 +93,31 @@ class Place:
     heading: float | None
     spread_px: float
     photos: list[Verified]
-    evidence: NDArray[np.float64]
+    score: float
+
+    @property
+    def votes(self) -> float:
+        """Sum of the votes of its photos."""
+        return sum(v.matched.votes for v in self.photos)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Everything but the probabilities: what calibration works with."""
+    """Everything but the probabilities: what calibration works with.
+
+    Attributes
+    ----------
+    places : list of Place
+        The best first.
+    evidence : (h, EVIDENCE) float64
+        Of each place: log of the inliers that agree on the best place, share of the votes that the best
+        place has, and log of the place's score over the best one's.
+    answer : Answer
+        Statistics and seconds, and the reason where there is no place.
+    """
 
     places: list[Place]
+    evidence: NDArray[np.float64]
     answer: Answer
 
 
@@ -127,8 +152,7 @@ def localize(
     found = find_places(indexed, query, fov_deg=fov_deg, hide=hide)
     if not found.places:
         return found.answer
-    evidence = np.array([p.evidence for p in found.places])
-    probability, off_map = probabilities(evidence, calibration)
+    probability, off_map = probabilities(found.evidence, calibration)
     order = np.argsort(-probability, kind="stable")
     hypotheses = tuple(
         _hypothesis(indexed, found.places[i], rank=rank, probability=probability[i], calibration=calibration)
@@ -151,10 +175,10 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     Returns
     -------
     Found
-        Its answer has statistics and seconds; and the reason, where there is no place.
     """
     clock = [time.perf_counter()]
-    found = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=hide)
+    nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=hide)
+    found = consistent(indexed, query, nearest)
     votes = weighted_votes(found, len(indexed.ids))
     listed = shortlist(indexed, query, found, votes=votes, most=_SHORTLIST)
     clock.append(time.perf_counter())
@@ -163,48 +187,52 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     clock.append(time.perf_counter())
     places = _places(indexed, checked)
     clock.append(time.perf_counter())
-    nearest = found.distance[:, 0][found.photo[:, 0] >= 0]
-    supported = len(np.unique(np.concatenate([v.matched.query_row for v in checked]))) if checked else 0
+    first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
+    left = int((found.photo[:, 0] >= 0).sum())
     reason = "no keypoints" if not len(query) else "no match with any photo of the map"
     stages = ("retrieve", "verify", "position")
     return Found(
         places,
+        _weigh(places, checked),
         Answer(
             hypotheses=(),
             off_map_probability=1.0,
             other_probability=0.0,
             no_pose=None if places else NoPose(reason),
-            statistics=match_statistics(len(query), nearest, pruned=supported),
+            statistics=match_statistics(len(query), first, pruned=left),
             seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
         ),
     )
 
 
 def _pose(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> RelativePose | NoPose:
-    features = indexed.features(matched.photo)
-    if features is None:
-        return NoPose("the photo has no features")
-    theirs = Camera(*features.photo_size, float(indexed.fov_deg[matched.photo]))
+    theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
     return relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)
 
 
 def _places(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
     """Join the photos into places: by geometry first, then what is left by votes."""
-    total_votes = sum(v.matched.votes for v in checked)
-    usable = sorted((v for v in checked if v.weight > 0.0), key=lambda v: -v.inliers)
-    fixes = resect(_bearings(indexed, usable), indexed.place_radius_px, most=_PLACES)
+    usable = sorted((v for v in checked if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
     places: list[Place] = []
-    for fix in fixes:
-        near = [v for v in usable if _speaks_for(indexed, v, fix)]
+    for fix in resect(_bearings(indexed, usable), indexed.position, indexed.place_radius_px, most=_PLACES):
+        near = [v for v, agrees in zip(usable, fix.agreement, strict=True) if agrees >= _AGREES]
         if near and not _taken(places, MapPixel(fix.x, fix.y), indexed):
-            places.append(_place(indexed, near, fix=fix, total_votes=total_votes))
-    rest = sorted(checked, key=lambda v: -v.matched.votes)
-    for one in rest:
+            places.append(_place(indexed, near, fix))
+    for one in sorted(checked, key=lambda v: -v.matched.votes):
         position = MapPixel(*map(float, indexed.position[one.matched.photo]))
         if len(places) < _PLACES and not _taken(places, position, indexed):
-            near = [v for v in rest if _distance(indexed, v, position) <= indexed.place_radius_px]
-            places.append(_place(indexed, near, fix=None, total_votes=total_votes))
+            places.append(_photo_place(indexed, [one], score=0.0))
     return places
+
+
+def _weigh(places: list[Place], checked: list[Verified]) -> NDArray[np.float64]:
+    """Describe each place for its probability; see `Found`."""
+    if not places:
+        return np.zeros((0, EVIDENCE))
+    best = places[0]
+    share = best.votes / sum(v.matched.votes for v in checked)
+    common = (math.log1p(_INLIER_SCALE * best.score), share)
+    return np.array([(*common, math.log((p.score + _NO_SCORE) / (best.score + _NO_SCORE))) for p in places])
 
 
 def _bearings(indexed: IndexedMap, usable: list[Verified]) -> Bearings:
@@ -217,42 +245,38 @@ def _bearings(indexed: IndexedMap, usable: list[Verified]) -> Bearings:
     )
 
 
-_SPEAKS_WITHIN = 3.0
-"""A photo speaks for a place up to this distance, in place radii."""
+_LEAST_WEIGHT = 0.02
+_NO_SCORE = 0.02
+"""Stands for the score of a place that only has votes."""
 
+_APART = 2.0
+"""Places nearer to each other, in place radii, could both be right: the better one stands for both."""
 
-def _speaks_for(indexed: IndexedMap, photo: Verified, fix: Fix) -> bool:
-    return _distance(indexed, photo, MapPixel(fix.x, fix.y)) <= _SPEAKS_WITHIN * indexed.place_radius_px
-
-
-def _distance(indexed: IndexedMap, photo: Verified, position: MapPixel) -> float:
-    return float(math.dist(indexed.position[photo.matched.photo], position))
+_AGREES = 0.25
+"""A photo speaks for a place from this agreement on."""
 
 
 def _taken(places: list[Place], position: MapPixel, indexed: IndexedMap) -> bool:
-    return any(math.dist(p.position, position) <= indexed.place_radius_px for p in places)
+    return any(math.dist(p.position, position) <= _APART * indexed.place_radius_px for p in places)
 
 
-def _place(indexed: IndexedMap, photos: list[Verified], *, fix: Fix | None, total_votes: float) -> Place:
-    """Sum up the evidence; without a fix, or with too few photos for one, it is the best photo's place."""
-    best = photos[0]
-    evidence = np.array(
-        [
-            math.log1p(max(v.inliers for v in photos)),
-            math.log1p(sum(max(0.0, v.inliers - _CHANCE_INLIERS) for v in photos)),
-            sum(v.matched.votes for v in photos) / total_votes,
-        ]
-    )
-    if fix is not None and len(photos) >= MIN_BEARINGS:
-        return Place("position", MapPixel(fix.x, fix.y), fix.heading, fix.spread_px, photos, evidence)
-    position = MapPixel(*map(float, indexed.position[best.matched.photo]))
-    return Place("photo", position, None, indexed.place_radius_px / 2.0, photos, evidence)
+def _place(indexed: IndexedMap, photos: list[Verified], fix: Fix) -> Place:
+    """Take the fix as it is, or with too few photos for one, the best photo's place."""
+    if len(photos) < MIN_BEARINGS:
+        return _photo_place(indexed, photos, score=fix.score)
+    position = MapPixel(fix.x, fix.y)
+    return Place("position", position, fix.heading, fix.spread_px, photos, fix.score)
+
+
+def _photo_place(indexed: IndexedMap, photos: list[Verified], *, score: float) -> Place:
+    position = MapPixel(*map(float, indexed.position[photos[0].matched.photo]))
+    return Place("photo", position, None, indexed.place_radius_px / 2.0, photos, score)
 
 
 def _hypothesis(
     indexed: IndexedMap, place: Place, *, rank: int, probability: float, calibration: Calibration
 ) -> Hypothesis:
-    radius = max(place.spread_px * calibration.radius_scale, calibration.radius_floor_px)
+    radius = place.spread_px * (calibration.radius_scale if place.kind == "position" else 1.0)
     best = place.photos[0]
     return Hypothesis(
         rank=rank,
