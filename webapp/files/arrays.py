@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,9 @@ from webapp.files import atomic
 
 _MAGIC = b"EXPMAP1\n"
 _ALIGN = 64
+
+REPAIR = "run expmap build on the map: what is damaged is made anew"
+"""How to fix a damaged file of an index."""
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> str:
@@ -42,14 +46,23 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
     ------
     StorageError
     """
-    data = _to_bytes(arrays, meta)
-    digest = hashlib.sha256(data).hexdigest()[:16]
-    atomic.write_bytes(path.with_name(path.name.replace("{hash}", digest)), data)
+    parts = _parts(arrays, meta)
+    content = hashlib.sha256()
+    for part in parts:
+        content.update(part)
+    digest = content.hexdigest()[:16]
+    atomic.write_bytes(path.with_name(path.name.replace("{hash}", digest)), *parts)
     return digest
 
 
-def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Open a file of `write_arrays`; the arrays are read-only memory maps.
+def read_arrays(path: Path, *, mapped: bool = True) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Open a file of `write_arrays`.
+
+    Parameters
+    ----------
+    path : Path
+    mapped : bool
+        Whether the arrays are read-only memory maps, which keep the file open; else they are in memory.
 
     Returns
     -------
@@ -66,24 +79,33 @@ def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
             start = file.read(16)
             length = int.from_bytes(start[8:16], "little")
             if start[:8] != _MAGIC or length > path.stat().st_size:
-                raise IndexDamaged("not a file of arrays", where=str(path))
+                raise _damaged("it is not a file of arrays", path)
             header = json.loads(file.read(length))
         if path.stat().st_size != header["bytes"]:
-            raise IndexDamaged("the file is cut off", where=str(path))
-        data = np.memmap(path, np.uint8, "r")
-    except (OSError, ValueError, KeyError) as error:
-        raise IndexDamaged(f"cannot be read: {error}", where=str(path)) from error
-    return {a["name"]: _view(data, a) for a in header["arrays"]}, header["meta"]
+            raise _damaged("it is cut off", path)
+        data = np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8)
+        return {a["name"]: _view(data, a) for a in header["arrays"]}, dict(header["meta"])
+    except OSError as error:
+        raise _damaged(f"it cannot be read: {error.strerror or error}", path) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise _damaged("its header is damaged", path) from error
+
+
+def _damaged(what: str, path: Path) -> IndexDamaged:
+    return IndexDamaged(what, where=str(path), hint=REPAIR)
 
 
 def _view(data: NDArray[np.uint8], entry: dict[str, Any]) -> NDArray[Any]:
-    dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
-    size = dtype.itemsize * int(np.prod(shape))
-    view: NDArray[Any] = data[entry["offset"] : entry["offset"] + size].view(dtype).reshape(shape)
+    dtype, shape, offset = np.dtype(entry["dtype"]), tuple(entry["shape"]), entry["offset"]
+    if offset < 0 or any(side < 0 for side in shape):
+        raise ValueError(entry)
+    size = dtype.itemsize * math.prod(shape)
+    view: NDArray[Any] = data[offset : offset + size].view(dtype).reshape(shape)
     return view
 
 
-def _to_bytes(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> bytes:
+def _parts(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> list[bytes | memoryview]:
+    """Lay out a file; the arrays themselves are not copied."""
     plain = {name: np.ascontiguousarray(a) for name, a in arrays.items()}
     # Offsets depend on the header's length and the header on the offsets: reserve room for long numbers.
     room = _aligned(
@@ -95,11 +117,11 @@ def _to_bytes(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> by
         entries.append({"name": name, "dtype": array.dtype.str, "shape": array.shape, "offset": offset})
         offset = _aligned(offset + array.nbytes)
     header = json.dumps({"bytes": offset, "arrays": entries, "meta": dict(meta)}, sort_keys=True).encode()
-    parts = [_MAGIC, len(header).to_bytes(8, "little"), header]
+    parts: list[bytes | memoryview] = [_MAGIC, len(header).to_bytes(8, "little"), header]
     parts.append(bytes(_aligned(room) - 16 - len(header)))
     for array in plain.values():
-        parts += [array.tobytes(), bytes(_aligned(array.nbytes) - array.nbytes)]
-    return b"".join(parts)
+        parts += [array.reshape(-1).view(np.uint8).data, bytes(_aligned(array.nbytes) - array.nbytes)]
+    return parts
 
 
 def _aligned(size: int) -> int:

@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import stat
+from collections.abc import Iterable
 from pathlib import Path
 
 from webapp.errors import StorageError
@@ -28,8 +29,8 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Replace a file by `data`: afterwards it holds all of the old or all of the new content.
+def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
+    """Replace a file by new content: afterwards it holds all of the old or all of the new.
 
     The data goes to a temporary file in the same folder, to the disk, and then under the name. A file
     that was there keeps its permissions; a link is replaced, not followed.
@@ -37,7 +38,8 @@ def write_bytes(path: Path, data: bytes) -> None:
     Parameters
     ----------
     path : Path
-    data : bytes
+    *parts : bytes or memoryview
+        The content; in parts where to join them would cost memory.
 
     Raises
     ------
@@ -47,7 +49,7 @@ def write_bytes(path: Path, data: bytes) -> None:
     temporary = path.with_name(f".{path.name[:80]}.{secrets.token_hex(6)}.tmp")
     try:
         try:
-            _write_through(temporary, data)
+            _write_through(temporary, parts)
             if path.is_file() and not path.is_symlink():
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             temporary.replace(path)
@@ -61,9 +63,9 @@ def write_bytes(path: Path, data: bytes) -> None:
         ) from error
 
 
-def _write_through(path: Path, data: bytes) -> None:
+def _write_through(path: Path, parts: Iterable[bytes | memoryview]) -> None:
     with path.open("xb") as file:
-        file.write(data)
+        file.writelines(parts)
         file.flush()
         os.fsync(file.fileno())
 

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from webapp.core.hypotheses.calibration import Calibration
+from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.files import atomic
 
 FORMAT = 1
@@ -57,12 +57,11 @@ def read(path: Path) -> StoredCalibration | None:
     """Read the file; None when there is none that this program can use, so that it is made anew."""
     try:
         raw = json.loads(path.read_bytes())
-    except (OSError, ValueError):
+        if raw["format"] != FORMAT or len(raw["calibration"]["slope"]) != EVIDENCE:
+            return None
+        fitted = {**raw["calibration"], "slope": tuple(map(float, raw["calibration"]["slope"]))}
+        return StoredCalibration(
+            Calibration(**fitted), raw["map_fov_deg"], frozenset(raw["contents"]), float(raw["seconds"])
+        )
+    except (OSError, ValueError, KeyError, TypeError):
         return None
-    if raw.pop("format", None) != FORMAT:
-        return None
-    fitted = raw["calibration"]
-    calibration = Calibration(**{**fitted, "slope": tuple(fitted["slope"])})
-    return StoredCalibration(
-        calibration, raw["map_fov_deg"], frozenset(raw["contents"]), float(raw["seconds"])
-    )

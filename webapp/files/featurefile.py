@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.index.segment import PhotoEntry, Segment
-from webapp.files.arrays import read_arrays, write_arrays
+from webapp.errors import IndexDamaged
+from webapp.files.arrays import REPAIR, read_arrays, write_arrays
 
 
 def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
@@ -41,12 +42,36 @@ def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
     return write_arrays(path, arrays, meta={"content": [e.content for e in entries]})
 
 
-def read_segment(path: Path) -> Segment:
-    """Open a segment file by memory map.
+def read_segment(path: Path, *, mapped: bool = True) -> Segment:
+    """Open a segment file, by memory map or, when it is small and there are many, into memory.
 
     Raises
     ------
     IndexDamaged
     """
-    arrays, meta = read_arrays(path)
-    return Segment(content=list(meta["content"]), **arrays)
+    arrays, meta = read_arrays(path, mapped=mapped)
+    try:
+        segment = Segment(content=[str(c) for c in meta["content"]], **arrays)
+    except (KeyError, TypeError) as error:
+        raise _damaged(path) from error
+    if not _consistent(segment):
+        raise _damaged(path)
+    return segment
+
+
+def _damaged(path: Path) -> IndexDamaged:
+    return IndexDamaged("it does not hold features", where=str(path), hint=REPAIR)
+
+
+def _consistent(segment: Segment) -> bool:
+    photos, rows = len(segment.content), len(segment.xy)
+    first = segment.first
+    return (
+        segment.xy.shape == (rows, 2)
+        and segment.descriptors.ndim == 2
+        and len(segment.descriptors) == len(segment.size) == len(segment.angle) == rows
+        and segment.photo_size.shape == (photos, 2)
+        and segment.fov_deg.shape == (photos,)
+        and first.shape == (photos + 1,)
+        and bool(first[0] == 0 and first[-1] == rows and (np.diff(first) >= 0).all())
+    )

@@ -2,7 +2,7 @@
 
 ::
 
-    derived/sift-1a2b3c4d/
+    derived/map/sift-1a2b3c4d/
         manifest.json               replaced by rename; names everything below
         <codebook>.codebook         trained, empty search index
         <segment>.features          keypoints and descriptors of some photos
@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,9 @@ import faiss
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.features.types import Kind
-from webapp.errors import IndexDamaged
+from webapp.errors import IndexDamaged, StorageError
 from webapp.files import atomic
+from webapp.files.arrays import REPAIR
 from webapp.settings import ExtractSettings
 
 FORMAT = 1
@@ -137,11 +139,13 @@ class IndexFolder:
             raw = json.loads(self.manifest_path.read_bytes())
         except FileNotFoundError:
             return None
-        except (OSError, ValueError) as error:
-            raise self._damaged(f"cannot be read: {error}") from error
-        if raw.get("format") != FORMAT:
-            raise self._damaged(f"has format {raw.get('format')}, this program reads format {FORMAT}")
+        except OSError as error:
+            raise self._damaged(f"cannot be read: {error.strerror or error}") from error
+        except ValueError as error:
+            raise self._damaged("is damaged") from error
         try:
+            if raw["format"] != FORMAT:
+                raise self._damaged(f"has format {raw['format']}, this program reads format {FORMAT}")
             return Manifest(
                 detector=raw["detector"],
                 extractor=raw["extractor"],
@@ -152,15 +156,11 @@ class IndexFolder:
                 photos={int(i): PhotoRecord(**p) for i, p in raw["photos"].items()},
                 build_seconds=raw["build_seconds"],
             )
-        except (KeyError, TypeError, ValueError) as error:
-            raise self._damaged(f"lacks or has wrong fields: {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise self._damaged("lacks fields or has wrong ones") from error
 
     def _damaged(self, what: str) -> IndexDamaged:
-        return IndexDamaged(
-            f"the manifest {what}",
-            where=str(self.manifest_path),
-            hint=f"delete the folder {self.folder} and build again",
-        )
+        return IndexDamaged(f"the manifest {what}", where=str(self.manifest_path), hint=REPAIR)
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Replace the manifest."""
@@ -168,17 +168,32 @@ class IndexFolder:
         atomic.write_text(self.manifest_path, text)
 
     def remove_unnamed(self, manifest: Manifest) -> None:
-        """Delete finished photos and files that the manifest does not name."""
+        """Delete finished photos and files that the manifest does not name.
+
+        Raises
+        ------
+        StorageError
+        """
         keep = {self.codebook_path(manifest.codebook)}
         for segment in manifest.segments:
             keep |= {self.segment_path(segment.name), self.codes_path(segment.name, manifest.codebook)}
-        for path in [*self.folder.iterdir(), *self.spool.glob("*")]:
-            if path.suffix in {".features", ".ivf", ".codebook", ".tmp"} and path not in keep:
-                path.unlink(missing_ok=True)
+        try:
+            for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
+                if path.suffix in {".features", ".ivf", ".codebook", ".tmp"} and path not in keep:
+                    with suppress(PermissionError):  # Windows keeps what a reader has open: next time then
+                        path.unlink(missing_ok=True)
+        except OSError as error:
+            raise StorageError(
+                f"the folder cannot be tidied: {error.strerror}", where=str(self.folder)
+            ) from error
 
     def bytes_on_disk(self) -> int:
-        """Sum the sizes of all files of the index."""
-        return sum(p.stat().st_size for p in self.folder.rglob("*") if p.is_file())
+        """Sum the sizes of all files of the index; what a build removes meanwhile does not count."""
+        total = 0
+        for path in self.folder.rglob("*"):
+            with suppress(FileNotFoundError):
+                total += path.stat().st_size if path.is_file() else 0
+        return total
 
 
 def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
@@ -209,6 +224,5 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
         if kind == "binary":
             return faiss.read_index_binary(os.fspath(path), faiss.IO_FLAG_MMAP if mapped else 0)
         return faiss.read_index(os.fspath(path), faiss.IO_FLAG_MMAP_IFC if mapped else 0)
-    except RuntimeError as error:
-        reason = str(error).splitlines()[-1]
-        raise IndexDamaged(f"cannot be read: {reason}", where=str(path)) from error
+    except (RuntimeError, MemoryError) as error:
+        raise IndexDamaged("it is not a search index, or cut off", where=str(path), hint=REPAIR) from error

@@ -1,0 +1,51 @@
+"""Stored calibrations: read back, or made anew when they cannot be used."""
+
+import json
+
+import pytest
+
+from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.files import calibrationfile
+from webapp.files.calibrationfile import StoredCalibration, prefixes
+
+STORED = StoredCalibration(DEFAULT, 61.5, prefixes(["ab" * 32, "cd" * 32]), 2.5)
+
+
+def test_it_comes_back(tmp_path):
+    calibrationfile.write(tmp_path / "c.json", STORED)
+    assert calibrationfile.read(tmp_path / "c.json") == STORED
+
+
+def test_contents_are_shortened(tmp_path):
+    assert prefixes(["ab" * 32]) == {"ab" * 4}
+
+
+def test_a_missing_one_is_none(tmp_path):
+    assert calibrationfile.read(tmp_path / "c.json") is None
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "{}"])
+def test_another_file_is_none(tmp_path, text):
+    (tmp_path / "c.json").write_text(text)
+    assert calibrationfile.read(tmp_path / "c.json") is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda raw: raw.update(format=99),
+        lambda raw: raw.pop("contents"),
+        lambda raw: raw.update(calibration=None),
+        lambda raw: raw["calibration"].update(slope=[1.0]),
+        lambda raw: raw["calibration"].update(colour=1),
+        lambda raw: raw["calibration"].pop("offset"),
+        lambda raw: raw.update(seconds="long"),
+    ],
+)
+def test_one_of_another_version_is_none(tmp_path, change):
+    path = tmp_path / "c.json"
+    calibrationfile.write(path, STORED)
+    raw = json.loads(path.read_text())
+    change(raw)
+    path.write_text(json.dumps(raw))
+    assert calibrationfile.read(path) is None
