@@ -45,7 +45,7 @@ _APART = 2.0
 
 _REFINEMENTS = 2
 
-_FINE = 17
+_FINE = 13
 """Points a side of the grid of the final estimate, a place radius around each solution."""
 
 

@@ -29,8 +29,8 @@ from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, w
 from webapp.core.localize.vote import match_statistics
 
 NEIGHBOURS = 10
-_SHORTLIST = 12
-_PLACES = 8
+_SHORTLIST = 10
+_PLACES = 6
 _EVIDENCE_PHOTOS = 5
 
 _CHANCE_INLIERS = 6.0
