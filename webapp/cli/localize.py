@@ -30,7 +30,9 @@ _PICTURE = click.Path(dir_okay=False, path_type=Path)
 @click.command(short_help="Say where photos were taken.")
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
 @click.argument("photos", metavar="PHOTO...", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("--top", type=click.IntRange(1), default=5, show_default=True, help="At most so many places.")
+@click.option(
+    "--top", type=click.IntRange(1), default=5, show_default=True, metavar="N", help="At most so many places."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array, an object a photo.")
 @click.option("--matches", type=_PICTURE, metavar="OUT.png", help="Draw the query beside the best photo.")
 @click.option("--picture", type=_PICTURE, metavar="OUT.png", help="Draw the hypotheses on the map.")

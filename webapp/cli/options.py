@@ -52,6 +52,7 @@ _INDEX_OPTIONS = [
     click.option(
         "--index",
         type=click.Path(file_okay=False, path_type=Path),
+        metavar="FOLDER",
         help="Folder for the indexes.  [default: derived/ beside the map]",
     ),
     click.option(

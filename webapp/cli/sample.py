@@ -15,10 +15,13 @@ from webapp.tasks import make_sample
 @click.command("sample")
 @click.argument("folder", required=False, type=click.Path(path_type=Path))
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=7, show_default=True, help="Of the invented park."
+    "--seed", type=click.IntRange(0), default=7, show_default=True, metavar="N", help="Of the invented park."
 )
 @click.option("--force", is_flag=True, help="Make it anew where there is a sample already.")
-@click.option("--library", type=click.Path(path_type=Path), help="Folder of the maps.")
+@click.option(
+    "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+)  # fmt: skip
 def sample(folder: Path | None, seed: int, force: bool, library: Path | None) -> None:
     """Make a small map of an invented park, with photos to localize.
 

@@ -1,0 +1,58 @@
+"""Make the pictures of the documentation: `python docs/make_pictures.py`.
+
+Makes the sample in a temporary folder, localizes one of its queries, and draws what `expmap localize` would.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from webapp.progress import Progress
+from webapp.render.answer_pictures import map_picture, match_picture
+from webapp.settings import Settings
+from webapp.tasks import make_sample, prepare
+from webapp.tasks.open_map import OpenOptions
+
+QUERY = "queries/query_02.jpg"
+WIDTH_PX = 1000
+PICTURES = Path(__file__).resolve().parent / "pictures"
+
+
+def main() -> None:
+    """Write all pictures."""
+    settings = Settings()
+    with tempfile.TemporaryDirectory() as folder:
+        cfg = make_sample.run(Path(folder) / "sample", settings=settings, progress=Progress()).cfg_path
+        localizer = prepare.run(cfg, OpenOptions(), settings=settings, progress=Progress())
+        query = cfg.parent / QUERY
+        answer = localizer.localize(query, top=5)
+        limits = settings.photo
+        save(map_picture(cfg, localizer.map, answer=answer, limits=limits), "where.jpg")
+        matches = match_picture(cfg, localizer.map, query=query, answer=answer, limits=limits)
+        if matches is None:
+            raise SystemExit(f"{QUERY} has no matches to draw")
+        save(matches, "matches.jpg")
+        save(contact_sheet(sorted((cfg.parent / "photos").glob("*.jpg"))[::8]), "photos.jpg")
+
+
+def contact_sheet(paths: list[Path]) -> Image.Image:
+    """Put photos of one size beside each other, four in a row."""
+    photos = [np.asarray(Image.open(path).resize((320, 240))) for path in paths]
+    rows = [np.hstack(photos[i : i + 4]) for i in range(0, len(photos) - 3, 4)]
+    return Image.fromarray(np.vstack(rows))
+
+
+def save(picture: Image.Image, name: str) -> None:
+    """Write a picture, small enough for a page."""
+    height = round(picture.height * WIDTH_PX / picture.width)
+    PICTURES.mkdir(exist_ok=True)
+    small = picture.convert("RGB").resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
+    small.save(PICTURES / name, quality=82, optimize=True)
+
+
+if __name__ == "__main__":
+    main()

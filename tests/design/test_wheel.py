@@ -1,0 +1,101 @@
+"""The wheel, installed elsewhere, has everything that it needs."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("hatchling") is None,
+    reason="hatchling, which builds the wheel, is not installed",
+)
+
+REPORT = """
+from webapp.resources import resource_folder
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+import webapp
+pages = Environment(loader=FileSystemLoader(resource_folder("templates")), undefined=StrictUndefined)
+print(webapp.__file__)
+print(resource_folder("templates"))
+print(resource_folder("static"))
+print(len(pages.get_template("report/_style.css").render()))
+"""
+
+
+def run(*command, cwd):
+    """Run a program without the environment that would let it find the source tree."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "EXPMAP", "PIP"))}
+    done = subprocess.run(
+        list(map(str, command)), cwd=cwd, env=kept, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(project, tmp_path_factory):
+    """The wheel, built from the source tree with what is installed here."""
+    folder = tmp_path_factory.mktemp("wheel")
+    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, project, cwd=folder)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """The scripts' folder of a fresh environment with nothing in it but the wheel; libraries are borrowed."""
+    folder = tmp_path_factory.mktemp("fresh")
+    venv.create(folder / "env", with_pip=False)
+    scripts = folder / "env" / ("Scripts" if os.name == "nt" else "bin")
+    ask = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    site = Path(run(scripts / "python", "-c", ask, cwd=folder).strip())
+    command = [sys.executable, "-m", "pip", "--python", scripts / "python", "install", "--quiet", "--no-deps"]
+    run(*command, "--no-index", "--disable-pip-version-check", wheel, cwd=folder)
+    # After the environment's own folder, so that the wheel is found before an editable install.
+    borrowed = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+    (site / "borrowed.pth").write_text("\n".join(sorted(borrowed)) + "\n")
+    return scripts
+
+
+def test_the_command_runs(installed, tmp_path):
+    assert run(installed / "expmap", "--version", cwd=tmp_path).startswith("expmap ")
+    assert run(installed / "python", "-m", "webapp", "--version", cwd=tmp_path).startswith("expmap ")
+    assert "localize" in run(installed / "expmap", "--help", cwd=tmp_path)
+
+
+def test_templates_and_static_files_are_inside(installed, tmp_path):
+    package, templates, static, style = run(installed / "python", "-c", REPORT, cwd=tmp_path).split()
+    inside = Path(package).parent
+    assert installed.parent in inside.parents
+    assert (Path(templates), Path(static)) == (inside / "templates", inside / "static")
+    assert int(style) > 100
+
+
+def test_the_library_is_beside_the_user_and_not_in_the_package(installed, tmp_path):
+    printed = run(installed / "expmap", "sample", "--help", cwd=tmp_path)
+    assert "[default: EXPMAP_LIBRARY, or maps]" in " ".join(printed.split())
+    run(installed / "expmap", "map", "--help", cwd=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_wheel_holds_the_program_and_nothing_else(wheel, modules, project):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    program = {m.path.relative_to(project).as_posix() for m in modules}
+    pages = {
+        f"webapp/{path.relative_to(project).as_posix()}"
+        for folder in ("templates", "static")
+        for path in (project / folder).rglob("*")
+        if path.is_file()
+    }
+    rest = {name for name in names - program - pages if ".dist-info/" not in name}
+    assert program | pages <= names
+    assert rest == set()
+    metadata = next(name for name in names if name.endswith("METADATA"))
+    text = zipfile.ZipFile(wheel).read(metadata).decode("utf-8")
+    assert "Name: experience-map\n" in text and "License-Expression: MIT\n" in text
