@@ -39,7 +39,9 @@ _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
     help="Write a report there.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object; with --self a list of them.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="N", help="Of the bootstrap intervals.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, metavar="N", help="Of the bootstrap intervals."
+)
 @index_options
 @fov_options
 def evaluate(
