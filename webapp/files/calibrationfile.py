@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
+from webapp.errors import StorageError
 from webapp.files import atomic
 
 FORMAT = 1
@@ -43,12 +44,16 @@ def prefixes(contents: Collection[str]) -> frozenset[str]:
 
 
 def write(path: Path, stored: StoredCalibration) -> None:
-    """Replace the file.
+    """Replace the file; its folder is made when missing.
 
     Raises
     ------
     StorageError
     """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
     raw = {"format": FORMAT, **asdict(stored), "contents": sorted(stored.contents)}
     atomic.write_text(path, json.dumps(raw, sort_keys=True))
 

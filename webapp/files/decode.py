@@ -56,7 +56,7 @@ def opened(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.Image
         # our own limits decide on size, and odd metadata makes no photo unreadable
         warnings.simplefilter("ignore")
         try:
-            _check_bytes(source, limits)
+            check_bytes(source, limits)
             file = io.BytesIO(source) if isinstance(source, bytes) else source
             with Image.open(file, formats=FORMATS) as image:
                 _check_pixels(image, limits)
@@ -104,7 +104,13 @@ def _eight_bits(values: NDArray[np.generic], *, sixteen: bool) -> Pixels:
     return ((finite - low) * (255.0 / (high - low or 1.0))).astype(np.uint8)
 
 
-def _check_bytes(source: Path | bytes, limits: PhotoLimits) -> None:
+def check_bytes(source: Path | bytes, limits: PhotoLimits) -> None:
+    """Refuse what is no file, empty or too large, without reading it.
+
+    Raises
+    ------
+    PhotoError
+    """
     if isinstance(source, Path) and not source.is_file():
         missing = "there is no such file" if not source.exists() else "it is not a file"
         raise PhotoError(missing, hint="check its path")

@@ -86,7 +86,7 @@ class Manifest:
     photos : dict of int to PhotoRecord
         By experience id.
     build_seconds : float
-        Of the builds since the codebook was trained.
+        Of all builds that changed it.
     """
 
     detector: str
@@ -127,6 +127,20 @@ class IndexFolder:
     def spool_path(self, content: str) -> Path:
         """File of one finished photo."""
         return self.spool / f"{content}.features"
+
+    def make_spool(self) -> None:
+        """Make the folder for finished photos; that of the index is there.
+
+        Raises
+        ------
+        StorageError
+        """
+        try:
+            self.spool.mkdir(exist_ok=True)
+        except OSError as error:
+            raise StorageError(
+                f"the folder cannot be made: {error.strerror}", where=str(self.spool)
+            ) from error
 
     def read_manifest(self) -> Manifest | None:
         """Read the manifest; None when there is no index yet.

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from webapp.files.decode import Pixels, decode, opened
+from webapp.errors import PhotoError
+from webapp.files.decode import Pixels, check_bytes, decode, opened
 from webapp.files.exif import orientation, read_exif
 from webapp.files.exifcamera import Fov, read_fov, read_time
 from webapp.files.exifgps import Gps, Heading, NoGps, read_gps, read_heading
@@ -74,6 +75,23 @@ class GrayPhoto:
     pixels: Pixels
     scale: float
     full_size: tuple[int, int]
+
+
+def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
+    """Read the whole file of a photo.
+
+    Raises
+    ------
+    PhotoError
+        It is missing, no file, empty, cannot be read, or is larger than the limit.
+    """
+    try:
+        check_bytes(path, limits)
+        return path.read_bytes()
+    except PhotoError as error:
+        raise PhotoError(error.message, where=str(path), hint=error.hint) from error
+    except OSError as error:
+        raise PhotoError(f"it cannot be read: {error.strerror or error}", where=str(path)) from error
 
 
 def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:

@@ -7,25 +7,29 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.errors import ExpMapError
+from webapp.errors import ExpMapError, IndexDamaged
 from webapp.files.indexstore import IndexFolder, Manifest, PhotoRecord
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import extract_photo, segments
-from webapp.tasks.extract_photo import PhotoDone, PhotoJob
+from webapp.tasks.extract_photo import PhotoDone, PhotoJob, size_and_time
 
 _IN_PROCESS = 4
 """So few photos are done here: starting worker processes takes longer."""
+
+_MOST_OF_ONE_SIZE = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +70,8 @@ class BuildRequest:
 
     Attributes
     ----------
-    map_folder : Path
-        Photo paths are relative to it.
+    cfg : Path
+        Of the map; photo paths are relative to its folder.
     map : Map
     folder : Path
         Of the index.
@@ -76,7 +80,7 @@ class BuildRequest:
         Worker processes; None for as many as there are cores.
     """
 
-    map_folder: Path
+    cfg: Path
     map: Map
     folder: Path
     choice: FeatureChoice
@@ -87,53 +91,72 @@ def run(request: BuildRequest, *, settings: Settings, progress: Progress) -> Bui
     """Bring the index up to the map.
 
     Every photo that is finished is on disk at once; segments are made of the finished photos in the map's
-    order, so that an interrupted and continued build ends with the same files as an undisturbed one.
+    order, so that an interrupted and continued build ends with the same files as an undisturbed one. Files of
+    the index that are missing or damaged are made anew.
 
     Raises
     ------
     StorageError
         The disk refused, or another process is building.
     Cancelled
-    IndexDamaged
-        A file of the existing index cannot be read.
     """
     started = time.perf_counter()
     index = IndexFolder(request.folder)
     with writer_lock(request.folder):
-        index.spool.mkdir(exist_ok=True)
-        old = index.read_manifest() or Manifest(
-            request.choice.detector, request.choice.extractor, settings.extract
-        )
-        changed = [
-            e for e in request.map.experiences if not is_current(e, old, map_folder=request.map_folder)
-        ]
-        photos = {e.id: old.photos[e.id] for e in request.map.experiences if e.id in old.photos}
-        path_of = {e.id: e.photo for e in request.map.experiences}
-        extracted = 0
-        progress.size(len(changed))
-        for done in _describe_all(changed, request, settings=settings, progress=progress):
-            photos[done.id] = _record(done, path_of[done.id])
-            extracted += done.extracted
-            progress.advance()
-        ordered = {e.id: photos[e.id] for e in request.map.experiences}
-        progress.note("joining")
-        new = segments.join(index, replace(old, photos=ordered), kind=request.choice.kind, progress=progress)
-        new = replace(new, build_seconds=round(old.build_seconds + time.perf_counter() - started, 3))
-        if new.photos != old.photos or new.segments != old.segments:
-            index.write_manifest(new)
+        index.make_spool()
+        before = _manifest(index, request, settings=settings, progress=progress)
+        old = segments.intact(index, before, kind=request.choice.kind)
+        if old != before:
+            progress.note("files of the index are missing or damaged: making them anew")
+        photos, extracted = _photos(old, request, settings=settings, progress=progress)
+        new = segments.join(index, replace(old, photos=photos), kind=request.choice.kind, progress=progress)
+        if new != before:
+            spent = before.build_seconds + time.perf_counter() - started
+            index.write_manifest(replace(new, build_seconds=round(spent, 3)))
         index.remove_unnamed(new)
-    failed = tuple((i, p.photo, p.error) for i, p in new.photos.items() if p.error)
+    failed = tuple((i, p.photo, p.error) for i, p in photos.items() if p.error)
     return BuildReport(
         folder=request.folder,
-        photos=len(ordered),
+        photos=len(photos),
         extracted=extracted,
-        reused=len(ordered) - extracted - len(failed),
-        removed=len(old.photos.keys() - ordered.keys()),
+        reused=len(photos) - extracted - len(failed),
+        removed=len(before.photos.keys() - photos.keys()),
         failed=failed,
-        descriptors=sum(s.descriptors for s in new.segments),
+        descriptors=segments.descriptors_in_map(index, new),
         seconds=time.perf_counter() - started,
         bytes=index.bytes_on_disk(),
     )
+
+
+def _manifest(
+    index: IndexFolder, request: BuildRequest, *, settings: Settings, progress: Progress
+) -> Manifest:
+    """Read the manifest; an empty one where there is none that can be read."""
+    try:
+        manifest = index.read_manifest()
+    except IndexDamaged as error:
+        progress.note(f"{error.message}: making the index anew")
+        manifest = None
+    return manifest or Manifest(request.choice.detector, request.choice.extractor, settings.extract)
+
+
+def _photos(
+    old: Manifest, request: BuildRequest, *, settings: Settings, progress: Progress
+) -> tuple[dict[int, PhotoRecord], int]:
+    """Describe what is new or changed; returns records in the map's order, and how many were described."""
+    folder = request.cfg.parent
+    changed = [e for e in request.map.experiences if not is_current(e, old, map_folder=folder)]
+    path_of = {e.id: e.photo for e in changed}
+    described: dict[int, PhotoRecord] = {}
+    extracted = 0
+    progress.size(len(changed))
+    for done in _describe_all(changed, old, request=request, settings=settings, progress=progress):
+        described[done.id] = PhotoRecord(
+            path_of[done.id], done.bytes, done.mtime_ns, done.content, done.error
+        )
+        extracted += done.extracted
+        progress.advance()
+    return {e.id: described.get(e.id) or old.photos[e.id] for e in request.map.experiences}, extracted
 
 
 def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
@@ -141,25 +164,19 @@ def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) 
     record = manifest.photos.get(experience.id)
     if record is None or record.photo != experience.photo or record.error:
         return False
-    try:
-        stat = (map_folder / experience.photo).stat()
-    except OSError:
-        return False
-    return (record.bytes, record.mtime_ns) == (stat.st_size, stat.st_mtime_ns)
-
-
-def _record(done: PhotoDone, photo: str) -> PhotoRecord:
-    return PhotoRecord(photo, done.bytes, done.mtime_ns, done.content, done.error)
+    return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 
 
 def _describe_all(
-    changed: list[Experience], request: BuildRequest, *, settings: Settings, progress: Progress
+    changed: list[Experience],
+    old: Manifest,
+    *,
+    request: BuildRequest,
+    settings: Settings,
+    progress: Progress,
 ) -> Iterator[PhotoDone]:
     """Describe photos, in worker processes when there are many; yields each as it is finished."""
-    tasks = (
-        PhotoJob(e.id, request.map_folder / e.photo, request.folder, request.choice, settings)
-        for e in changed
-    )
+    tasks = _tasks(changed, old, request=request, settings=settings)
     jobs = request.jobs or available_cores()
     if jobs == 1 or len(changed) <= _IN_PROCESS:
         for task in tasks:
@@ -167,6 +184,22 @@ def _describe_all(
             yield extract_photo.run(task)
         return
     yield from _in_processes(tasks, min(jobs, len(changed)), progress)
+
+
+def _tasks(
+    changed: list[Experience], old: Manifest, *, request: BuildRequest, settings: Settings
+) -> Iterator[PhotoJob]:
+    # A renamed, copied or touched photo has the same bytes, and so many of them.
+    of_size: dict[int, list[str]] = {}
+    for record in old.photos.values():
+        if record.content:
+            of_size.setdefault(record.bytes, []).append(record.content)
+    for e in changed:
+        size, _ = size_and_time(request.cfg.parent / e.photo)
+        same = of_size.get(size, [])
+        # Where all have one size, as without compression, it tells nothing.
+        indexed = tuple(same) if len(same) <= _MOST_OF_ONE_SIZE else ()
+        yield PhotoJob(e.id, request.cfg, e.photo, request.folder, request.choice, settings, indexed)
 
 
 def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> Iterator[PhotoDone]:
@@ -179,7 +212,8 @@ def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> I
         while True:
             # A short queue bounds the memory and lets a cancelled build stop within a few photos.
             while len(waiting) < 4 * jobs and (task := next(todo, None)) is not None:
-                waiting.add(pool.submit(extract_photo.run, task))
+                with _interrupts_held_back():
+                    waiting.add(pool.submit(extract_photo.run, task))
             if not waiting:
                 return
             finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
@@ -193,6 +227,19 @@ def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> I
         ) from error
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Start processes that do not see Ctrl-C, which would kill them before they can ignore it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def available_cores() -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.files.mapfolder import read_map
@@ -10,8 +10,8 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import build_index, calibrate, open_map
 from webapp.tasks.build_index import BuildReport, BuildRequest
-from webapp.tasks.index_place import index_base, index_folder
-from webapp.tasks.open_map import OpenOptions, choose_features
+from webapp.tasks.index_place import index_bases, index_folder
+from webapp.tasks.open_map import OpenOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,16 +37,16 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
 
     Raises
     ------
-    MapError, UsageError, StorageError, IndexDamaged, Cancelled
+    MapError, UsageError, StorageError, Cancelled
     """
-    base = index_base(cfg, options.index)
-    choice = choose_features(base, options, settings=settings)
+    choice = options.choice()
     the_map = read_map(cfg)
-    folder = index_folder(base, choice, extract=settings.extract)
-    request = BuildRequest(cfg.parent, the_map, folder, choice, options.jobs)
+    folder = index_folder(index_bases(cfg, options.index)[-1], choice, extract=settings.extract)
+    request = BuildRequest(cfg, the_map, folder, choice, options.jobs)
     report = build_index.run(request, settings=settings, progress=progress)
     if options.method == "vote" or not report.descriptors:
         return MapBuildReport(report, choice.name, None)
-    opened = open_map.run(cfg, options, settings=settings, progress=progress)
+    resolved = replace(options, detector=choice.detector, extractor=choice.extractor, matcher=choice.matcher)
+    opened = open_map.run(cfg, resolved, settings=settings, progress=progress)
     stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return MapBuildReport(report, choice.name, stored.seconds)

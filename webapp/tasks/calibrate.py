@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,16 +60,17 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
     ------
     Cancelled, StorageError
     """
-    path = _path(opened)
+    name = f"calibration-{opened.method}-{opened.choice.matcher}.json"
     contents = calibrationfile.prefixes([p.content for p in opened.manifest.photos.values() if p.content])
-    stored = calibrationfile.read(path)
-    if stored is not None and stored.map_fov_deg == map_fov_deg and not _changed(stored.contents, contents):
-        return stored
+    for folder in (opened.folder.folder, opened.writable):
+        known = calibrationfile.read(folder / name)
+        if known is not None and known.map_fov_deg == map_fov_deg and not _changed(known.contents, contents):
+            return known
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
     calibration = calibrate(opened.indexed, progress)
     stored = StoredCalibration(calibration, map_fov_deg, contents, time.perf_counter() - started)
-    calibrationfile.write(path, stored)
+    calibrationfile.write(opened.writable / name, stored)
     return stored
 
 
@@ -132,7 +132,3 @@ def _with_radius(fitted: Calibration, trials: Sequence[_Trial]) -> Calibration:
 
 def _changed(before: frozenset[str], now: frozenset[str]) -> bool:
     return len(before ^ now) > _CHANGED_SHARE * max(len(before), 1)
-
-
-def _path(opened: OpenMap) -> Path:
-    return opened.folder.folder / f"calibration-{opened.method}-{opened.choice.matcher}.json"

@@ -6,8 +6,9 @@ import hashlib
 import math
 import multiprocessing
 import os
+import signal
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import wait
 from pathlib import Path
 
@@ -16,10 +17,11 @@ import cv2
 from webapp.core.features.extract import extract
 from webapp.core.features.table import FeatureChoice
 from webapp.core.index.segment import PhotoEntry
-from webapp.errors import ExpMapError, IndexDamaged, PhotoError
+from webapp.errors import IndexDamaged, MapError, PhotoError
 from webapp.files.featurefile import read_segment, write_segment
 from webapp.files.indexstore import IndexFolder
-from webapp.files.photo import read_facts, read_gray
+from webapp.files.mapfolder import photo_path
+from webapp.files.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings
 
 
@@ -31,17 +33,25 @@ class PhotoJob:
     ----------
     id : int
         Of the experience.
-    path : Path
-        The photo file.
+    cfg : Path
+        The map.
+    photo : str
+        As it stands in the map.
     folder : Path
         Of the index.
+    choice : FeatureChoice
+    settings : Settings
+    indexed : tuple of str
+        SHA-256 of photos that the index holds already and that may be this one.
     """
 
     id: int
-    path: Path
+    cfg: Path
+    photo: str
     folder: Path
     choice: FeatureChoice
     settings: Settings
+    indexed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +68,7 @@ class PhotoDone:
     error : str
         Why there are no features; empty when there are.
     extracted : bool
-        False when an earlier, interrupted build had finished this photo.
+        False when its features were there already: from an interrupted build, or under another name.
     """
 
     id: int
@@ -72,6 +82,8 @@ class PhotoDone:
 def start_worker() -> None:
     """Prepare a worker process: one native thread, and an end with its parent, however that ends."""
     cv2.setNumThreads(1)
+    # Ctrl-C reaches all processes of a terminal, but it is the parent that decides how to stop.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
@@ -90,21 +102,26 @@ def run(job: PhotoJob) -> PhotoDone:
     StorageError
         The disk refused.
     """
+    seen = PhotoDone(job.id, *size_and_time(job.cfg.parent / job.photo))
     try:
-        stat = job.path.stat()
-        data = job.path.read_bytes()
-    except OSError as error:
-        return PhotoDone(job.id, error=f"cannot be read: {error.strerror}")
-    seen = PhotoDone(job.id, stat.st_size, stat.st_mtime_ns, hashlib.sha256(data).hexdigest())
-    target = IndexFolder(job.folder).spool_path(seen.content)
-    if _finished(target):
-        return seen
+        data = read_file(photo_path(job.cfg, job.photo), limits=job.settings.photo)
+        content = hashlib.sha256(data).hexdigest()
+        target = IndexFolder(job.folder).spool_path(content)
+        there = content in job.indexed or _finished(target)
+        if not there:
+            write_segment(target, [_describe(data, content, job)])
+    except (MapError, PhotoError) as error:
+        return replace(seen, error=f"{error.message}; {error.hint}" if error.hint else error.message)
+    return replace(seen, content=content, extracted=not there)
+
+
+def size_and_time(path: Path) -> tuple[int, int]:
+    """Look up a file's bytes and when it was changed, in nanoseconds; zeros when there is none."""
     try:
-        entry = _describe(data, seen.content, job)
-    except PhotoError as error:
-        return PhotoDone(job.id, stat.st_size, stat.st_mtime_ns, error=_sentence(error))
-    write_segment(target, [entry])
-    return PhotoDone(seen.id, seen.bytes, seen.mtime_ns, seen.content, extracted=True)
+        stat = path.stat()
+    except OSError:
+        return 0, 0
+    return stat.st_size, stat.st_mtime_ns
 
 
 def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
@@ -125,11 +142,7 @@ def _finished(path: Path) -> bool:
     if not path.exists():
         return False
     try:
-        read_segment(path)
+        read_segment(path, mapped=False)
     except IndexDamaged:
         return False
     return True
-
-
-def _sentence(error: ExpMapError) -> str:
-    return f"{error.message}; {error.hint}" if error.hint else error.message

@@ -4,60 +4,62 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
 from webapp.core.features.table import FeatureChoice, Method, choose
-from webapp.errors import IndexDamaged
+from webapp.errors import IndexDamaged, UsageError
 from webapp.files.indexstore import IndexFolder, index_key
+from webapp.files.listing import DERIVED
 from webapp.settings import ExtractSettings
 
-DERIVED = "derived"
 
-
-def index_base(cfg: Path, chosen: Path | None) -> Path:
-    """Choose the folder that holds a map's indexes.
+def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
+    """List the folders where a map's indexes may be; only the last is written to.
 
     Parameters
     ----------
     cfg : Path
     chosen : Path or None
-        What the user asked for.
+        What the user asked for: it can serve many maps.
 
     Returns
     -------
-    Path
-        What was asked for; else `derived` beside the map; else, where that cannot be written, a folder of
-        its own in the user's cache.
+    tuple of Path
+        A folder of this map's in what was asked for; else in `derived` beside the map; where that cannot be
+        written, it is followed by one in the user's cache.
     """
+    elsewhere = f"{cfg.stem}-{hashlib.sha256(os.fsencode(cfg.resolve())).hexdigest()[:16]}"
     if chosen is not None:
-        return chosen
-    beside = cfg.parent / DERIVED
-    if os.access(beside if beside.exists() else cfg.parent, os.W_OK):
-        return beside
-    name = hashlib.sha256(os.fsencode(cfg.resolve())).hexdigest()[:16]
-    return user_cache_path("experience-map") / "indexes" / f"{cfg.stem}-{name}"
+        return (chosen / elsewhere,)
+    beside = cfg.parent / DERIVED / cfg.stem
+    existing = next(p for p in (beside, *beside.absolute().parents) if p.exists())
+    if os.access(existing, os.W_OK):
+        return (beside,)
+    return (beside, user_cache_path("experience-map") / "indexes" / elsewhere)
 
 
 def newest_choice(
-    base: Path, extract: ExtractSettings, *, method: Method, matcher: str | None
+    bases: Iterable[Path], extract: ExtractSettings, *, method: Method, matcher: str | None
 ) -> FeatureChoice:
-    """Resolve `auto`: the features of the newest complete index, or the best there are when there is none.
+    """Resolve `auto`: the features of the newest complete index that fits, or else the best there are.
 
     Raises
     ------
     UsageError
-        The matcher does not fit those features.
+        The matcher fits neither.
     """
-    for folder in _newest_first(base):
+    for folder in _newest_first(bases):
         try:
             manifest = folder.read_manifest()
-        except IndexDamaged:
-            continue  # a build of these features will say so
-        if manifest is not None and manifest.extract == extract:
-            return choose(method, detector=manifest.detector, extractor=manifest.extractor, matcher=matcher)
+            if manifest is not None and manifest.extract == extract:
+                return choose(
+                    method, detector=manifest.detector, extractor=manifest.extractor, matcher=matcher
+                )
+        except (IndexDamaged, UsageError):
+            continue  # a build of its features mends the one; for the other, the next may fit
     return choose(method, matcher=matcher)
 
 
@@ -66,6 +68,7 @@ def index_folder(base: Path, choice: FeatureChoice, *, extract: ExtractSettings)
     return base / index_key(choice, extract)
 
 
-def _newest_first(base: Path) -> Iterator[IndexFolder]:
-    manifests = sorted(base.glob("*/manifest.json"), key=lambda p: -p.stat().st_mtime_ns)
+def _newest_first(bases: Iterable[Path]) -> Iterator[IndexFolder]:
+    manifests = [p for base in bases for p in base.glob("*/manifest.json")]
+    manifests.sort(key=lambda p: -p.stat().st_mtime_ns)
     return (IndexFolder(p.parent) for p in manifests)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from webapp.core.index.segment import Segment
 from webapp.core.index.types import DescriptorSearch
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.errors import UsageError
+from webapp.errors import IndexDamaged, MapError
 from webapp.files.featurefile import read_segment
 from webapp.files.indexstore import IndexFolder, Manifest, read_search_index
 from webapp.files.mapfolder import read_map
@@ -28,7 +29,8 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import build_index
 from webapp.tasks.build_index import BuildReport, BuildRequest
-from webapp.tasks.index_place import index_base, index_folder, newest_choice
+from webapp.tasks.extract_photo import size_and_time
+from webapp.tasks.index_place import index_bases, index_folder, newest_choice
 
 GUESSED_FOV_DEG = 65.0
 """Of the longer side, where nothing is known: between a webcam (60) and a telephone (70)."""
@@ -51,6 +53,22 @@ class OpenOptions:
     right_within_px: float | None = None
     """Instead of the map's own place radius."""
 
+    def choice(self) -> FeatureChoice:
+        """Resolve the features; `auto` takes the best there are.
+
+        Raises
+        ------
+        UsageError
+            The combination cannot work.
+        """
+        return choose(
+            self.method,
+            features=self.features,
+            detector=self.detector,
+            extractor=self.extractor,
+            matcher=self.matcher,
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenMap:
@@ -63,6 +81,8 @@ class OpenMap:
     method : {"vote", "verified"}
     choice : FeatureChoice
     folder : IndexFolder
+    writable : Path
+        Folder for what else is computed from the index; its own, unless that cannot be written.
     manifest : Manifest
     indexed : IndexedMap
     built : BuildReport or None
@@ -74,6 +94,7 @@ class OpenMap:
     method: Method
     choice: FeatureChoice
     folder: IndexFolder
+    writable: Path
     manifest: Manifest
     indexed: IndexedMap
     built: BuildReport | None
@@ -81,27 +102,9 @@ class OpenMap:
     @property
     def map_hash(self) -> str:
         """Stands for the map's photos and positions, 16 hexadecimal characters."""
-        photos = [[e.id, self.manifest.photos[e.id].content, *e.position] for e in self.map.experiences]
+        contents = _contents(self.map, self.manifest)
+        photos = [[e.id, c, *e.position] for e, c in zip(self.map.experiences, contents, strict=True)]
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
-
-
-def choose_features(base: Path, options: OpenOptions, *, settings: Settings) -> FeatureChoice:
-    """Resolve what was asked for; `auto` takes the newest index that is there.
-
-    Raises
-    ------
-    UsageError
-        The combination cannot work.
-    """
-    if options.features == "auto" and options.detector is None and options.extractor is None:
-        return newest_choice(base, settings.extract, method=options.method, matcher=options.matcher)
-    return choose(
-        options.method,
-        features=options.features,
-        detector=options.detector,
-        extractor=options.extractor,
-        matcher=options.matcher,
-    )
 
 
 def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> OpenMap:
@@ -109,57 +112,92 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
 
     Raises
     ------
-    MapError, UsageError, StorageError, IndexDamaged, Cancelled
+    MapError
+        It cannot be read, or has no photo to recognise anything by.
+    UsageError
+        The combination of features cannot work.
+    StorageError, IndexDamaged, Cancelled
     """
-    base = index_base(cfg, options.index)
-    choice = choose_features(base, options, settings=settings)
     the_map = read_map(cfg)
     if not the_map.experiences:
-        raise UsageError("the map has no photos", where=str(cfg), hint="place photos on it first")
-    folder = IndexFolder(index_folder(base, choice, extract=settings.extract))
-    manifest, built = folder.read_manifest(), None
-    if manifest is None or not _current(the_map, manifest, cfg.parent):
-        progress.note("building the index" if manifest is None else "the map has changed: updating its index")
-        request = BuildRequest(cfg.parent, the_map, folder.folder, choice, options.jobs)
+        raise MapError("the map has no photos", where=str(cfg), hint="place photos on it first")
+    bases = index_bases(cfg, options.index)
+    choice = _choice(bases, options, settings=settings)
+    folders = [IndexFolder(index_folder(b, choice, extract=settings.extract)) for b in bases]
+    folder, built = next((f for f in folders if _is_up_to_date(f, the_map, cfg)), None), None
+    if folder is None:
+        folder = folders[-1]
+        new = not folder.manifest_path.exists()
+        progress.note("building the index" if new else "the map has changed: updating its index")
+        request = BuildRequest(cfg, the_map, folder.folder, choice, options.jobs)
         built = build_index.run(request, settings=settings, progress=progress)
-        manifest = folder.read_manifest()
-    if manifest is None or not manifest.segments:
-        raise UsageError(
-            "no photo of the map has features to recognise it by",
-            where=str(cfg),
-            hint="run expmap map check on it",
-        )
-    indexed = _load(the_map, folder, manifest, choice=choice, options=options)
-    return OpenMap(cfg, the_map, options.method, choice, folder, manifest, indexed, built)
+    manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
+    return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
 
 
-def _current(the_map: Map, manifest: Manifest, map_folder: Path) -> bool:
+def _choice(bases: Sequence[Path], options: OpenOptions, *, settings: Settings) -> FeatureChoice:
+    """Resolve what was asked for; `auto` takes the newest index that is there."""
+    if options.features == "auto" and options.detector is None and options.extractor is None:
+        return newest_choice(bases, settings.extract, method=options.method, matcher=options.matcher)
+    return options.choice()
+
+
+def _is_up_to_date(folder: IndexFolder, the_map: Map, cfg: Path) -> bool:
+    manifest = folder.read_manifest()
+    return manifest is not None and _current(the_map, manifest, map_folder=cfg.parent)
+
+
+def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
     if manifest.photos.keys() != {e.id for e in the_map.experiences}:
         return False
     return all(
-        build_index.is_current(e, manifest, map_folder=map_folder) or _still_failing(e, manifest, map_folder)
+        build_index.is_current(e, manifest, map_folder=map_folder)
+        or _still_failing(e, manifest, map_folder=map_folder)
         for e in the_map.experiences
     )
 
 
-def _still_failing(experience: Experience, manifest: Manifest, map_folder: Path) -> bool:
+def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Tell whether a photo that could not be used is still the same file, or still missing."""
     record = manifest.photos[experience.id]
     if not record.error or record.photo != experience.photo:
         return False
-    try:
-        stat = (map_folder / experience.photo).stat()
-    except OSError:
-        return record.mtime_ns == 0
-    return (record.bytes, record.mtime_ns) == (stat.st_size, stat.st_mtime_ns)
+    return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
+
+
+def _load_latest(
+    the_map: Map, folder: IndexFolder, *, cfg: Path, choice: FeatureChoice, options: OpenOptions
+) -> tuple[Manifest, IndexedMap]:
+    """Load what the manifest names; once more where a build replaced it and its files meanwhile."""
+    manifest = folder.read_manifest()
+    while manifest is not None and manifest.codebook:
+        try:
+            return manifest, _load(the_map, folder, manifest=manifest, choice=choice, options=options)
+        except IndexDamaged:
+            before, manifest = manifest, folder.read_manifest()
+            if manifest == before:
+                raise
+    raise MapError(
+        "no photo of the map has features to recognise it by",
+        where=str(cfg),
+        hint="run expmap map check on it",
+    )
+
+
+def _contents(the_map: Map, manifest: Manifest) -> list[str]:
+    """Look up the content of each experience's photo; empty where the index has none of it."""
+    records = [manifest.photos.get(e.id) for e in the_map.experiences]
+    same = zip(records, the_map.experiences, strict=True)
+    return [r.content if r is not None and r.photo == e.photo else "" for r, e in same]
 
 
 def _load(
-    the_map: Map, folder: IndexFolder, manifest: Manifest, *, choice: FeatureChoice, options: OpenOptions
+    the_map: Map, folder: IndexFolder, *, manifest: Manifest, choice: FeatureChoice, options: OpenOptions
 ) -> IndexedMap:
     segments = [read_segment(folder.segment_path(s.name)) for s in manifest.segments]
     contents = [c for s in segments for c in s.content]
-    number = {manifest.photos[e.id].content: i for i, e in reversed([*enumerate(the_map.experiences)])}
+    # Of several experiences with one photo the first speaks for it.
+    number = {c: i for i, c in reversed([*enumerate(_contents(the_map, manifest))])}
     position = np.array([e.position for e in the_map.experiences], np.float64).reshape(-1, 2)
     photo_of_entry = np.array([number.get(c, -1) for c in contents], np.int64)
     radius = options.right_within_px or place_radius_px(

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Kind
 from webapp.core.index import ivf
-from webapp.core.index.segment import PhotoEntry
+from webapp.core.index.segment import PhotoEntry, Segment
+from webapp.errors import IndexDamaged
 from webapp.files.featurefile import read_segment, write_segment
 from webapp.files.indexstore import (
     IndexFolder,
@@ -26,13 +28,54 @@ PHOTOS_PER_SEGMENT = 1000
 """Bounds the memory of a build: so many photos are joined at once."""
 
 _MOST_SMALL = 16
-"""More segments than this with less than half of that are joined into full ones."""
+"""When there are more segments than this with less than half of that, they are joined."""
 
 _MOST_DEAD = 0.3
-"""Share of photos no longer in the map from which the rest is written anew."""
+"""Share of a segment's photos no longer in the map from which the rest of it is written anew."""
 
 _RETRAIN_GROWTH = 4
 """A codebook trained on a map this many times smaller no longer divides it well."""
+
+_ENCODED_AT_ONCE = 65_536
+
+
+def intact(index: IndexFolder, manifest: Manifest, *, kind: Kind) -> Manifest:
+    """Leave out of a manifest what its files no longer hold: `join` makes it anew.
+
+    Parameters
+    ----------
+    index : IndexFolder
+    manifest : Manifest
+    kind : {"float", "binary"}
+
+    Returns
+    -------
+    Manifest
+        The same one where no file is missing or damaged.
+    """
+    codebook = manifest.codebook
+    if codebook and not _holds(index.codebook_path(codebook), 0, kind=kind):
+        codebook = ""
+    kept: list[SegmentRecord] = []
+    held: set[str] = set()
+    for record in manifest.segments:
+        try:
+            held.update(read_segment(index.segment_path(record.name)).content)
+        except IndexDamaged:
+            continue
+        codes = index.codes_path(record.name, codebook)
+        whole = codebook and _holds(codes, record.descriptors, kind=kind)
+        kept.append(record if whole else replace(record, codes=""))
+    photos = {i: p for i, p in manifest.photos.items() if not p.content or p.content in held}
+    return replace(manifest, segments=tuple(kept), photos=photos, codebook=codebook)
+
+
+def _holds(path: Path, rows: int, *, kind: Kind) -> bool:
+    """Tell whether a search index is there, with so many rows."""
+    try:
+        return bool(read_search_index(path, kind).ntotal == rows)
+    except IndexDamaged:
+        return False
 
 
 def join(index: IndexFolder, manifest: Manifest, *, kind: Kind, progress: Progress) -> Manifest:
@@ -51,20 +94,22 @@ def join(index: IndexFolder, manifest: Manifest, *, kind: Kind, progress: Progre
     Manifest
         With the segments and the codebook that hold those photos; their files are on disk.
     """
-    wanted = list(dict.fromkeys(p.content for p in manifest.photos.values() if p.content))
-    kept = [] if _worn(index, manifest, set(wanted)) else list(manifest.segments)
-    held = {c for s in kept for c in read_segment(index.segment_path(s.name)).content}
-    source = _Source(index, manifest)
-    missing = iter([c for c in wanted if c not in held])
+    wanted = {p.content: None for p in manifest.photos.values() if p.content}
+    opened = {s.name: read_segment(index.segment_path(s.name)) for s in manifest.segments}
+    kept = _worth_keeping(manifest.segments, opened, wanted=wanted)
+    held = {c for s in kept for c in opened[s.name].content}
+    entry = _Source(index, opened.values())
+    missing = (c for c in wanted if c not in held)
     while chunk := list(islice(missing, PHOTOS_PER_SEGMENT)):
+        progress.note("joining")
         progress.check()
-        entries = [source.entry(c) for c in chunk]
+        entries = [entry(c) for c in chunk]
         name = write_segment(index.segment_path("{hash}"), entries)
         kept.append(SegmentRecord(name, len(entries), sum(len(e.features) for e in entries), codes=""))
     total = sum(s.descriptors for s in kept)
     if not total:
         return replace(manifest, segments=tuple(kept), codebook="", trained_for=0)
-    if not manifest.codebook or total > _RETRAIN_GROWTH * manifest.trained_for or not manifest.segments:
+    if not manifest.codebook or total > _RETRAIN_GROWTH * manifest.trained_for:
         progress.note("training")
         codebook = _train(index, kept, total=total, kind=kind)
         kept = [replace(s, codes="") for s in kept]
@@ -72,42 +117,61 @@ def join(index: IndexFolder, manifest: Manifest, *, kind: Kind, progress: Progre
     coded = []
     for segment in kept:
         progress.check()
-        has_codes = bool(segment.codes)
-        coded.append(segment if has_codes else _encode(index, segment, codebook=manifest.codebook, kind=kind))
+        codes = segment.codes or _encode(index, segment.name, codebook=manifest.codebook, kind=kind)
+        coded.append(replace(segment, codes=codes))
     return replace(manifest, segments=tuple(coded))
 
 
-def _worn(index: IndexFolder, manifest: Manifest, wanted: set[str]) -> bool:
-    """Tell whether the segments are so many, or hold so much that is gone, that they are better rewritten."""
-    held = sum(s.photos for s in manifest.segments)
-    alive = sum(
-        c in wanted for s in manifest.segments for c in read_segment(index.segment_path(s.name)).content
-    )
-    small = sum(s.photos < PHOTOS_PER_SEGMENT // 2 for s in manifest.segments)
-    return small > _MOST_SMALL or held - alive > _MOST_DEAD * held
+def descriptors_in_map(index: IndexFolder, manifest: Manifest) -> int:
+    """Count the descriptors of the photos that the manifest names."""
+    wanted = {p.content for p in manifest.photos.values()}
+    total = 0
+    for record in manifest.segments:
+        segment = read_segment(index.segment_path(record.name))
+        named = [c in wanted for c in segment.content]
+        total += int(np.diff(segment.first)[named].sum())
+    return total
+
+
+def _worth_keeping(
+    records: Collection[SegmentRecord], opened: Mapping[str, Segment], *, wanted: Collection[str]
+) -> list[SegmentRecord]:
+    """Leave out the segments that are better written anew: small and many, or with much that is gone."""
+
+    def small(record: SegmentRecord) -> bool:
+        return record.photos < PHOTOS_PER_SEGMENT // 2
+
+    def worn(record: SegmentRecord) -> bool:
+        dead = sum(c not in wanted for c in opened[record.name].content)
+        return dead > _MOST_DEAD * record.photos
+
+    crowded = sum(map(small, records)) > _MOST_SMALL
+    return [r for r in records if not worn(r) and not (crowded and small(r))]
 
 
 class _Source:
-    """Finds a photo's features in the spool or in the old segments."""
+    """Finds a photo's features in the old segments, or else in the spool."""
 
-    def __init__(self, index: IndexFolder, manifest: Manifest) -> None:
+    def __init__(self, index: IndexFolder, segments: Collection[Segment]) -> None:
         self._index = index
-        self._segments = [read_segment(index.segment_path(s.name)) for s in manifest.segments]
-        self._place = {c: (s, i) for s in self._segments for i, c in enumerate(s.content)}
+        self._place = {c: (s, i) for s in segments for i, c in enumerate(s.content)}
 
-    def entry(self, content: str) -> PhotoEntry:
+    def __call__(self, content: str) -> PhotoEntry:
         if content in self._place:
             segment, photo = self._place[content]
             return segment.entry(photo)
-        return read_segment(self._index.spool_path(content)).entry(0)
+        # Not mapped: a map keeps its file open, and a process may not have a thousand files open.
+        return read_segment(self._index.spool_path(content), mapped=False).entry(0)
 
 
-def _train(index: IndexFolder, segments: list[SegmentRecord], *, total: int, kind: Kind) -> str:
-    sample = np.concatenate(list(_sample(index, segments, total)))
+def _train(index: IndexFolder, segments: Collection[SegmentRecord], *, total: int, kind: Kind) -> str:
+    sample = np.concatenate(list(_sample(index, segments, total=total)))
     return write_search_index(index.codebook_path("{hash}"), ivf.train(sample, total, kind=kind), kind=kind)
 
 
-def _sample(index: IndexFolder, segments: Iterable[SegmentRecord], total: int) -> Iterator[NDArray[np.uint8]]:
+def _sample(
+    index: IndexFolder, segments: Collection[SegmentRecord], *, total: int
+) -> Iterator[NDArray[np.uint8]]:
     """Draw the training sample: an equal share of each photo, chosen by the photo's content alone."""
     share = min(1.0, ivf.SAMPLE_PER_CELL * ivf.cells_for(total) / total)
     for record in segments:
@@ -120,8 +184,9 @@ def _sample(index: IndexFolder, segments: Iterable[SegmentRecord], total: int) -
             yield descriptors[np.sort(rng.choice(len(descriptors), count, replace=False))]
 
 
-def _encode(index: IndexFolder, segment: SegmentRecord, *, codebook: str, kind: Kind) -> SegmentRecord:
+def _encode(index: IndexFolder, segment: str, *, codebook: str, kind: Kind) -> str:
     codes = read_search_index(index.codebook_path(codebook), kind, mapped=False)
-    ivf.encode(codes, np.asarray(read_segment(index.segment_path(segment.name)).descriptors))
-    path = index.codes_path(segment.name, codebook)
-    return replace(segment, codes=write_search_index(path, codes, kind=kind))
+    descriptors = read_segment(index.segment_path(segment)).descriptors
+    for start in range(0, len(descriptors), _ENCODED_AT_ONCE):
+        ivf.encode(codes, np.asarray(descriptors[start : start + _ENCODED_AT_ONCE]))
+    return write_search_index(index.codes_path(segment, codebook), codes, kind=kind)
