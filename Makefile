@@ -19,12 +19,10 @@ help:            ## say what can be made
 
 install: $(VENV)/.installed ## make .venv with the command expmap in it
 
-$(VENV)/pyvenv.cfg:
+$(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
-	$(PYTHON) -m venv $(VENV)
-
-$(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg
 	@echo "installing Experience Map into $(VENV), which takes about a minute"
+	$(PYTHON) -m venv $(VENV)
 	$(PIP) -e .
 	@touch $@
 

@@ -1,0 +1,52 @@
+"""`docs/results.md` names every field of the JSON and every column of the CSV, and no other."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from webapp.render.results_table import COLUMNS
+from webapp.tasks.evaluate import to_json
+
+PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text("utf-8")
+
+
+def documented(title: str) -> set[str]:
+    """Names in the first column of the table below a heading."""
+    section = PAGE.split(f"## {title}\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (`.+?) \|", section, flags=re.MULTILINE)
+    return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
+
+
+def flat(form: dict, inside: dict[str, str]) -> set[str]:
+    """Names of fields; of those that `inside` has, the inner names too, after its prefix."""
+    names = set()
+    for key, value in form.items():
+        prefix = inside.get(key)
+        if prefix is None:
+            names.add(key)
+            continue
+        inner = value[0] if isinstance(value, list) else value
+        names |= {f"{prefix}{name}" for name in inner}
+        names |= {key} if isinstance(value, list) else set()
+    return names
+
+
+@pytest.fixture
+def form(evaluation):
+    """What `evaluate --json` prints."""
+    return to_json(evaluation)
+
+
+def test_every_field_of_localize_is_explained(form):
+    answer = form["per_query"][0]["answer"]
+    inside = {"hypotheses": "hypotheses[].", "statistics": "statistics.", "seconds": "seconds."}
+    assert documented("`localize --json`") == flat(answer, inside)
+
+
+def test_every_field_of_evaluate_is_explained(form):
+    assert documented("`evaluate --json`") == flat(form, {"per_query": "per_query[]."})
+
+
+def test_every_column_is_explained():
+    assert documented("`results.csv`") == set(COLUMNS)
