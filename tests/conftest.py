@@ -1,8 +1,11 @@
 """Fixtures that many tests share."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from filelock import FileLock
 
@@ -28,3 +31,45 @@ def sample_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with FileLock(base / "sample.lock"):
         report = make_sample.run(base / "library" / "sample", settings=Settings(), progress=Progress())
     return report.cfg_path.parent
+
+
+def textured(seed: int, *, width: int = 320, height: int = 240) -> np.ndarray:
+    """A picture (height, width) uint8 with structure of all sizes, unlike that of any other seed."""
+    rng = np.random.default_rng(seed)
+    picture = np.zeros((height, width), np.float32)
+    for size in (5, 11, 23, 47):
+        coarse = rng.normal(size=(height // size + 2, width // size + 2)).astype(np.float32)
+        picture += cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC) * size**0.4
+    return cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+@pytest.fixture(scope="session")
+def save_photo() -> Callable[[Path, int], None]:
+    """Write a small photo; each seed is another place."""
+
+    def save(path: Path, seed: int) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        done, data = cv2.imencode(path.suffix, textured(seed))
+        assert done
+        path.write_bytes(data.tobytes())
+
+    return save
+
+
+@pytest.fixture(scope="session")
+def make_map(save_photo: Callable[[Path, int], None]) -> Callable[[Path, int], Path]:
+    """Make a small map: so many photos in a row, 100 map pixels apart; gives its .cfg."""
+
+    def make(folder: Path, photos: int) -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        width = 100 * photos + 100
+        cv2.imwrite(str(folder / "plan.png"), np.full((200, width), 200, np.uint8))
+        lines = [f"plan.png;{width};200"]
+        for number in range(photos):
+            save_photo(folder / "photos" / f"{number}.jpg", number)
+            lines.append(f"{number};photos/{number}.jpg;{100 * number + 100};100")
+        cfg = folder / "map.cfg"
+        cfg.write_text("\n".join(lines) + "\n")
+        return cfg
+
+    return make
