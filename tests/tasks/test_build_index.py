@@ -244,7 +244,7 @@ def test_unusable_photos_are_told_and_the_others_built(tmp_path, make_map, build
     described.clear()
     again = build(cfg)
     assert again.failed == report.failed
-    assert described == ["2.jpg", "3.jpg"]  # tried again, as a copy may have been finished meanwhile
+    assert described == ["2.jpg", "3.jpg"]  # a build tries again what failed
 
 
 def test_a_repaired_photo_is_taken_up(tmp_path, make_map, save_photo, build):

@@ -1,0 +1,305 @@
+"""Opening a map: which index is taken, when it is brought up to date, and what happens beside a build."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from webapp.core.index.ivf import InvertedFile
+from webapp.errors import IndexDamaged, MapError, StorageError, UsageError
+from webapp.files.lock import writer_lock
+from webapp.progress import Progress
+from webapp.tasks import index_place, open_map, prepare
+from webapp.tasks.localize_photo import PhotoLocalizer
+from webapp.tasks.open_map import OpenMap, OpenOptions
+
+
+class Notes(Progress):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+@pytest.fixture
+def opening(quick):
+    """Open a map; gives it and what was told meanwhile."""
+
+    def run(cfg: Path, method: str = "vote", **options) -> tuple[OpenMap, list[str]]:
+        told = Notes()
+        asked = OpenOptions(method=method, jobs=1, **options)
+        return open_map.run(cfg, asked, settings=quick, progress=told), told.notes
+
+    return run
+
+
+@pytest.fixture
+def read_only(monkeypatch, tmp_path):
+    """Make a folder look as if it could not be written, and put the user's cache in the test's folder."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(index_place, "user_cache_path", lambda name: tmp_path / "cache" / name)
+
+    def lock(folder: Path) -> None:
+        access = os.access
+        monkeypatch.setattr(
+            os, "access", lambda p, mode: not Path(p).is_relative_to(folder) and access(p, mode)
+        )
+
+    return lock
+
+
+def listing(folder: Path) -> set[tuple[str, int]]:
+    return {(str(p), p.stat().st_mtime_ns) for p in folder.rglob("*")}
+
+
+def drop_line(cfg: Path, number: int) -> None:
+    lines = cfg.read_text().splitlines(keepends=True)
+    del lines[number]
+    cfg.write_text("".join(lines))
+
+
+def test_the_index_is_built_when_there_is_none_and_then_used(tmp_path, make_map, opening):
+    cfg = make_map(tmp_path, 5)
+    opened, notes = opening(cfg)
+    assert notes[0] == "building the index"
+    assert opened.built is not None
+    assert opened.built.extracted == 5
+    again, notes = opening(cfg)
+    assert again.built is None
+    assert notes == []
+    assert again.map_hash == opened.map_hash
+    assert again.indexed.ids.tolist() == [0, 1, 2, 3, 4]
+    assert again.indexed.position.tolist() == [[100.0 * i + 100, 100.0] for i in range(5)]
+    assert again.indexed.place_radius_px == 200.0
+
+
+def test_a_changed_map_is_brought_up_to_date_and_said_so(tmp_path, make_map, opening):
+    cfg = make_map(tmp_path, 5)
+    before, _ = opening(cfg)
+    drop_line(cfg, 2)
+    opened, notes = opening(cfg)
+    assert notes[0] == "the map has changed: updating its index"
+    assert opened.built is not None
+    assert (opened.built.extracted, opened.built.removed) == (0, 1)
+    assert opened.map_hash != before.map_hash
+
+
+def test_a_moved_photo_needs_no_build_but_is_another_map(tmp_path, make_map, opening):
+    cfg = make_map(tmp_path, 4)
+    before, _ = opening(cfg)
+    cfg.write_text(cfg.read_text().replace(";200;100", ";210;100"))
+    opened, notes = opening(cfg)
+    assert (opened.built, notes) == (None, [])
+    assert opened.indexed.position[1].tolist() == [210.0, 100.0]
+    assert opened.map_hash != before.map_hash
+
+
+def test_photos_that_cannot_be_used_are_not_tried_at_every_opening(tmp_path, make_map, opening, save_photo):
+    cfg = make_map(tmp_path / "map", 5)
+    photos = tmp_path / "map" / "photos"
+    (photos / "0.jpg").unlink()
+    (photos / "1.jpg").write_bytes(b"no photo")
+    (photos / "2.jpg").rename(tmp_path / "outside.jpg")
+    (photos / "2.jpg").symlink_to(tmp_path / "outside.jpg")
+    opened, _ = opening(cfg)
+    assert [i for i, _, _ in opened.built.failed] == [0, 1, 2]
+    opened, notes = opening(cfg)
+    assert (opened.built, notes) == (None, [])
+    assert opened.indexed.features(0) is None
+    assert len(opened.indexed.features(3)) > 50
+    save_photo(photos / "0.jpg", 0)
+    opened, _ = opening(cfg)
+    assert [i for i, _, _ in opened.built.failed] == [1, 2]
+
+
+def test_auto_takes_the_newest_index_that_fits(tmp_path, make_map, opening):
+    cfg = make_map(tmp_path, 4)
+    assert opening(cfg)[0].choice.name == "sift"
+    assert opening(cfg, features="orb")[0].choice.name == "orb"
+    newest, notes = opening(cfg)
+    assert (newest.choice.name, newest.choice.matcher, notes) == ("orb", "hamming", [])
+    fitting, notes = opening(cfg, matcher="l1")
+    assert (fitting.choice.name, notes) == ("sift", [])
+    assert opening(cfg, matcher="hamming")[0].choice.name == "orb"
+
+
+def test_an_index_with_other_settings_is_not_taken(tmp_path, make_map, opening, quick):
+    cfg = make_map(tmp_path, 4)
+    opening(cfg, features="orb")
+    folder = next(tmp_path.glob("derived/map/orb-*"))
+    text = (folder / "manifest.json").read_text().replace('"keypoints": 120', '"keypoints": 99')
+    (folder / "manifest.json").write_text(text)
+    assert opening(cfg)[0].choice.name == "sift"
+
+
+def test_a_matcher_that_no_index_fits_is_refused(tmp_path, make_map, opening):
+    cfg = make_map(tmp_path, 2)
+    with pytest.raises(UsageError, match="--features orb"):
+        opening(cfg, matcher="hamming")
+
+
+def test_building_takes_the_best_features_whatever_index_is_there(tmp_path, make_map, build):
+    cfg = make_map(tmp_path, 3)
+    assert build(cfg, features="orb").folder.name.startswith("orb-")
+    assert build(cfg).folder.name.startswith("sift-")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"features": "sift", "matcher": "flann"},
+        {"features": "sift", "matcher": "l1"},
+        {"features": "sift", "matcher": "l2"},
+        {"features": "sift-plain", "matcher": "l2"},
+        {"features": "orb", "matcher": "flann"},
+        {"features": "orb", "matcher": "hamming"},
+        {"features": "orb", "matcher": "hamming2"},
+        {"detector": "orb", "extractor": "sift"},
+        {"detector": "sift", "extractor": "orb"},
+    ],
+)
+def test_every_matcher_finds_a_photo_of_the_map_itself(tmp_path, make_map, opening, quick, options):
+    cfg = make_map(tmp_path, 4)
+    opened, _ = opening(cfg, **options)
+    answer = PhotoLocalizer(opened, quick).localize(tmp_path / "photos" / "2.jpg", top=3)
+    assert answer.hypotheses[0].experiences == (2,)
+    assert answer.hypotheses[0].probability > 0.9
+    if options.get("matcher") != "flann":
+        assert answer.statistics.distance_max == 0.0
+
+
+@pytest.mark.parametrize("features", ["sift", "orb"])
+def test_verified_finds_a_photo_of_the_map_itself_with_every_kind_of_index(
+    tmp_path, make_map, quick, features
+):
+    cfg = make_map(tmp_path, 4)
+    localizer = prepare.run(cfg, OpenOptions(features=features, jobs=1), settings=quick, progress=Progress())
+    assert isinstance(localizer.opened.indexed.search, InvertedFile)
+    answer = localizer.localize(tmp_path / "photos" / "2.jpg", top=3)
+    assert answer.hypotheses[0].experiences[0] == 2
+    total = sum(h.probability for h in answer.hypotheses) + answer.other_probability
+    assert total + answer.off_map_probability == pytest.approx(1.0)
+
+
+def test_a_damaged_index_is_told_with_what_mends_it(tmp_path, make_map, opening, build):
+    cfg = make_map(tmp_path, 4)
+    opened, _ = opening(cfg)
+    for path in opened.folder.folder.glob("*.features"):
+        path.write_bytes(path.read_bytes()[:-64])
+    with pytest.raises(IndexDamaged, match="expmap build"):
+        opening(cfg)
+    build(cfg)
+    assert opening(cfg)[0].map_hash == opened.map_hash
+
+
+def test_a_map_without_photos_or_texture_is_a_bad_map(tmp_path, make_map, opening):
+    with pytest.raises(MapError, match="no photos"):
+        opening(make_map(tmp_path / "empty", 0))
+    cfg = make_map(tmp_path / "gone", 2)
+    for photo in (tmp_path / "gone" / "photos").iterdir():
+        photo.unlink()
+    with pytest.raises(MapError, match="no photo of the map has features"):
+        opening(cfg)
+
+
+def test_a_reader_beside_a_build_takes_the_new_manifest(tmp_path, make_map, opening, build, monkeypatch):
+    cfg = make_map(tmp_path, 9)
+    opening(cfg)
+    load, calls = open_map._load, []
+
+    def late(the_map, folder, *, manifest, choice, options):
+        """Another process finishes a build between the manifest and the files it names."""
+        calls.append(manifest)
+        if len(calls) == 1:
+            for _ in range(5):
+                drop_line(cfg, 1)
+            build(cfg)
+        return load(the_map, folder, manifest=manifest, choice=choice, options=options)
+
+    monkeypatch.setattr(open_map, "_load", late)
+    opened, _ = opening(cfg)
+    assert len(calls) == 2
+    assert calls[0].segments != calls[1].segments
+    # The map was read before: its removed photos are there, and without features.
+    assert len(opened.indexed.ids) == 9
+    assert [opened.indexed.features(i) is None for i in range(9)] == [True] * 5 + [False] * 4
+    assert opened.map_hash
+
+
+def test_an_open_map_outlives_its_files(tmp_path, make_map, opening, quick):
+    cfg = make_map(tmp_path, 4)
+    opened, _ = opening(cfg)
+    shutil.rmtree(tmp_path / "derived")
+    answer = PhotoLocalizer(opened, quick).localize(tmp_path / "photos" / "1.jpg", top=1)
+    assert answer.hypotheses[0].experiences == (1,)
+
+
+def test_a_map_that_another_process_builds_is_told(tmp_path, make_map, opening):
+    cfg = make_map(tmp_path, 2)
+    opened, _ = opening(cfg)
+    drop_line(cfg, 1)
+    with writer_lock(opened.folder.folder), pytest.raises(StorageError, match="another process"):
+        opening(cfg)
+
+
+def test_a_map_that_cannot_be_written_has_its_index_in_the_cache(tmp_path, make_map, opening, read_only):
+    cfg = make_map(tmp_path / "map", 4)
+    read_only(tmp_path / "map")
+    before = listing(tmp_path / "map")
+    opened, _ = opening(cfg)
+    assert opened.folder.folder.is_relative_to(tmp_path / "cache")
+    assert opening(cfg)[1] == []
+    assert listing(tmp_path / "map") == before
+
+
+@pytest.mark.parametrize("method", ["vote", "verified"])
+def test_an_index_beside_a_map_that_cannot_be_written_is_used(
+    tmp_path, make_map, quick, read_only, method, build
+):
+    cfg = make_map(tmp_path / "map", 5)
+    build(cfg)
+    read_only(tmp_path / "map")
+    before, told = listing(tmp_path / "map"), Notes()
+    for _ in range(2):
+        told.notes.clear()
+        asked = OpenOptions(method=method, jobs=1)
+        localizer = prepare.run(cfg, asked, settings=quick, progress=told)
+        assert localizer.opened.built is None
+        assert localizer.opened.folder.folder.is_relative_to(tmp_path / "map")
+    assert told.notes == []  # also the calibration is kept, elsewhere
+    assert listing(tmp_path / "map") == before
+
+
+def test_an_old_index_beside_a_map_that_cannot_be_written_is_not_used(
+    tmp_path, make_map, opening, build, read_only
+):
+    cfg = make_map(tmp_path / "map", 5)
+    build(cfg)
+    drop_line(cfg, 1)
+    read_only(tmp_path / "map")
+    opened, _ = opening(cfg)
+    assert opened.folder.folder.is_relative_to(tmp_path / "cache")
+    assert opened.indexed.ids.tolist() == [1, 2, 3, 4]
+
+
+def test_a_folder_for_indexes_serves_several_maps(tmp_path, make_map, opening):
+    a, b = make_map(tmp_path / "a", 3), make_map(tmp_path / "b", 2)
+    shelf = tmp_path / "shelf"
+    opening(a, index=shelf), opening(b, index=shelf)
+    assert opening(a, index=shelf)[1] == opening(b, index=shelf)[1] == []
+    assert not (tmp_path / "a" / "derived").exists()
+
+
+def test_fields_of_view_come_from_the_option_or_a_guess(tmp_path, make_map, opening):
+    cfg = make_map(tmp_path, 3)
+    guessed = opening(cfg)[0].indexed.fov_deg
+    assert np.allclose(guessed, open_map.guessed_fov_deg(320, 240))
+    assert open_map.guessed_fov_deg(320, 240) == pytest.approx(65.0)
+    assert open_map.guessed_fov_deg(240, 320) < 65.0
+    given = opening(cfg, map_fov_deg=50.0)[0].indexed.fov_deg
+    assert given.tolist() == [50.0] * 3
