@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from webapp.cli.exitcodes import INTERRUPTED
 from webapp.progress import Progress
 
 
@@ -68,7 +70,9 @@ def terminal_progress(what: str, *, quiet: bool = False) -> Iterator[TerminalPro
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
         if progress.stopped:
-            raise KeyboardInterrupt
+            # What is finished is on the disk; an exception here could leave processes waiting for each other.
+            print("interrupted", file=sys.stderr, flush=True)  # noqa: T201
+            os._exit(INTERRUPTED)
         progress.stopped = True
         print("\nstopping; press Ctrl-C again to stop at once", file=sys.stderr)  # noqa: T201
 

@@ -1,0 +1,171 @@
+"""`expmap build` stopped by Ctrl-C and by kill -9: nothing is lost, and nobody is left behind."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import cv2
+import pytest
+
+PHOTOS = 24
+
+
+@pytest.fixture(scope="module")
+def slow_map(make_map: Callable[[Path, int], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map whose photos take a while."""
+    cfg = make_map(tmp_path_factory.mktemp("slow"), PHOTOS)
+    for photo in cfg.parent.glob("photos/*.jpg"):
+        cv2.imwrite(str(photo), cv2.resize(cv2.imread(str(photo)), (800, 600)))
+    return cfg
+
+
+def command(cfg: Path, index: Path) -> list[str]:
+    options = ["--method", "vote", "--jobs", "2", "--json", "--index", str(index)]
+    return [sys.executable, "-m", "webapp", "build", str(cfg), *options]
+
+
+@contextmanager
+def start(cfg: Path, index: Path) -> Iterator[subprocess.Popen]:
+    """Start a build as the leader of a process group of its own, as a shell does."""
+    with subprocess.Popen(
+        command(cfg, index),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        cwd=Path(__file__).resolve().parents[2],
+    ) as build:
+        try:
+            yield build
+        except BaseException:
+            with suppress(ProcessLookupError):
+                os.killpg(build.pid, signal.SIGKILL)
+            raise
+
+
+def finish(cfg: Path, index: Path) -> dict:
+    with start(cfg, index) as build:
+        out, err = build.communicate(timeout=60)
+    assert build.returncode == 0, err
+    return json.loads(out)
+
+
+def finished_photos(index: Path) -> set[str]:
+    return {p.name for p in index.glob("*/*/spool/*.features")}
+
+
+def wait_for(happened: Callable[[], bool], *, seconds: float = 30.0) -> None:
+    until = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < until, "it did not happen"
+        time.sleep(0.01)
+
+
+def alive(group: int) -> list[str]:
+    """Processes of a group, zombies apart."""
+    table = subprocess.run(["ps", "-A", "-o", "pgid=,pid=,stat="], capture_output=True, text=True, check=True)
+    rows = [line.split() for line in table.stdout.splitlines()]
+    return [pid for pgid, pid, state in rows if int(pgid) == group and not state.startswith("Z")]
+
+
+def lasting(index: Path) -> dict[str, bytes]:
+    """The files of an index by name; names are hashes of what is in them, but those of codes."""
+    (folder,) = index.glob("*/sift-*")
+    return {
+        p.name: p.read_bytes() for p in folder.iterdir() if p.suffix in (".features", ".ivf", ".codebook")
+    }
+
+
+@pytest.fixture(scope="module")
+def undisturbed(slow_map: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    index = tmp_path_factory.mktemp("undisturbed")
+    assert finish(slow_map, index)["extracted"] == PHOTOS
+    return index
+
+
+def test_ctrl_c_keeps_what_is_finished_and_leaves_no_process(slow_map, undisturbed, tmp_path):
+    with start(slow_map, tmp_path) as build:
+        wait_for(lambda: len(finished_photos(tmp_path)) >= 3)
+        os.killpg(build.pid, signal.SIGINT)  # the terminal sends it to every process of the group
+        out, err = build.communicate(timeout=30)
+    assert build.returncode == 130, err
+    assert out == ""
+    assert "Traceback" not in err
+    assert err.splitlines()[-1] == "expmap: stopped; what was finished is kept"
+    wait_for(lambda: not alive(build.pid), seconds=5.0)
+    kept = finished_photos(tmp_path)
+    assert 3 <= len(kept) < PHOTOS
+    report = finish(slow_map, tmp_path)
+    assert (report["extracted"], report["reused"]) == (PHOTOS - len(kept), len(kept))
+    assert lasting(tmp_path) == lasting(undisturbed)
+
+
+def test_ctrl_c_while_the_processes_start_is_no_mess(slow_map, tmp_path):
+    with start(slow_map, tmp_path) as build:
+        wait_for(lambda: len(alive(build.pid)) >= 3)
+        os.killpg(build.pid, signal.SIGINT)
+        out, err = build.communicate(timeout=30)
+    assert (build.returncode, out) == (130, "")
+    assert "Traceback" not in err
+    wait_for(lambda: not alive(build.pid), seconds=5.0)
+
+
+def test_a_second_ctrl_c_stops_at_once(slow_map, tmp_path):
+    with start(slow_map, tmp_path) as build:
+        wait_for(lambda: len(finished_photos(tmp_path)) >= 1)
+        os.killpg(build.pid, signal.SIGINT)
+        assert "press Ctrl-C again" in build.stderr.readline() + build.stderr.readline()
+        os.killpg(build.pid, signal.SIGINT)
+        _, err = build.communicate(timeout=30)
+    assert build.returncode == 130
+    assert err.startswith("interrupted\n")
+    assert "Traceback" not in err
+    wait_for(lambda: not alive(build.pid), seconds=5.0)
+
+
+def test_killed_again_and_again_it_ends_with_the_same_index(slow_map, undisturbed, tmp_path):
+    rng, kept = random.Random(3), set()
+    for _ in range(3):
+        target = len(kept) + rng.randint(1, 5)
+        with start(slow_map, tmp_path) as build:
+            wait_for(lambda: len(finished_photos(tmp_path)) >= target)  # noqa: B023
+            build.kill()  # the parent alone, as the system does when memory is short
+        # Nobody told the workers, and they end all the same.
+        wait_for(lambda: not alive(build.pid), seconds=5.0)
+        now = finished_photos(tmp_path)
+        assert kept <= now
+        kept = now
+    assert len(kept) < PHOTOS
+    report = finish(slow_map, tmp_path)
+    assert (report["extracted"], report["reused"]) == (PHOTOS - len(kept), len(kept))
+    assert lasting(tmp_path) == lasting(undisturbed)
+    assert not finished_photos(tmp_path)
+    assert not list(tmp_path.rglob("*.tmp"))
+
+
+def test_killed_while_joining_it_ends_with_the_same_index(slow_map, undisturbed, tmp_path):
+    with start(slow_map, tmp_path) as build:
+        wait_for(lambda: any(tmp_path.glob("*/*/[0-9a-f]*.features")))
+        build.kill()
+    wait_for(lambda: not alive(build.pid), seconds=5.0)
+    assert not list(tmp_path.rglob("manifest.json"))
+    report = finish(slow_map, tmp_path)
+    assert (report["extracted"], report["reused"]) == (0, PHOTOS)
+    assert lasting(tmp_path) == lasting(undisturbed)
+
+
+def test_a_second_build_meanwhile_is_told(slow_map, tmp_path):
+    with start(slow_map, tmp_path) as build:
+        wait_for(lambda: len(finished_photos(tmp_path)) >= 1)
+        with start(slow_map, tmp_path) as second:
+            out, err = second.communicate(timeout=30)
+        build.kill()
+    assert (second.returncode, out) == (1, "")
+    assert "another process is building this index" in err
