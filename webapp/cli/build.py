@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from webapp.cli import exitcodes
+from webapp.cli.build_text import build_line, tell_failed
 from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
 from webapp.cli.progressbar import terminal_progress
 from webapp.settings import from_environment
@@ -30,16 +31,11 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     """
     with terminal_progress("photos") as progress:
         report = build_map.run(map_file, open_options(chosen), settings=from_environment(), progress=progress)
-    for number, photo, reason in report.index.failed:
-        click.echo(f"{photo} (id {number}): {reason}", err=True)
     index = report.index
+    tell_failed(index)
     if as_json:
         raw = asdict(index) | {"folder": str(index.folder), "features": report.features}
         click.echo(json.dumps(raw | {"calibration_seconds": report.calibration_seconds}))
     else:
-        click.echo(
-            f"{index.folder}: {index.photos} photos with {report.features}, {index.extracted} computed, "
-            f"{index.reused} kept, {index.removed} removed, {len(index.failed)} failed; "
-            f"{index.descriptors} descriptors, {index.bytes / 1e6:.1f} MB, {index.seconds:.1f} s"
-        )
+        click.echo(build_line(index, report.features))
     sys.exit(exitcodes.SOME_FAILED if index.failed else exitcodes.DONE)

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from webapp.cli import exitcodes
+from webapp.cli.build_text import tell_failed
 from webapp.cli.evaluation_text import summary_table
 from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
 from webapp.cli.progressbar import terminal_progress
@@ -71,6 +72,7 @@ def evaluate(
         localizer = prepare.run(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
+        tell_failed(localizer.opened.built)
         progress.note("queries")
         if queries is None:
             done = task.run_self(localizer, map_folder=folder, options=options, progress=progress)

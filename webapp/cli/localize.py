@@ -13,11 +13,12 @@ from PIL import Image
 
 from webapp.cli import exitcodes
 from webapp.cli.answer_text import answer_text
+from webapp.cli.build_text import tell_failed
 from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import Answer
-from webapp.errors import PhotoError, StorageError, UsageError
+from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import from_environment
 from webapp.tasks import prepare
@@ -58,12 +59,12 @@ def localize(
         localizer = prepare.run(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
+    tell_failed(localizer.opened.built)
     output = _Output(localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1)
     forms, failed = [], False
     for number, photo in enumerate(photos, 1):
         try:
             answer = localizer.localize(photo, top=top)
-            output.draw(photo, answer, number)
         except PhotoError as error:
             failed = True
             click.echo(f"expmap: {error}", err=True)
@@ -72,6 +73,11 @@ def localize(
         forms.append(output.form(photo, answer))
         if not as_json:
             output.tell(photo, answer, last=number == len(photos))
+        try:
+            output.draw(photo, answer, number)
+        except (PhotoError, MapError) as error:  # of the satellite image or a map photo: the answer stands
+            failed = True
+            click.echo(f"expmap: {error}", err=True)
     if as_json:
         click.echo(json.dumps(forms, indent=2))
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)

@@ -1,0 +1,100 @@
+"""`expmap build` as it is typed."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+FIELDS = {
+    "folder", "photos", "extracted", "reused", "removed", "failed", "descriptors", "seconds", "bytes",
+    "features", "calibration_seconds",
+}  # fmt: skip
+
+
+@pytest.fixture
+def cfg(make_map, tmp_path) -> Path:
+    return make_map(tmp_path / "map", 5)
+
+
+def test_what_was_built_is_one_line_on_standard_output(expmap, cfg):
+    code, out, err = expmap("build", cfg, "--method", "vote")
+    assert code == 0
+    assert out.count("\n") == 1
+    assert "5 photos with sift, 5 computed, 0 kept, 0 removed, 0 failed" in out
+    assert err == "joining ...\ntraining ...\n"
+    code, out, err = expmap("build", cfg, "--method", "vote")
+    assert "0 computed, 5 kept" in out
+    assert (code, err) == (0, "")
+
+
+def test_json_is_one_object(expmap, cfg):
+    code, out, _ = expmap("build", cfg, "--json", "--jobs", "1")
+    report = json.loads(out)
+    assert code == 0
+    assert report.keys() == FIELDS
+    assert (report["photos"], report["extracted"], report["features"]) == (5, 5, "sift")
+    assert report["calibration_seconds"] > 0
+    assert Path(report["folder"]).is_dir()
+
+
+def test_photos_that_cannot_be_used_are_told_and_end_with_1(expmap, cfg):
+    (cfg.parent / "photos" / "2.jpg").unlink()
+    (cfg.parent / "photos" / "3.jpg").write_bytes(b"x")
+    code, out, err = expmap("build", cfg, "--method", "vote", "--json")
+    report = json.loads(out)
+    assert code == 1
+    assert [(i, photo) for i, photo, _ in report["failed"]] == [(2, "photos/2.jpg"), (3, "photos/3.jpg")]
+    assert report["extracted"] == 3
+    told = [line for line in err.splitlines() if "(id" in line]
+    assert told[0].startswith("photos/2.jpg (id 2): there is no such file")
+    assert told[1].startswith("photos/3.jpg (id 3): it is not an image")
+
+
+def test_the_index_goes_where_it_is_asked(expmap, cfg, tmp_path):
+    code, out, _ = expmap("build", cfg, "--method", "vote", "--index", tmp_path / "elsewhere", "--json")
+    assert code == 0
+    assert Path(json.loads(out)["folder"]).is_relative_to(tmp_path / "elsewhere")
+    assert not (cfg.parent / "derived").exists()
+    code, _, err = expmap(
+        "localize",
+        cfg,
+        cfg.parent / "photos" / "1.jpg",
+        "--method",
+        "vote",
+        "--index",
+        tmp_path / "elsewhere",
+    )
+    assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--matcher", "hamming"], "matcher hamming cannot compare the float descriptors of sift"),
+        (["--method", "vote", "--matcher", "ivf"], "does not work with method vote"),
+        (["--extractor", "orb-wta4", "--matcher", "hamming"], "come in pairs"),
+        (["--detector", "surf"], "unknown detector 'surf'"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_anything_is_computed(expmap, cfg, options, says):
+    code, out, err = expmap("build", cfg, *options)
+    assert (code, out) == (2, "")
+    assert says in err
+    assert "work: " in err or "known: " in err
+    assert err.count("\n") == 1
+    assert not (cfg.parent / "derived").exists()
+
+
+def test_a_broken_map_ends_with_3(expmap, cfg):
+    cfg.write_text("plan.png;600;200\n0;photos/0.jpg;1,5;2\n")
+    code, out, err = expmap("build", cfg)
+    assert (code, out) == (3, "")
+    assert f"{cfg}:2:" in err
+
+
+def test_one_photo_is_a_map(expmap, make_map, tmp_path):
+    cfg = make_map(tmp_path / "one", 1)
+    assert expmap("build", cfg)[0] == 0
+    code, out, _ = expmap("localize", cfg, cfg.parent / "photos" / "0.jpg", "--json")
+    assert code == 0
+    assert json.loads(out)[0]["hypotheses"][0]["experiences"] == [0]

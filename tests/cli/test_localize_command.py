@@ -1,0 +1,199 @@
+"""`expmap localize` as it is typed: text, JSON, pictures, exit codes."""
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+
+ANSWER = {
+    "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
+    "off_map_probability", "statistics", "seconds", "map_revision",
+}  # fmt: skip
+HYPOTHESIS = {
+    "rank", "kind", "x_px", "y_px", "radius_px", "heading_deg", "lat", "lon", "radius_m", "probability",
+    "experiences", "inliers", "matches",
+}  # fmt: skip
+STATISTICS = {
+    "keypoints", "matches", "matches_pruned", "distance_min", "distance_max", "distance_mean",
+    "distance_total",
+}  # fmt: skip
+SECONDS = {"read", "extract", "retrieve", "verify", "position", "total"}
+
+
+@pytest.fixture(scope="module")
+def cfg(make_map, tmp_path_factory) -> Path:
+    """A map that nobody changes; its index is built by the first who needs it."""
+    return make_map(tmp_path_factory.mktemp("map"), 6)
+
+
+@pytest.fixture
+def photos(cfg) -> Path:
+    return cfg.parent / "photos"
+
+
+def check_shape(answer: dict) -> None:
+    assert answer.keys() == ANSWER
+    assert answer["statistics"].keys() == STATISTICS
+    assert answer["seconds"].keys() == SECONDS
+    for rank, hypothesis in enumerate(answer["hypotheses"], 1):
+        assert hypothesis.keys() == HYPOTHESIS
+        assert hypothesis["rank"] == rank
+        assert 0.0 <= hypothesis["probability"] <= 1.0
+    total = sum(h["probability"] for h in answer["hypotheses"]) + answer["other_probability"]
+    assert total + (answer["off_map_probability"] or 0.0) == pytest.approx(1.0)
+
+
+def test_vote_as_json(expmap, cfg, photos):
+    code, out, _ = expmap("localize", cfg, photos / "3.jpg", "--method", "vote", "--json")
+    (answer,) = json.loads(out)
+    assert code == 0
+    check_shape(answer)
+    assert (answer["query"], answer["method"], answer["features"]) == (str(photos / "3.jpg"), "vote", "sift")
+    assert (answer["fov_deg"], answer["fov_source"], answer["off_map_probability"]) == (None, None, None)
+    best = answer["hypotheses"][0]
+    assert (best["kind"], best["experiences"], best["x_px"], best["y_px"]) == ("photo", [3], 400.0, 100.0)
+    assert best["probability"] > 0.9
+    unknown = ("radius_px", "heading_deg", "lat", "lon", "radius_m", "inliers")
+    assert [best[name] for name in unknown] == [None] * 6
+    assert answer["statistics"]["distance_max"] == 0.0 == answer["statistics"]["distance_total"]
+    assert answer["seconds"]["verify"] is None is answer["seconds"]["position"]
+    assert answer["seconds"]["total"] >= answer["seconds"]["extract"] > 0
+
+
+def test_verified_as_json(expmap, cfg, photos):
+    code, out, _ = expmap("localize", cfg, photos / "3.jpg", "--json", "--fov", "61")
+    (answer,) = json.loads(out)
+    assert code == 0
+    check_shape(answer)
+    assert (answer["method"], answer["fov_deg"], answer["fov_source"]) == ("verified", 61.0, "option")
+    assert answer["off_map_probability"] is not None
+    assert answer["hypotheses"][0]["experiences"][0] == 3
+    assert answer["hypotheses"][0]["radius_px"] > 0
+    assert None not in answer["seconds"].values()
+
+
+def test_a_failed_photo_has_query_and_error_and_the_others_an_answer(expmap, cfg, photos, tmp_path):
+    (tmp_path / "bad.jpg").write_bytes(b"no photo")
+    queries = [photos / "1.jpg", tmp_path / "bad.jpg", tmp_path / "none.jpg", tmp_path, photos / "2.jpg"]
+    code, out, err = expmap("localize", cfg, *queries, "--method", "vote", "--json")
+    answers = json.loads(out)
+    assert code == 1
+    assert [a["query"] for a in answers] == [str(q) for q in queries]
+    assert [a.keys() == {"query", "error"} for a in answers] == [False, True, True, True, False]
+    assert all(str(q) in a["error"] for q, a in zip(queries, answers, strict=True) if "error" in a)
+    assert err.count("\n") == 3
+    assert "Traceback" not in err
+
+
+def test_text_for_several_photos(expmap, cfg, photos):
+    code, out, err = expmap(
+        "localize", cfg, photos / "1.jpg", photos / "2.jpg", "--method", "vote", "--top", "1"
+    )
+    assert (code, err) == (0, "")
+    first, second = out.split("\n\n")
+    assert first.splitlines()[0] == f"{photos / '1.jpg'}: near the photo with id 1 at x 200, y 100"
+    assert second.splitlines()[0] == f"{photos / '2.jpg'}: near the photo with id 2 at x 300, y 100"
+    assert first.splitlines()[1].split() == ["probability", "x", "y", "photos"]
+    assert first.splitlines()[2].split()[0] == "1"
+
+
+def test_a_guessed_field_of_view_is_told_on_standard_error(expmap, cfg, photos):
+    code, out, err = expmap("localize", cfg, photos / "1.jpg")
+    assert code == 0
+    assert "not on this map" in out
+    assert "the field of view of 1.jpg is not known, 65° was taken; --fov DEGREES" in err
+
+
+def test_a_photo_without_texture_is_not_on_the_map(expmap, cfg, tmp_path):
+    flat = tmp_path / "flat.png"
+    cv2.imwrite(str(flat), cv2.imread(str(cfg.parent / "plan.png")))
+    for method in ("vote", "verified"):
+        code, out, _ = expmap("localize", cfg, flat, "--method", method)
+        assert code == 0
+        assert out.startswith(f"{flat}: not on this map (no keypoints")
+        code, out, _ = expmap("localize", cfg, flat, "--method", method, "--json")
+        (answer,) = json.loads(out)
+        assert code == 0
+        assert answer["hypotheses"] == []
+        assert answer["statistics"]["keypoints"] == 0
+        assert answer["off_map_probability"] == (None if method == "vote" else 1.0)
+
+
+def test_top_limits_the_list(expmap, cfg, photos, tmp_path):
+    both = tmp_path / "both.jpg"
+    cv2.imwrite(
+        str(both), cv2.hconcat([cv2.imread(str(photos / "1.jpg")), cv2.imread(str(photos / "4.jpg"))])
+    )
+    code, out, _ = expmap("localize", cfg, both, "--method", "vote", "--top", "1", "--json")
+    (answer,) = json.loads(out)
+    assert code == 0
+    check_shape(answer)
+    assert len(answer["hypotheses"]) == 1
+    assert answer["other_probability"] > 0.2
+
+
+@pytest.mark.parametrize("method", ["vote", "verified"])
+def test_pictures_are_drawn_and_numbered(expmap, cfg, photos, tmp_path, method):
+    options = ["--method", method, "--picture", tmp_path / "where.png", "--matches", tmp_path / "match.jpg"]
+    code, out, err = expmap("localize", cfg, photos / "1.jpg", *options)
+    assert code == 0
+    assert "drawn" not in out
+    assert err.count("drawn: ") == 2
+    assert {p.name for p in tmp_path.iterdir()} == {"where.png", "match.jpg"}
+    assert cv2.imread(str(tmp_path / "match.jpg")).shape[1] > 600  # two photos side by side
+    expmap("localize", cfg, photos / "1.jpg", photos / "2.jpg", *options)
+    names = {"where.png", "match.jpg", "where-1.png", "where-2.png", "match-1.jpg", "match-2.jpg"}
+    assert {p.name for p in tmp_path.iterdir()} == names
+    one, two = (cv2.imread(str(tmp_path / f"where-{i}.png")) for i in (1, 2))
+    assert one.shape == two.shape
+    assert (one != two).any()
+
+
+def test_no_matches_is_no_match_picture(expmap, cfg, tmp_path):
+    code, _, err = expmap(
+        "localize", cfg, cfg.parent / "plan.png", "--method", "vote", "--matches", tmp_path / "m.png"
+    )
+    assert code == 0
+    assert "no matches to draw" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_answer_stands_when_its_picture_cannot_be_drawn(expmap, make_map, tmp_path):
+    cfg = make_map(tmp_path / "map", 3)
+    (cfg.parent / "plan.png").write_bytes(b"gone")
+    photo = cfg.parent / "photos" / "1.jpg"
+    options = ["--method", "vote", "--json", "--picture", tmp_path / "where.png"]
+    code, out, err = expmap("localize", cfg, photo, *options)
+    assert code == 1
+    assert json.loads(out)[0]["hypotheses"][0]["experiences"] == [1]
+    assert "plan.png" in err
+
+
+def test_map_photos_that_cannot_be_used_are_told_when_the_index_is_built(expmap, make_map, tmp_path):
+    cfg = make_map(tmp_path / "map", 4)
+    (cfg.parent / "photos" / "0.jpg").unlink()
+    photo = cfg.parent / "photos" / "1.jpg"
+    code, out, err = expmap("localize", cfg, photo, "--method", "vote", "--json")
+    assert code == 0
+    assert len(json.loads(out)) == 1
+    assert err.startswith("building the index ...\n")
+    assert "photos/0.jpg (id 0): there is no such file" in err
+    assert expmap("localize", cfg, photo, "--method", "vote", "--json")[2] == ""
+
+
+def test_a_georeferenced_map_gives_latitude_and_metres(expmap, sample_folder, tmp_path):
+    queries = sorted((sample_folder / "queries").glob("*.jpg"))[:2]
+    index = ["--index", tmp_path / "index"]
+    code, out, _ = expmap("localize", sample_folder / "map.cfg", *queries, "--json", *index)
+    answers = json.loads(out)
+    assert code == 0
+    for answer in answers:
+        check_shape(answer)
+        assert answer["fov_source"] == "exif"
+        best = answer["hypotheses"][0]
+        assert None not in (best["lat"], best["lon"], best["radius_m"])
+    code, out, err = expmap("localize", sample_folder / "map.cfg", queries[0], *index)
+    assert (code, err) == (0, "")
+    assert "latitude" in out
+    assert " m " in out
