@@ -23,20 +23,17 @@ class TerminalProgress(Progress):
     ----------
     what : str
         Shown before the bar.
-    quiet : bool
-        Show nothing.
     """
 
-    def __init__(self, what: str, *, quiet: bool = False) -> None:
+    def __init__(self, what: str) -> None:
         self._what = what
-        self._quiet = quiet
         self._bar: tqdm[Any] | None = None
         self.stopped = False
 
     def size(self, total: int) -> None:
         """Start a bar of `total` steps."""
         self.close()
-        if total and not self._quiet and sys.stderr.isatty():
+        if total and sys.stderr.isatty():
             self._bar = tqdm(total=total, desc=self._what, unit="", file=sys.stderr, dynamic_ncols=True)
 
     def advance(self, steps: int = 1) -> None:
@@ -49,7 +46,7 @@ class TerminalProgress(Progress):
         self._what = text
         if self._bar is not None:
             self._bar.set_description(text)
-        elif not self._quiet:
+        else:
             print(f"{text} ...", file=sys.stderr, flush=True)  # noqa: T201
 
     def cancelled(self) -> bool:
@@ -64,9 +61,9 @@ class TerminalProgress(Progress):
 
 
 @contextmanager
-def terminal_progress(what: str, *, quiet: bool = False) -> Iterator[TerminalProgress]:
+def terminal_progress(what: str) -> Iterator[TerminalProgress]:
     """Show progress, and turn the first Ctrl-C into a stop that loses nothing; a second one is immediate."""
-    progress = TerminalProgress(what, quiet=quiet)
+    progress = TerminalProgress(what)
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
         if progress.stopped:
