@@ -118,11 +118,11 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
         The combination of features cannot work.
     StorageError, IndexDamaged, Cancelled
     """
+    bases = index_bases(cfg, options.index)
+    choice = _choice(bases, options, settings=settings)
     the_map = read_map(cfg)
     if not the_map.experiences:
         raise MapError("the map has no photos", where=str(cfg), hint="place photos on it first")
-    bases = index_bases(cfg, options.index)
-    choice = _choice(bases, options, settings=settings)
     folders = [IndexFolder(index_folder(b, choice, extract=settings.extract)) for b in bases]
     folder, built = next((f for f in folders if _is_up_to_date(f, the_map, cfg)), None), None
     if folder is None:
