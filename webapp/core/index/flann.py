@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Kind
 from webapp.core.index.types import Neighbours, nothing_found
 
-_KD_TREES = {"algorithm": 1, "trees": 4, "random_seed": 0}
+_KD_TREES = {"algorithm": 1, "trees": 8, "random_seed": 0}
 _LSH = {"algorithm": 6, "table_number": 12, "key_size": 20, "multi_probe_level": 2}
 _CHECKS = {"checks": 32}
 

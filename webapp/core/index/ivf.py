@@ -31,6 +31,9 @@ _PROBES_WHEN_SMALL = 16
 _FEW_CELLS = 256
 """Cells searched for each descriptor, and how many cells make a map small."""
 
+_PROBES_BINARY = 48
+"""Cells of bit strings are ragged: few cells miss half of the nearest neighbours."""
+
 
 def cells_for(descriptors: int) -> int:
     """Choose how many cells an index of so many descriptors has."""
@@ -103,7 +106,10 @@ class InvertedFile:
     def __init__(self, segments: Sequence[Any]) -> None:
         self._segments = [s for s in segments if s.ntotal]
         for segment in self._segments:
-            segment.nprobe = min(segment.nlist, _PROBES if segment.nlist > _FEW_CELLS else _PROBES_WHEN_SMALL)
+            probes = _PROBES if segment.nlist > _FEW_CELLS else _PROBES_WHEN_SMALL
+            if isinstance(segment, faiss.IndexBinary):
+                probes = _PROBES_BINARY
+            segment.nprobe = min(segment.nlist, probes)
 
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
         """Find about the k nearest map descriptors of each of (n, d) uint8 descriptors."""

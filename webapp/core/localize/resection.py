@@ -98,7 +98,7 @@ class Fix:
 
 
 def resect(
-    bearings: Bearings, taken_at: NDArray[np.float64], place_radius_px: float, *, most: int
+    bearings: Bearings, taken_at: NDArray[np.float64], *, place_radius_px: float, most: int
 ) -> list[Fix]:
     """Find the positions that explain the bearings best.
 

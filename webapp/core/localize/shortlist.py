@@ -38,7 +38,7 @@ _ROTATION_TOLERANCE_DEG = 20.0
 _ROTATION_BINS = 36
 
 
-def consistent(indexed: IndexedMap, query: Features, found: Candidates) -> Candidates:
+def consistent(indexed: IndexedMap, query: Features, *, found: Candidates) -> Candidates:
     """Keep the neighbours whose keypoint is turned against the query's as most are.
 
     Right matches share the turn between the two photos, near zero where both are upright; wrong ones have
@@ -100,7 +100,7 @@ def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
 
 
 def shortlist(
-    indexed: IndexedMap, query: Features, found: Candidates, *, votes: NDArray[np.float64], most: int
+    indexed: IndexedMap, query: Features, *, found: Candidates, votes: NDArray[np.float64], most: int
 ) -> list[Shortlisted]:
     """Take the photos with most votes and collect their matches.
 

@@ -178,9 +178,9 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     """
     clock = [time.perf_counter()]
     nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=hide)
-    found = consistent(indexed, query, nearest)
+    found = consistent(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
-    listed = shortlist(indexed, query, found, votes=votes, most=_SHORTLIST)
+    listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
     checked = [Verified(m, _pose(indexed, m, camera)) for m in listed]
@@ -214,7 +214,12 @@ def _places(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
     """Join the photos into places: by geometry first, then what is left by votes."""
     usable = sorted((v for v in checked if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
     places: list[Place] = []
-    for fix in resect(_bearings(indexed, usable), indexed.position, indexed.place_radius_px, most=_PLACES):
+    for fix in resect(
+        _bearings(indexed, usable),
+        indexed.position,
+        place_radius_px=indexed.place_radius_px,
+        most=_PLACES,
+    ):
         near = [v for v, agrees in zip(usable, fix.agreement, strict=True) if agrees >= _AGREES]
         if near and not _taken(places, MapPixel(fix.x, fix.y), indexed):
             places.append(_place(indexed, near, fix))
