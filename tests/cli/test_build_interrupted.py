@@ -75,6 +75,15 @@ def alive(group: int) -> list[str]:
     return [pid for pgid, pid, state in rows if int(pgid) == group and not state.startswith("Z")]
 
 
+def workers(group: int) -> list[int]:
+    """Processes of a group that describe photos."""
+    table = subprocess.run(
+        ["ps", "-A", "-ww", "-o", "pgid=,pid=,args="], capture_output=True, text=True, check=True
+    )
+    rows = [line.split(maxsplit=2) for line in table.stdout.splitlines()]
+    return [int(pid) for pgid, pid, line in rows if int(pgid) == group and "spawn_main" in line]
+
+
 def lasting(index: Path) -> dict[str, bytes]:
     """The files of an index by name; names are hashes of what is in them, but those of codes."""
     (folder,) = index.glob("*/sift-*")
@@ -169,3 +178,18 @@ def test_a_second_build_meanwhile_is_told(slow_map, tmp_path):
         build.kill()
     assert (second.returncode, out) == (1, "")
     assert "another process is building this index" in err
+
+
+def test_a_killed_worker_is_told_and_costs_nothing_that_is_finished(slow_map, undisturbed, tmp_path):
+    with start(slow_map, tmp_path) as build:
+        wait_for(lambda: len(finished_photos(tmp_path)) >= 2)
+        os.kill(workers(build.pid)[0], signal.SIGKILL)
+        out, err = build.communicate(timeout=30)
+    assert (build.returncode, out) == (1, "")
+    assert "a worker process was killed" in err
+    assert "fewer --jobs" in err
+    assert "Traceback" not in err
+    kept = finished_photos(tmp_path)
+    report = finish(slow_map, tmp_path)
+    assert (report["extracted"], report["reused"]) == (PHOTOS - len(kept), len(kept))
+    assert lasting(tmp_path) == lasting(undisturbed)

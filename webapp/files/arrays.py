@@ -22,7 +22,7 @@ from webapp.files import atomic
 _MAGIC = b"EXPMAP1\n"
 _ALIGN = 64
 
-REPAIR = "run expmap build on the map: what is damaged is made anew"
+REPAIR = "run expmap build with the same options: what is damaged is made anew"
 """How to fix a damaged file of an index."""
 
 

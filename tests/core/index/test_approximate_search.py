@@ -132,3 +132,14 @@ def test_cells_grow_with_the_map_and_have_enough_samples():
     assert counts[:3] == [1, 1, 1]
     assert counts[-1] == 65_536
     assert all(cells_for(n) * ivf.SAMPLE_PER_CELL <= max(n, 40) for n in (40, 1000, 10**5, 10**7))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_flann_is_the_same_every_time(kind):
+    held = descriptors(kind, 3000, seed=10)
+    query = varied(held[::10], kind, seed=11)
+    one = Flann([held], kind).search(query, 3)
+    Flann([held[:90]], kind)  # uses up random numbers
+    two = Flann([held], kind).search(query, 3)
+    assert np.array_equal(one.row, two.row)
+    assert np.array_equal(one.distance, two.distance)
