@@ -120,7 +120,7 @@ class Candidates:
     photo: NDArray[np.int64]
 
 
-_SPARE = 4
+_SPARE = 20
 """So many more neighbours are looked up at first where some photos are not to be seen."""
 
 _MOST_NEIGHBOURS = 1000
