@@ -127,7 +127,9 @@ def resect(
     fixes: list[Fix] = []
     while len(fixes) < most and len(grid):
         best = int(score.argmax())
-        fixes.append(_posterior_mean(bearings, taken_at, grid[best], place_radius_px=place_radius_px))
+        fix = _posterior_mean(bearings, taken_at, grid[best], place_radius_px=place_radius_px)
+        if all(math.hypot(fix.x - f.x, fix.y - f.y) > _APART * place_radius_px for f in fixes):
+            fixes.append(fix)
         apart = np.hypot(*(grid - grid[best]).T) > _APART * place_radius_px
         grid, score = grid[apart], score[apart]
     return sorted(fixes, key=lambda f: -f.score)

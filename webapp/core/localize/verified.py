@@ -39,6 +39,9 @@ _CHANCE_INLIERS = 6.0
 _INLIER_SCALE = 35.0
 """Inliers beyond chance that make two of three poses right."""
 
+_CHANCE_SHARE, _SURE_SHARE = 0.15, 0.5
+"""Share of the matches that agree on some pose by chance, and from which on it is no chance."""
+
 _WILD_PARALLAX = math.radians(20.0)
 """A pose with more parallax is rather a wrong one: its turn does not bring the rays together."""
 
@@ -67,7 +70,9 @@ class Verified:
         if not isinstance(self.pose, RelativePose):
             return 0.0
         enough = 1.0 - math.exp(-max(0.0, self.inliers - _CHANCE_INLIERS) / _INLIER_SCALE)
-        return enough / (1.0 + (self.pose.parallax / _WILD_PARALLAX) ** 4)
+        share = self.inliers / len(self.pose.inlier)
+        common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
+        return enough * common / (1.0 + (self.pose.parallax / _WILD_PARALLAX) ** 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

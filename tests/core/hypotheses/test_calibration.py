@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from webapp.core.hypotheses import calibration
+from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
+
+FLOATS = st.floats(-30, 30, allow_nan=False)
+
+
+@given(st.lists(st.tuples(*[FLOATS] * EVIDENCE), max_size=8))
+def test_places_and_off_map_add_up_to_one(rows):
+    place, off_map = probabilities(np.array(rows, float).reshape(-1, EVIDENCE), DEFAULT)
+    assert place.sum() + off_map == pytest.approx(1.0, abs=1e-12)
+    assert (place >= 0).all() and 0 <= off_map <= 1
+
+
+def test_no_place_is_off_the_map():
+    place, off_map = probabilities(np.zeros((0, EVIDENCE)), DEFAULT)
+    assert len(place) == 0 and off_map == 1.0
+
+
+def test_more_evidence_is_more_probable():
+    weak, _ = probabilities(np.array([[1.0, 0.2, 0.0]]), DEFAULT)
+    strong, _ = probabilities(np.array([[4.0, 0.8, 0.0]]), DEFAULT)
+    assert weak[0] < 0.5 < 0.9 < strong[0]
+
+
+def simulated(rng, count, truth):
+    """Cases drawn from a known model: two places and off the map."""
+    cases = []
+    for _ in range(count):
+        evidence = np.column_stack(
+            [np.full(2, rng.uniform(0, 5)), np.full(2, 0.5), [0.0, rng.uniform(-1, 0)]]
+        )
+        place, off_map = probabilities(evidence, truth)
+        drawn = rng.choice(3, p=[*place, off_map])
+        cases.append(Case(evidence, np.arange(2) == drawn))
+    return cases
+
+
+def test_fit_finds_the_model_that_made_the_cases(monkeypatch):
+    monkeypatch.setattr(calibration, "_PRIOR_WEIGHT", 0.01)
+    truth = Calibration(slope=(1.6, 2.0, 5.0), offset=-5.0, radius_scale=1.0)
+    rng = np.random.default_rng(0)
+    slope, offset = fit(simulated(rng, 4000, truth))
+    fitted = Calibration(slope, offset, 1.0)
+    test = simulated(rng, 2000, truth)
+    stated = np.array([probabilities(c.evidence, fitted)[0][0] for c in test])
+    happened = np.array([c.right[0] for c in test])
+    for part in np.array_split(np.argsort(stated), 5):
+        assert stated[part].mean() == pytest.approx(happened[part].mean(), abs=0.06)
+
+
+def test_few_cases_change_the_default_little_and_none_not_at_all():
+    assert fit([]) == (DEFAULT.slope, DEFAULT.offset)
+    one = [Case(np.array([[0.0, 0.1, 0.0]]), np.array([True]))]
+    slope, offset = fit(one)
+    assert abs(offset - DEFAULT.offset) < 1.0
+    assert np.abs(np.array(slope) - DEFAULT.slope).max() < 1.0
+
+
+def test_slopes_are_never_negative():
+    perverse = [Case(np.array([[5.0, 1.0, 0.0]]), np.array([False]))] * 300
+    perverse += [Case(np.array([[0.0, 0.0, 0.0]]), np.array([True]))] * 300
+    slope, _ = fit(perverse)
+    assert min(slope) >= 0.0

@@ -1,0 +1,124 @@
+"""The whole chain on the sample map: index, calibration, positions, probabilities, off the map."""
+
+import csv
+import math
+import shutil
+
+import numpy as np
+import pytest
+
+from webapp.core.localize import verified
+from webapp.core.localize.indexed import candidates
+from webapp.core.localize.shortlist import consistent, shortlist, weighted_votes
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks import prepare
+from webapp.tasks.calibrate import calibrate
+from webapp.tasks.open_map import OpenOptions
+
+
+@pytest.fixture(scope="module")
+def localizer(sample_folder, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("chain") / "sample"
+    shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
+    return prepare.run(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
+
+
+def queries(localizer):
+    folder = localizer.opened.cfg.parent
+    with (folder / "queries.csv").open(encoding="utf-8", newline="") as file:
+        for line in csv.DictReader(file, delimiter=";"):
+            yield folder / line["path"], (float(line["x"]), float(line["y"]))
+
+
+def test_queries_are_found_where_they_were_taken(localizer):
+    errors, first = [], []
+    for path, truth in queries(localizer):
+        answer = localizer.localize(path, top=5)
+        errors.append(math.dist(answer.hypotheses[0].position, truth))
+        first.append(answer)
+    radius = localizer.place_radius_px
+    assert np.mean(np.array(errors) <= radius) >= 0.9
+    assert np.median(errors) <= 0.25 * radius
+    found = [a for a, e in zip(first, errors, strict=True) if e <= radius]
+    assert np.mean([a.hypotheses[0].probability for a in found]) > 0.6
+    assert all(a.fov is not None and a.fov.source == "exif" for a in first)
+    assert any(a.hypotheses[0].kind == "position" for a in first)
+
+
+def test_every_answer_adds_up_and_is_ranked(localizer):
+    for path, _ in queries(localizer):
+        answer = localizer.localize(path, top=2)
+        listed = [h.probability for h in answer.hypotheses]
+        total = sum(listed) + answer.other_probability + answer.off_map_probability
+        assert total == pytest.approx(1.0, abs=1e-9)
+        assert listed == sorted(listed, reverse=True)
+        assert [h.rank for h in answer.hypotheses] == list(range(1, len(listed) + 1))
+        assert all(0 < h.radius_px <= localizer.place_radius_px for h in answer.hypotheses)
+
+
+def test_a_photo_from_elsewhere_is_not_on_the_map(localizer):
+    answer = localizer.localize(localizer.opened.cfg.parent / "queries" / "off_map.jpg", top=5)
+    assert answer.abstained
+    assert answer.off_map_probability > 0.5
+
+
+def test_headings_point_where_the_camera_looked(localizer):
+    apart = []
+    headings = {e.id: e.heading_deg for e in localizer.map.experiences}
+    folder = localizer.opened.cfg.parent
+    for experience in localizer.map.experiences[::6]:
+        answer = localizer.localize(folder / experience.photo, top=1, hide=frozenset({experience.id}))
+        best = answer.hypotheses[0]
+        if best.heading_deg is not None and math.dist(best.position, experience.position) < 40:
+            apart.append(abs(math.remainder(best.heading_deg - headings[experience.id], 360.0)))
+    assert len(apart) >= 4
+    assert np.median(apart) < 10.0
+
+
+def test_a_photo_of_the_map_itself_is_its_own_best_evidence(localizer):
+    experience = localizer.map.experiences[10]
+    answer = localizer.localize(localizer.opened.cfg.parent / experience.photo, top=1)
+    assert answer.evidence[0].experience == experience.id
+    assert answer.evidence[0].inlier.mean() > 0.9
+    assert np.abs(answer.evidence[0].query_xy - answer.evidence[0].photo_xy).max() < 1.0
+
+
+def test_a_hidden_photo_never_speaks(localizer):
+    experience = localizer.map.experiences[10]
+    hide = frozenset({experience.id, 11, 12})
+    answer = localizer.localize(localizer.opened.cfg.parent / experience.photo, top=9, hide=hide)
+    assert not hide & {e for h in answer.hypotheses for e in h.experiences}
+
+
+def test_turned_matches_are_dropped_before_the_vote(localizer):
+    indexed = localizer.opened.indexed
+    query = indexed.features(20)
+    found = candidates(indexed, np.asarray(query.descriptors), k=8, hide={20})
+    kept = consistent(indexed, query, found=found)
+    assert kept.photo.shape == found.photo.shape
+    assert 0 < (kept.photo >= 0).sum() < 0.8 * (found.photo >= 0).sum()
+    votes = weighted_votes(kept, len(indexed.ids))
+    assert abs(int(votes.argmax()) - 20) <= 2
+    listed = shortlist(indexed, query, found=kept, votes=votes, most=4)
+    assert [s.photo for s in listed] == list(np.argsort(-votes, kind="stable")[:4])
+    assert all(len(np.unique(s.query_row)) == len(s.query_row) == len(s.photo_xy) for s in listed)
+
+
+def test_calibration_is_repeatable_and_from_the_maps_own_photos(localizer):
+    indexed = localizer.opened.indexed
+    one, two = calibrate(indexed, Progress()), calibrate(indexed, Progress())
+    assert one == two == localizer.calibration.calibration
+    assert 40 <= one.cases <= 60
+    assert one.radius_scale >= 1.0
+
+
+def test_a_featureless_photo_has_no_place_and_says_why(localizer):
+    empty = localizer.opened.indexed.features(0)
+    nothing = type(empty)(
+        empty.xy[:0], empty.size[:0], empty.angle[:0], np.asarray(empty.descriptors)[:0], (640, 480)
+    )
+    found = verified.find_places(localizer.opened.indexed, nothing, fov_deg=65.0)
+    assert not found.places
+    assert not found.answer.no_pose and "no keypoints" in found.answer.no_pose.reason
+    assert found.answer.off_map_probability == 1.0
