@@ -4,6 +4,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command does, before OpenMP is loaded
+
 import cv2
 import numpy as np
 import pytest

@@ -59,3 +59,12 @@ def test_ctrl_c_asks_the_work_to_stop_and_is_as_before_afterwards(capsys):
             progress.check()
     assert signal.getsignal(signal.SIGINT) is before
     assert "press Ctrl-C again" in capsys.readouterr().err
+
+
+def test_threads_do_not_wait_in_a_busy_loop_unless_asked_to(expmap, monkeypatch):
+    monkeypatch.delenv("OMP_WAIT_POLICY", raising=False)
+    expmap("--version")
+    assert os.environ["OMP_WAIT_POLICY"] == "passive"
+    monkeypatch.setenv("OMP_WAIT_POLICY", "active")
+    expmap("--version")
+    assert os.environ["OMP_WAIT_POLICY"] == "active"
