@@ -7,8 +7,7 @@ query is assigned to cells once. Jégou et al. 2011; the 4-bit codes are André 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import faiss
@@ -68,22 +67,8 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
     index.cp.seed = 1
     index.cp.min_points_per_centroid = 1
     index.cp.max_points_per_centroid = SAMPLE_PER_CELL
-    points = sample.astype(np.float32)
-    index.train_q1(len(points), faiss.swig_ptr(points), False, faiss.METRIC_L2)
-    # The quantizer has thousands of tiny steps: threads would spend their time waiting for each other.
-    with _one_thread():
-        index.train(points)
+    index.train(sample.astype(np.float32))
     return index
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    before = faiss.omp_get_max_threads()
-    faiss.omp_set_num_threads(1)
-    try:
-        yield
-    finally:
-        faiss.omp_set_num_threads(before)
 
 
 def encode(codebook: Any, descriptors: NDArray[np.uint8]) -> None:
