@@ -63,3 +63,12 @@ def from_environment(environ: Mapping[str, str] | None = None) -> Settings:
     return Settings(
         library=Path(env.get("EXPMAP_LIBRARY") or "maps"), models=Path(models) if models else None
     )
+
+
+def let_threads_sleep() -> None:
+    """Have OpenMP's threads sleep while they wait for each other; it reads this when it is loaded.
+
+    By default they wait in a busy loop: where other programs want the cores too, a search took thirty times
+    as long. Who set `OMP_WAIT_POLICY` is not overruled.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")

@@ -12,6 +12,7 @@ import click
 from webapp import __version__
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
 from webapp.errors import ExpMapError
+from webapp.settings import let_threads_sleep
 
 
 class LazyGroup(click.Group):
@@ -81,9 +82,7 @@ root = LazyGroup(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code; an error is one line on standard error."""
-    # Read when OpenMP is loaded, with the command. By default its threads wait for each other in a busy loop:
-    # where other programs want the cores too, a search took thirty times as long.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    let_threads_sleep()
     try:
         code = root.main(args=arguments, prog_name="expmap", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
