@@ -72,7 +72,7 @@ def problem(line):
         if found is None:
             return f"no command {words[0]}"
         command, words = found, words[1:]
-        context = click.Context(command)
+        context = click.Context(command, **root.context_settings)  # click remembers which help it has
     if not words or "[OPTIONS]" in words:
         return None
     try:
