@@ -7,9 +7,11 @@ import pytest
 
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks import build_map
+from webapp.tasks import build_map, extract_photo
 from webapp.tasks.build_index import BuildReport
+from webapp.tasks.localize_photo import PhotoLocalizer
 from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.open_map import run as open_map
 
 Build = Callable[..., BuildReport]
 
@@ -27,5 +29,55 @@ def build(quick: Settings) -> Build:
     def run(cfg: Path, *, progress: Progress | None = None, jobs: int = 1, **options: object) -> BuildReport:
         asked = OpenOptions(method="vote", jobs=jobs, **options)
         return build_map.run(cfg, asked, settings=quick, progress=progress or Progress()).index
+
+    return run
+
+
+@pytest.fixture
+def described(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the photos whose features are computed."""
+    names = []
+    describe = extract_photo._describe
+
+    def note(data, content, job):
+        names.append(Path(job.photo).name)
+        return describe(data, content, job)
+
+    monkeypatch.setattr(extract_photo, "_describe", note)
+    return names
+
+
+@pytest.fixture(scope="session")
+def lasting() -> Callable[[Path], dict[str, bytes]]:
+    """Read the files of an index, but the manifest."""
+
+    def read(folder: Path) -> dict[str, bytes]:
+        kinds = (".features", ".ivf", ".codebook")
+        return {p.name: p.read_bytes() for p in folder.iterdir() if p.suffix in kinds}
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def edit() -> Callable[[Path, Callable[[list[str]], object]], None]:
+    """Change the lines of a map file."""
+
+    def run(cfg: Path, change: Callable[[list[str]], object]) -> None:
+        lines = cfg.read_text().splitlines()
+        change(lines)
+        cfg.write_text("\n".join(lines) + "\n")
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def found(quick: Settings) -> Callable[..., list[tuple[int, float]]]:
+    """Ids and probabilities that `vote` answers for a photo."""
+
+    def run(cfg: Path, photo: Path, **options: object) -> list[tuple[int, float]]:
+        asked = OpenOptions(method="vote", jobs=1, **options)
+        opened = open_map(cfg, asked, settings=quick, progress=Progress())
+        answer = PhotoLocalizer(opened, quick).localize(photo, top=9)
+        return [(h.experiences[0], h.probability) for h in answer.hypotheses]
 
     return run
