@@ -27,9 +27,13 @@ class Flann:
 
     def __init__(self, segments: Sequence[NDArray[np.uint8]], kind: Kind) -> None:
         self._dtype = np.float32 if kind == "float" else np.uint8
-        rows = [np.asarray(s, self._dtype) for s in segments]
         # FLANN keeps a pointer to this array, not a copy: it has to live as long as the index.
-        self._rows = np.ascontiguousarray(np.concatenate(rows)) if rows else np.zeros((0, 1), self._dtype)
+        width = segments[0].shape[1] if segments else 1
+        self._rows = np.empty((sum(map(len, segments)), width), self._dtype)
+        first = 0
+        for segment in segments:
+            self._rows[first : first + len(segment)] = segment
+            first += len(segment)
         self._index = None
         if len(self._rows):
             cv2.setRNGSeed(0)
