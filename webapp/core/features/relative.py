@@ -59,10 +59,6 @@ class RelativePose:
     bearing : float
         Direction from the query to the map photo's camera, radians clockwise from the query's viewing
         direction, -pi to pi.
-    back_bearing : float
-        The same the other way round: to the query's camera, from the map photo's viewing direction.
-    turn : float
-        Query's heading minus map photo's heading, radians clockwise.
     parallax : float
         Median angle between the two rays of a match when the turn is taken out, radians. Small: the
         cameras stood close together compared with what they saw, and the bearings mean little.
@@ -71,8 +67,6 @@ class RelativePose:
     """
 
     bearing: float
-    back_bearing: float
-    turn: float
     parallax: float
     inlier: NDArray[np.bool_]
 
@@ -112,8 +106,6 @@ def relative_pose(
     turned = query.rays(ours[inlier]) @ rotation.T
     return RelativePose(
         bearing=math.atan2(to_photo[0], to_photo[2]),
-        back_bearing=math.atan2(shift[0], shift[2]),
-        turn=math.atan2(rotation[0, 2], rotation[2, 2]),
         parallax=_median_angle(turned, scaled.rays(theirs[inlier])),
         inlier=inlier,
     )
