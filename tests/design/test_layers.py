@@ -17,7 +17,7 @@ BELOW = {
 }
 """Each layer and those right below it; what is below those may be imported too."""
 
-COMMON = {"", "errors", "progress", "settings"}
+COMMON = {"", "errors", "progress", "settings", "threads"}
 """For everyone ("" is the version)."""
 
 ALONE = {
@@ -25,6 +25,7 @@ ALONE = {
     "errors": set(),
     "progress": {"errors"},
     "settings": {"errors"},
+    "threads": set(),
     "resources": {"errors"},
     "robot": {"errors"},
     "__main__": {"cli"},

@@ -6,7 +6,6 @@ Only what changed is computed, and a kill at any moment loses no finished photo.
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 import time
 from collections.abc import Iterable, Iterator
@@ -25,6 +24,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import extract_photo, segments
 from webapp.tasks.extract_photo import PhotoDone, PhotoJob, size_and_time
+from webapp.threads import cores
 
 _IN_PROCESS = 4
 """So few photos are done here: starting worker processes takes longer."""
@@ -177,7 +177,7 @@ def _describe_all(
 ) -> Iterator[PhotoDone]:
     """Describe photos, in worker processes when there are many; yields each as it is finished."""
     tasks = _tasks(changed, old, request=request, settings=settings)
-    jobs = request.jobs or available_cores()
+    jobs = request.jobs or cores()
     if jobs == 1 or len(changed) <= _IN_PROCESS:
         for task in tasks:
             progress.check()
@@ -240,10 +240,3 @@ def _interrupts_held_back() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def available_cores() -> int:
-    """Count the cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from webapp.core.features.types import Kind
 from webapp.core.index.types import Neighbours, nothing_found
+from webapp.threads import cores, in_threads
 
 _KD_TREES = {"algorithm": 1, "trees": 8, "random_seed": 0}
 _LSH = {"algorithm": 6, "table_number": 12, "key_size": 20, "multi_probe_level": 2}
@@ -46,7 +47,7 @@ class Flann:
             return found
         wanted = min(k, len(self._rows))
         query = np.ascontiguousarray(descriptors, self._dtype)
-        row, distance = self._index.knnSearch(query, wanted, params=_CHECKS)
+        row, distance = self._nearest(query, wanted)
         # LSH leaves places it found nothing for untouched: no row, or one out of range.
         valid = (row >= 0) & (row < len(self._rows))
         plain = distance.astype(np.float32)
@@ -55,3 +56,13 @@ class Flann:
         found.distance[:, :wanted] = np.where(valid, plain, np.inf)
         found.row[:, :wanted] = np.where(valid, row, -1)
         return found
+
+    def _nearest(self, query: NDArray[np.generic], k: int) -> tuple[NDArray[np.int32], NDArray[np.generic]]:
+        """Search parts of the query at once: each descriptor's search is one of its own."""
+        index = self._index
+        assert index is not None
+        parts = np.array_split(query, min(cores(), len(query)))
+        rows, distances = zip(
+            *in_threads(lambda part: index.knnSearch(part, k, params=_CHECKS), parts), strict=True
+        )
+        return np.concatenate(rows), np.concatenate(distances)

@@ -27,6 +27,7 @@ from webapp.core.localize.indexed import IndexedMap, candidates
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
 from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
 from webapp.core.localize.vote import match_statistics
+from webapp.threads import in_threads
 
 NEIGHBOURS = 10
 _SHORTLIST = 10
@@ -188,7 +189,7 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
-    checked = [Verified(m, _pose(indexed, m, camera)) for m in listed]
+    checked = in_threads(lambda m: Verified(m, _pose(indexed, m, camera)), listed)
     clock.append(time.perf_counter())
     places = _places(indexed, checked)
     clock.append(time.perf_counter())

@@ -1,0 +1,40 @@
+"""Work spread over threads; for calls into libraries that let go of the interpreter while they work."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+In = TypeVar("In")
+Out = TypeVar("Out")
+
+
+def cores() -> int:
+    """Count the processor cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
+    """Call a function with each item, as many at once as there are cores.
+
+    Parameters
+    ----------
+    function : callable
+        Safe to be called from several threads at once.
+    items : iterable
+
+    Returns
+    -------
+    list
+        The results in the order of the items. The first error in that order is raised.
+    """
+    listed = list(items)
+    workers = min(cores(), len(listed))
+    if workers < 2:
+        return [function(item) for item in listed]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(function, listed))
