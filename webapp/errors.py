@@ -4,6 +4,9 @@
 
     ExpMapError                  message, where it is, how to fix it
     ├── UsageError               the request itself cannot work (bad option, impossible combination)
+    ├── NotFound                 what was asked for does not exist, or not for who asks
+    ├── NotAllowed               who asks may see it, but not do this
+    ├── Conflict                 somebody else has changed it in the meantime
     ├── MapError                 the map cannot be read as a map
     │   ├── CfgError             ... at this line and column of a .cfg
     │   └── MapJsonError         ... in map.json
@@ -62,6 +65,18 @@ def _rebuild(kind: type[ExpMapError], args: tuple[str], state: dict[str, object]
 
 class UsageError(ExpMapError):
     """The request cannot work as it was asked."""
+
+
+class NotFound(ExpMapError):
+    """What was asked for does not exist, or not for who asks."""
+
+
+class NotAllowed(ExpMapError):
+    """Who asks may see it, but not do this."""
+
+
+class Conflict(ExpMapError):
+    """Somebody else has changed it in the meantime; nothing was changed."""
 
 
 class MapError(ExpMapError):

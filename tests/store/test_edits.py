@@ -1,0 +1,164 @@
+"""Edits: undo and redo of every step, and no one loses another's work."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from webapp.errors import Conflict, NotFound
+from webapp.store import edits, maps
+from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
+
+
+@pytest.fixture
+def ana(new_account):
+    return new_account("ana")
+
+
+@pytest.fixture
+def ben(new_account):
+    return new_account("ben")
+
+
+@pytest.fixture
+def do(library, ana, new_map):
+    """Call a function of `edits` in a session of its own, on a map with three photos."""
+    map_id = new_map(ana, photos=3)
+
+    def call(function, account=ana, **arguments):
+        with library.database.write() as session:
+            record = session.get(MapRecord, map_id)
+            return function(session, record, account_id=account.id, **arguments)
+
+    call.map_id = map_id
+    return call
+
+
+@pytest.fixture
+def where(library, do):
+    """Tell x of the three photos."""
+
+    def look():
+        with library.database.read() as session:
+            return [session.get(Photo, (do.map_id, n)).x_px for n in range(3)]
+
+    return look
+
+
+def put(x, photo=0):
+    return {"changes": {f"photo/{photo}": {"x_px": x, "y_px": 0.0}}, "kind": "place"}
+
+
+def test_undo_and_redo_are_exact(do, where):
+    do(edits.apply, **put(1.0))
+    do(edits.apply, **put(2.0))
+    do(edits.apply, **put(7.0, photo=1))
+    assert where() == [2.0, 7.0, None]
+    assert [do(edits.undo).clash for _ in range(3)] == [None] * 3
+    assert where() == [None] * 3
+    assert do(edits.undo) is None
+    do(edits.redo)
+    assert where() == [1.0, None, None]
+    do(edits.redo)
+    do(edits.redo)
+    assert where() == [2.0, 7.0, None]
+    assert do(edits.redo) is None
+
+
+def test_a_new_edit_ends_what_could_be_redone(do, where):
+    do(edits.apply, **put(1.0))
+    do(edits.undo)
+    do(edits.apply, **put(5.0, photo=2))
+    assert do(edits.redo) is None
+    assert where() == [None, None, 5.0]
+
+
+def test_everyone_undoes_their_own(do, where, ben):
+    do(edits.apply, **put(1.0))
+    do(edits.apply, ben, **put(2.0, photo=1))
+    do(edits.undo)
+    assert where() == [None, 2.0, None]
+
+
+def test_what_somebody_changed_since_is_not_undone(do, where, ben):
+    do(edits.apply, **put(9.0, photo=2))
+    do(edits.apply, **put(1.0))
+    do(edits.apply, ben, **put(2.0))
+    assert do(edits.undo).clash == "ben has changed the photo IMG_0.jpg in the meantime"
+    assert where() == [2.0, None, 9.0]
+    assert do(edits.undo).clash is None
+    assert where() == [2.0, None, None]
+
+
+def test_a_change_of_something_seen_too_early_is_a_conflict(library, do, where, ben):
+    with library.database.read() as session:
+        seen = session.get(MapRecord, do.map_id).revision
+    do(edits.apply, ben, **put(2.0))
+    do(edits.apply, **put(3.0, photo=1), seen=seen)
+    both = {"photo/2": {"x_px": 1.0}, "photo/0": {"x_px": 1.0}}
+    with pytest.raises(Conflict, match="ben has changed the photo IMG_0"):
+        do(edits.apply, changes=both, kind="move", seen=seen)
+    assert where() == [2.0, 3.0, None]
+
+
+def test_nothing_changed_is_no_edit(library, do):
+    do(edits.apply, **put(1.0))
+    assert do(edits.apply, **put(1.0)) is None
+    with library.database.read() as session:
+        assert session.get(MapRecord, do.map_id).revision == 4  # three photos and one edit
+
+
+def test_other_placements_and_the_image_are_edits_too(library, do):
+    do(edits.apply, changes={"placed/clusters/1": {"x_px": 4.0, "y_px": 5.0}}, kind="move")
+    do(edits.apply, changes={"placed/clusters/1": None}, kind="move")
+    do(edits.apply, changes={"map": {"satellite_path": "plan.png"}}, kind="satellite")
+
+    def look():
+        with library.database.read() as session:
+            there = session.get(PlacedElsewhere, (do.map_id, "clusters", 1))
+            return session.get(MapRecord, do.map_id).satellite_path, there and (there.x_px, there.y_px)
+
+    assert look() == ("plan.png", None)
+    do(edits.undo)
+    assert look() == (None, None)
+    do(edits.undo)
+    assert look() == (None, (4.0, 5.0))
+    do(edits.undo)
+    assert look() == (None, None)
+
+
+def test_unknown_photos_and_fields_are_refused(do):
+    with pytest.raises(NotFound, match="no photo 77"):
+        do(edits.apply, **put(1.0, photo=77))
+    with pytest.raises(ValueError, match="sha256"):
+        do(edits.apply, changes={"photo/0": {"sha256": "x"}}, kind="place")
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=st.lists(st.tuples(st.integers(0, 2), st.integers(0, 5)), max_size=8))
+def test_undoing_everything_gives_the_state_before(do, where, steps):
+    before = where()
+    made = [do(edits.apply, **put(float(x), photo=photo)) for photo, x in steps]
+    after = where()
+    count = sum(edit is not None for edit in made)
+    for _ in range(count):
+        do(edits.undo)
+    assert where() == before
+    for _ in range(count):
+        do(edits.redo)
+    assert where() == after
+    for _ in range(count):
+        do(edits.undo)
+
+
+def test_a_photo_comes_once(library, do, new_photo):
+    with library.database.write() as session:
+        record = session.get(MapRecord, do.map_id)
+        assert maps.add_photo(session, record, new_photo(1)).id == 1
+        assert maps.add_photo(session, record, new_photo(50)).id == 3
+        assert maps.counts(session, record) == (4, 0)
+    do(edits.apply, changes={"photo/3": {"removed": True}}, kind="remove")
+    with library.database.write() as session:
+        record = session.get(MapRecord, do.map_id)
+        assert maps.counts(session, record) == (3, 0)
+        assert maps.add_photo(session, record, new_photo(50)).removed is False
+        assert [p.id for p in maps.photos(session, record, since=record.revision - 1)] == [3]

@@ -1,0 +1,95 @@
+"""Opens the database and hands out sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from webapp.errors import StorageError
+
+_WAIT_S = 30
+"""How long a writer waits for the others."""
+
+
+class Database:
+    """The library's database.
+
+    Parameters
+    ----------
+    url : str
+        As SQLAlchemy takes it: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self.engine = _engine(url)
+        self._writing = self.engine.execution_options(writes=True)
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """Give a session that sees one state of the database; its changes are not kept.
+
+        Raises
+        ------
+        StorageError
+            The database cannot be read.
+        """
+        with _as_storage_error(self.url), Session(self.engine) as session:
+            yield session
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """Give a session whose changes are on disk, all together, when the block ends without an error.
+
+        Writers take turns: a SQLite database is locked from the first statement on, so that what the
+        session reads stays true until it has written.
+
+        Raises
+        ------
+        StorageError
+            The database cannot be written.
+        """
+        with _as_storage_error(self.url), Session(self._writing, expire_on_commit=False) as session:
+            yield session
+            session.commit()
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self.engine.dispose()
+
+
+def _engine(url: str) -> Engine:
+    sqlite = make_url(url).get_backend_name() == "sqlite"
+    engine = create_engine(url, connect_args={"timeout": _WAIT_S} if sqlite else {}, pool_pre_ping=not sqlite)
+    if sqlite:
+        event.listen(engine, "connect", _prepare_sqlite)
+        event.listen(engine, "begin", _begin_sqlite)
+    return engine
+
+
+def _prepare_sqlite(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # the driver's own way of beginning would come too late
+    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    writes = connection.get_execution_options().get("writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+@contextmanager
+def _as_storage_error(url: str) -> Iterator[None]:
+    try:
+        yield
+    except OperationalError as error:
+        raise StorageError(
+            f"the database refused: {error.orig}",
+            where=make_url(url).render_as_string(hide_password=True),
+            hint="is the disk full or read-only?",
+        ) from error

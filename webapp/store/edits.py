@@ -1,0 +1,230 @@
+"""Edits of a map: applied, undone and redone, with conflicts between people and tabs noticed.
+
+An edit is a list of changes, each a target (`map`, `photo/3`, `placed/clusters/3`) with the values of its
+fields before and after. Undo brings the values before back, but only where nobody has changed them since.
+Everyone undoes their own edits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from webapp.errors import Conflict, NotFound
+from webapp.store.clock import now
+from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
+
+Fields = dict[str, Any]
+
+PHOTO_FIELDS = frozenset({"x_px", "y_px", "heading_deg", "removed"})
+MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What undo or redo did.
+
+    Attributes
+    ----------
+    edit : Edit
+    clash : str or None
+        Why it was not done: somebody has changed the same thing since. The edit is out of the way then, so
+        that the next undo takes the one before.
+    """
+
+    edit: Edit
+    clash: str | None
+
+
+def apply(
+    session: Session,
+    record: MapRecord,
+    *,
+    changes: Mapping[str, Mapping[str, Any] | None],
+    kind: str,
+    account_id: int | None,
+    seen: int | None = None,
+) -> Edit | None:
+    """Change some fields of a map as one step that can be undone.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    record : MapRecord
+    changes : mapping of str to mapping or None
+        New values of fields by target; None takes a position in another placement away.
+    kind : str
+        A word for the step: `place`, `move`, `turn`, `remove`, `satellite` ...
+    account_id : int or None
+        Who does it.
+    seen : int or None
+        Newest revision that who does it knows of. A target that changed later is a conflict.
+
+    Returns
+    -------
+    Edit or None
+        None when every field has its value already: nothing happened.
+
+    Raises
+    ------
+    Conflict
+        Nothing was changed.
+    NotFound
+        A photo that the map has not.
+    """
+    steps: list[dict[str, Any]] = []
+    for target, after in changes.items():
+        before = _value(session, record, target=target, fields=after)
+        if seen is not None and (revision := _revision(session, record, target)) > seen:
+            raise Conflict(_who_changed(session, record, target=target, revision=revision), where=target)
+        if before != after:
+            steps.append(
+                {"target": target, "before": before, "after": None if after is None else dict(after)}
+            )
+    if not steps:
+        return None
+    _close_undone(session, record, account_id)
+    _next_revision(record)
+    for step in steps:
+        _set(session, record, target=step["target"], fields=step["after"])
+    edit = Edit(
+        map_id=record.id, account_id=account_id, kind=kind, changes=steps, state="done", turn=record.revision
+    )
+    session.add(edit)
+    session.flush()
+    return edit
+
+
+def undo(session: Session, record: MapRecord, *, account_id: int) -> Step | None:
+    """Take back the account's last edit of the map; None when there is none."""
+    return _turn(session, record, newest_done(session, record, account_id=account_id), back=True)
+
+
+def redo(session: Session, record: MapRecord, *, account_id: int) -> Step | None:
+    """Do the account's last undone edit of the map again; None when there is none."""
+    return _turn(session, record, oldest_undone(session, record, account_id=account_id), back=False)
+
+
+def newest_done(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
+    """Find the edit that undo would take back."""
+    found = select(Edit).where(Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "done")
+    return session.scalars(found.order_by(Edit.id.desc()).limit(1)).first()
+
+
+def oldest_undone(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
+    """Find the edit that redo would do again: undone edits are always the account's last ones."""
+    found = select(Edit).where(
+        Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "undone"
+    )
+    return session.scalars(found.order_by(Edit.id).limit(1)).first()
+
+
+def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> Step | None:
+    if edit is None:
+        return None
+    now_there, wanted = ("after", "before") if back else ("before", "after")
+    for change in edit.changes:
+        there = _value(session, record, target=change["target"], fields=change[now_there] or change[wanted])
+        if there != change[now_there]:
+            edit.state = "closed"
+            revision = _revision(session, record, change["target"])
+            return Step(edit, _who_changed(session, record, target=change["target"], revision=revision))
+    _next_revision(record)
+    for change in edit.changes:
+        _set(session, record, target=change["target"], fields=change[wanted])
+    edit.state = "undone" if back else "done"
+    edit.turn = record.revision
+    return Step(edit, None)
+
+
+def _next_revision(record: MapRecord) -> None:
+    record.revision += 1
+    record.changed_at = now()
+
+
+def _close_undone(session: Session, record: MapRecord, account_id: int | None) -> None:
+    """A new edit ends what could be redone."""
+    undone = (Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "undone")
+    session.execute(update(Edit).where(*undone).values(state="closed"))
+
+
+def _photo(session: Session, record: MapRecord, number: str) -> Photo:
+    photo = session.get(Photo, (record.id, int(number)))
+    if photo is None:
+        raise NotFound(f"the map has no photo {number}", hint="reload the page")
+    return photo
+
+
+def _value(
+    session: Session, record: MapRecord, *, target: str, fields: Mapping[str, Any] | None
+) -> Fields | None:
+    """Read the present values of the named fields; None for no position in a placement."""
+    match target.split("/"):
+        case ["map"]:
+            return {name: getattr(record, name) for name in _known(fields, MAP_FIELDS)}
+        case ["photo", number]:
+            photo = _photo(session, record, number)
+            return {name: getattr(photo, name) for name in _known(fields, PHOTO_FIELDS)}
+        case ["placed", placement, number]:
+            there = session.get(PlacedElsewhere, (record.id, placement, int(number)))
+            return None if there is None else {"x_px": there.x_px, "y_px": there.y_px}
+        case _:
+            raise ValueError(f"no such target: {target}")
+
+
+def _known(fields: Mapping[str, Any] | None, known: frozenset[str]) -> list[str]:
+    if fields is None or not known.issuperset(fields):
+        raise ValueError(f"not among {sorted(known)}: {fields}")
+    return list(fields)
+
+
+def _set(session: Session, record: MapRecord, *, target: str, fields: Fields | None) -> None:
+    match target.split("/"):
+        case ["map"]:
+            _assign(record, fields)
+            record.satellite_revision = record.revision
+        case ["photo", number]:
+            photo = _photo(session, record, number)
+            _assign(photo, fields)
+            photo.revision = record.revision
+        case [_, placement, number]:
+            key = (record.id, placement, int(number))
+            there = session.get(PlacedElsewhere, key)
+            if fields is None:
+                session.delete(there)
+            elif there is None:
+                session.add(PlacedElsewhere(map_id=key[0], placement=placement, photo_id=key[2], **fields))
+            else:
+                _assign(there, fields)
+            _photo(session, record, number).revision = record.revision
+
+
+def _assign(row: MapRecord | Photo | PlacedElsewhere, fields: Fields | None) -> None:
+    for name, value in (fields or {}).items():
+        setattr(row, name, value)
+
+
+def _revision(session: Session, record: MapRecord, target: str) -> int:
+    """Revision that last changed a target."""
+    if target == "map":
+        return record.satellite_revision
+    return _photo(session, record, target.rsplit("/", 1)[1]).revision
+
+
+def _who_changed(session: Session, record: MapRecord, *, target: str, revision: int) -> str:
+    """Say who changed a target last, for people."""
+    found = (
+        select(Account.name)
+        .join(Edit, Edit.account_id == Account.id)
+        .where(Edit.map_id == record.id, Edit.turn == revision)
+    )
+    who = session.scalars(found.limit(1)).first() or "somebody"
+    what = "the satellite image"
+    if target != "map":
+        what = f"the photo {_photo(session, record, target.rsplit('/', 1)[1]).name}"
+    return f"{who} has changed {what} in the meantime"

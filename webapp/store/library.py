@@ -1,0 +1,75 @@
+"""The library: a folder of maps and the database beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from webapp.errors import StorageError
+from webapp.store.database import Database
+from webapp.store.migrate import migrate
+
+_INNER = ".library"
+_WAIT_S = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """Where everything is.
+
+    Attributes
+    ----------
+    folder : Path
+        Absolute; has one folder a map.
+    database : Database
+    """
+
+    folder: Path
+    database: Database
+
+    @property
+    def inner(self) -> Path:
+        """What is no map: database, secrets, uploads on their way in."""
+        return self.folder / _INNER
+
+    @property
+    def uploads(self) -> Path:
+        """Files that have not arrived completely."""
+        return self.inner / "uploads"
+
+    def map_folder(self, slug: str) -> Path:
+        """Folder of a map, by the slug that the database holds."""
+        return self.folder / slug
+
+    def cfg(self, slug: str) -> Path:
+        """The map file of a map."""
+        return self.map_folder(slug) / "map.cfg"
+
+
+def open_library(folder: Path, *, url: str | None = None) -> Library:
+    """Open a library, making folder and database where there are none, and bringing an older one up to date.
+
+    Parameters
+    ----------
+    folder : Path
+    url : str or None
+        Of the database, instead of a SQLite file in the folder.
+
+    Raises
+    ------
+    StorageError
+        The folder cannot be written.
+    """
+    folder = folder.resolve()
+    library = Library(folder, Database(url or f"sqlite:///{folder / _INNER / 'library.db'}"))
+    try:
+        library.uploads.mkdir(parents=True, exist_ok=True)
+        with FileLock(library.inner / "migrate.lock", timeout=_WAIT_S):
+            migrate(library.database)
+    except (OSError, Timeout) as error:
+        raise StorageError(
+            f"the library cannot be opened: {error}", where=str(folder), hint="may you write there?"
+        ) from error
+    return library

@@ -1,0 +1,175 @@
+"""Maps of the library, who may do what with them, and their photos' records."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Collection
+from typing import Literal
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotAllowed, NotFound, UsageError
+from webapp.store.clock import now
+from webapp.store.schema import Account, MapRecord, Member, Photo
+
+Role = Literal["owner", "editor", "viewer"]
+ROLES: tuple[Role, ...] = ("viewer", "editor", "owner")
+"""Each may do what those before it may."""
+
+_MAX_NAME = 120
+_MAX_SLUG = 60
+_RESERVED = frozenset({"new", "import", "bin"})
+
+
+def create(session: Session, name: str, *, account_id: int, folders: Collection[str] = ()) -> MapRecord:
+    """Make an empty map; who makes it owns it.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    name : str
+    account_id : int
+    folders : collection of str
+        That are in the library already; the map's slug is none of them.
+
+    Raises
+    ------
+    UsageError
+        The name is empty or too long.
+    """
+    record = MapRecord(name=checked_name(name), slug=_free_slug(session, name, folders))
+    session.add(record)
+    session.flush()
+    session.add(Member(map_id=record.id, account_id=account_id, role="owner"))
+    return record
+
+
+def checked_name(name: str) -> str:
+    """Give a map's name without outer spaces.
+
+    Raises
+    ------
+    UsageError
+    """
+    tidy = " ".join(name.split())
+    if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
+        raise UsageError("this is no name for a map", hint=f"give 1 to {_MAX_NAME} printable characters")
+    return tidy
+
+
+def find(session: Session, slug: str, *, account: Account, role: Role = "viewer") -> MapRecord:
+    """Find a map that an account may use in a role; maps in the bin count too.
+
+    Raises
+    ------
+    NotFound
+        There is none, or it is not shared with the account.
+    NotAllowed
+        The account may see it, but not do this.
+    """
+    record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).first()
+    own = None if record is None else role_of(session, record, account=account)
+    if record is None or own is None:
+        raise NotFound("there is no such map, or it is not shared with you", where=slug)
+    if ROLES.index(own) < ROLES.index(role):
+        raise NotAllowed(f"this needs the role {role}, and yours is {own}", hint="ask an owner of the map")
+    return record
+
+
+def role_of(session: Session, record: MapRecord, *, account: Account) -> Role | None:
+    """Tell the role of an account on a map; who owns the library owns every map."""
+    if account.is_owner:
+        return "owner"
+    member = session.get(Member, (record.id, account.id))
+    return next((role for role in ROLES if member is not None and member.role == role), None)
+
+
+def listed(session: Session, account: Account, *, binned: bool = False) -> list[MapRecord]:
+    """List the maps that an account may see, the last changed first."""
+    found = select(MapRecord).where(MapRecord.binned_at.is_not(None) == binned)
+    if not account.is_owner:
+        found = found.join(Member).where(Member.account_id == account.id)
+    return list(session.scalars(found.order_by(MapRecord.changed_at.desc(), MapRecord.id)))
+
+
+def put_into_bin(record: MapRecord) -> None:
+    """Take a map out of the list; nothing is deleted."""
+    record.binned_at = now()
+
+
+def take_from_bin(record: MapRecord) -> None:
+    """Bring a map back into the list."""
+    record.binned_at = None
+
+
+def photos(session: Session, record: MapRecord, *, since: int = -1) -> list[Photo]:
+    """List the photos that changed after a revision, removed ones included, by id."""
+    found = select(Photo).where(Photo.map_id == record.id, Photo.revision > since)
+    return list(session.scalars(found.order_by(Photo.id)))
+
+
+def photo(session: Session, record: MapRecord, id: int) -> Photo:
+    """Find a photo that is not removed.
+
+    Raises
+    ------
+    NotFound
+    """
+    found = session.get(Photo, (record.id, id))
+    if found is None or found.removed:
+        raise NotFound(f"the map has no photo {id}", hint="reload the page")
+    return found
+
+
+def add_photo(session: Session, record: MapRecord, row: Photo) -> Photo:
+    """Add a photo under the next id, or give back the one with the same content.
+
+    A photo that was removed comes back where it was. Either way the map's revision goes up where
+    something changed.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    record : MapRecord
+    row : Photo
+        Without map, id and revision.
+
+    Returns
+    -------
+    Photo
+        `row`, or the one that was there already.
+    """
+    same = select(Photo).where(Photo.map_id == record.id, Photo.sha256 == row.sha256)
+    there = session.scalars(same).first()
+    if there is not None and not there.removed:
+        return there
+    record.revision += 1
+    record.changed_at = now()
+    if there is not None:
+        there.removed, there.revision = False, record.revision
+        return there
+    row.map_id, row.id, row.revision = record.id, record.next_id, record.revision
+    record.next_id += 1
+    session.add(row)
+    session.flush()
+    return row
+
+
+def counts(session: Session, record: MapRecord) -> tuple[int, int]:
+    """Count the photos of a map, and how many of them are placed."""
+    found = select(func.count(), func.count(Photo.x_px)).where(Photo.map_id == record.id, ~Photo.removed)
+    photos_, placed = session.execute(found).one()
+    return int(photos_), int(placed)
+
+
+def _free_slug(session: Session, name: str, folders: Collection[str]) -> str:
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    base = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_MAX_SLUG].strip("-") or "map"
+    taken = set(session.scalars(select(MapRecord.slug).where(MapRecord.slug.startswith(base))))
+    taken |= _RESERVED.union(folders)
+    slugs = (base if n == 1 else f"{base}-{n}" for n in range(1, len(taken) + 3))
+    return next(slug for slug in slugs if slug not in taken)

@@ -1,0 +1,14 @@
+"""Runs the migrations on the connection that `webapp.store.migrate` gives.
+
+A new migration: change `schema.py`, then write `versions/000N_what_it_does.py`; a test compares the two.
+"""
+
+from alembic import context
+
+from webapp.store.schema import Base
+
+context.configure(
+    connection=context.config.attributes["connection"], target_metadata=Base.metadata, render_as_batch=True
+)
+with context.begin_transaction():
+    context.run_migrations()

@@ -1,0 +1,258 @@
+"""The tables. `migrations/` holds how an older database becomes this one."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, ClassVar
+
+from sqlalchemy import JSON, ForeignKey, Index, MetaData, UniqueConstraint, text
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+
+from webapp.store.clock import UtcDateTime, now
+
+
+class Base(DeclarativeBase):
+    """Every table; constraints have names, so that a migration can change them."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(column_0_N_label)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map: ClassVar[dict[Any, Any]] = {
+        dict[str, Any]: JSON,
+        list[dict[str, Any]]: JSON,
+        datetime: UtcDateTime,
+    }
+
+
+class Account(Base):
+    """Someone who signs in.
+
+    `epoch` is part of every session: raising it ends them all.
+    """
+
+    __tablename__ = "account"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    password_hash: Mapped[str | None]
+    is_owner: Mapped[bool] = mapped_column(default=False)
+    """Of the whole library: may do everything."""
+    language: Mapped[str | None]
+    epoch: Mapped[int] = mapped_column(default=0)
+    created_at: Mapped[datetime] = mapped_column(default=now)
+
+
+class SignInLink(Base):
+    """A link that signs in once; only its hash is kept."""
+
+    __tablename__ = "sign_in_link"
+
+    token_hash: Mapped[str] = mapped_column(primary_key=True)
+    account_id: Mapped[int] = mapped_column(ForeignKey("account.id", ondelete="CASCADE"))
+    expires_at: Mapped[datetime]
+    used_at: Mapped[datetime | None]
+
+
+class ApiToken(Base):
+    """A token for programs; only its hash is kept."""
+
+    __tablename__ = "api_token"
+    __table_args__ = (UniqueConstraint("account_id", "name"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    account_id: Mapped[int] = mapped_column(ForeignKey("account.id", ondelete="CASCADE"))
+    name: Mapped[str]
+    token_hash: Mapped[str] = mapped_column(unique=True)
+    created_at: Mapped[datetime] = mapped_column(default=now)
+    used_at: Mapped[datetime | None]
+
+
+class FailedSignIn(Base):
+    """One failed attempt; many of them make the next ones wait."""
+
+    __tablename__ = "failed_sign_in"
+    __table_args__ = (Index(None, "who", "at"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    who: Mapped[str]
+    """The name or the address that was tried."""
+    at: Mapped[datetime] = mapped_column(default=now)
+
+
+class MapRecord(Base):
+    """A map of the library; its folder has its slug as name."""
+
+    __tablename__ = "map"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    slug: Mapped[str] = mapped_column(unique=True)
+    name: Mapped[str]
+    created_at: Mapped[datetime] = mapped_column(default=now)
+    changed_at: Mapped[datetime] = mapped_column(default=now)
+    binned_at: Mapped[datetime | None]
+    """When it was put into the bin; None for a map in use."""
+
+    revision: Mapped[int] = mapped_column(default=0)
+    """Counts the edits."""
+    next_id: Mapped[int] = mapped_column(default=0)
+    """Of the next photo; ids are never used again."""
+
+    satellite_path: Mapped[str | None]
+    """Relative to the map's folder; None as long as there is no image."""
+    satellite_width: Mapped[int | None]
+    satellite_height: Mapped[int | None]
+    georeference: Mapped[dict[str, Any] | None]
+    """As in `map.json`."""
+    satellite_revision: Mapped[int] = mapped_column(default=0)
+    """Revision that last changed the image or its georeference."""
+
+    exported_revision: Mapped[int] = mapped_column(default=-1)
+    """That `map.cfg` and `map.json` on disk hold."""
+    exported_sha256: Mapped[str | None]
+    """Of the `map.cfg` that was written last: another one on disk is an edit from outside."""
+
+    photos: Mapped[list[Photo]] = relationship(order_by="Photo.id", passive_deletes=True)
+
+
+class Member(Base):
+    """What an account may do with a map."""
+
+    __tablename__ = "member"
+
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
+    account_id: Mapped[int] = mapped_column(
+        ForeignKey("account.id", ondelete="CASCADE"), primary_key=True, index=True
+    )
+    role: Mapped[str]
+    """`owner`, `editor` or `viewer`."""
+
+
+class Photo(Base):
+    """A photo of a map, placed or not; with a place it is an experience of the map."""
+
+    __tablename__ = "photo"
+    __table_args__ = (UniqueConstraint("map_id", "sha256"), Index(None, "map_id", "revision"))
+
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    name: Mapped[str]
+    """Of the file as it came."""
+    path: Mapped[str]
+    """Relative to the map's folder, with forward slashes."""
+    sha256: Mapped[str]
+    size_bytes: Mapped[int]
+    width: Mapped[int]
+    """Of the upright photo."""
+    height: Mapped[int]
+    uploaded_at: Mapped[datetime] = mapped_column(default=now)
+    taken_at: Mapped[str | None]
+    """ISO 8601, as in `map.json`."""
+    fov_deg: Mapped[float | None]
+    gps_lat: Mapped[float | None]
+    gps_lon: Mapped[float | None]
+    gps_accuracy_m: Mapped[float | None]
+    gps_problem: Mapped[str | None]
+    """Why there is no GPS position, for people."""
+
+    x_px: Mapped[float | None]
+    y_px: Mapped[float | None]
+    heading_deg: Mapped[float | None]
+    removed: Mapped[bool] = mapped_column(default=False)
+    """Taken out of the map; kept, so that it can be undone."""
+    revision: Mapped[int] = mapped_column(default=0)
+    """Of the map, when this photo last changed."""
+
+
+class PlacedElsewhere(Base):
+    """Where a further placement of a map has one of its photos."""
+
+    __tablename__ = "placed_elsewhere"
+
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
+    placement: Mapped[str] = mapped_column(primary_key=True)
+    photo_id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    x_px: Mapped[float]
+    y_px: Mapped[float]
+
+
+class Edit(Base):
+    """One step that can be undone: the fields it changed, before and after."""
+
+    __tablename__ = "edit"
+    __table_args__ = (Index(None, "map_id", "account_id", "state"),)
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"))
+    account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
+    at: Mapped[datetime] = mapped_column(default=now)
+    kind: Mapped[str]
+    """`place`, `move`, `turn`, `remove`, `satellite` ...: for the words on the undo button."""
+    changes: Mapped[list[dict[str, Any]]]
+    """`{"target": "photo/3", "before": {...}, "after": {...}}` each."""
+    state: Mapped[str] = mapped_column(default="done")
+    """`done`, `undone`, or `closed`: can be neither undone nor redone any more."""
+    turn: Mapped[int]
+    """Revision that did, undid or redid it last: orders the redo."""
+
+
+class Upload(Base):
+    """A file on its way in; what has arrived is in the uploads folder."""
+
+    __tablename__ = "upload"
+    __table_args__ = (UniqueConstraint("map_id", "account_id", "fingerprint"),)
+
+    id: Mapped[str] = mapped_column(primary_key=True)
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"))
+    account_id: Mapped[int] = mapped_column(ForeignKey("account.id", ondelete="CASCADE"))
+    fingerprint: Mapped[str]
+    """Name, size and time of the file, by which a browser finds its half-done upload again."""
+    name: Mapped[str]
+    size_bytes: Mapped[int]
+    created_at: Mapped[datetime] = mapped_column(default=now, index=True)
+
+
+class Job(Base):
+    """Long work outside a request. Who works on it holds a lease and renews it; `fence` counts the leases."""
+
+    __tablename__ = "job"
+    __table_args__ = (
+        Index(None, "state", "created_at"),
+        Index(
+            "uq_job_waiting",
+            "map_id",
+            "kind",
+            "key",
+            unique=True,
+            sqlite_where=text("state = 'queued'"),
+            postgresql_where=text("state = 'queued'"),
+        ),
+    )
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    map_id: Mapped[int | None] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), index=True)
+    account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
+    kind: Mapped[str]
+    key: Mapped[str] = mapped_column(default="")
+    """Two waiting jobs of one map, kind and key are one."""
+    arguments: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    state: Mapped[str] = mapped_column(default="queued")
+    """`queued`, `running`, `done`, `failed` or `cancelled`."""
+    done: Mapped[int] = mapped_column(default=0)
+    total: Mapped[int] = mapped_column(default=0)
+    note: Mapped[str] = mapped_column(default="")
+    error: Mapped[dict[str, Any] | None]
+    """`message`, `where` and `hint` of the error it ended with."""
+    result: Mapped[dict[str, Any] | None]
+    attempts: Mapped[int] = mapped_column(default=0)
+    cancel_wanted: Mapped[bool] = mapped_column(default=False)
+    fence: Mapped[int] = mapped_column(default=0)
+    leased_by: Mapped[str | None]
+    leased_until: Mapped[datetime | None]
+    created_at: Mapped[datetime] = mapped_column(default=now)
+    started_at: Mapped[datetime | None]
+    ended_at: Mapped[datetime | None]
