@@ -118,7 +118,7 @@ def format_map_json(map_: Map) -> bytes:
         "version": VERSION,
         "revision": map_.revision,
         "next_id": map_.next_id,
-        "georeference": _georeference_fields(map_.georeference),
+        "georeference": georeference_fields(map_.georeference),
         "placements": [_placement_fields(placement) for placement in map_.placements],
         "experiences": photos,
     }
@@ -126,6 +126,37 @@ def format_map_json(map_: Map) -> bytes:
     data = f"{text}\n".encode("utf-8", "surrogatepass")
     parse_map_json(data)
     return data
+
+
+def parse_georeference(value: object, *, where: str = "georeference") -> Georeference | None:
+    """Read a georeference as `map.json` has it.
+
+    Parameters
+    ----------
+    value : object
+        Parsed JSON; None is no georeference.
+    where : str
+        Where it comes from, for errors.
+
+    Returns
+    -------
+    Georeference or None
+
+    Raises
+    ------
+    MapJsonError
+        With the JSON path of the field.
+    """
+    return _georeference(JsonField(value, where, "$"))
+
+
+def georeference_fields(georeference: Georeference | None) -> dict[str, object] | None:
+    """Give a georeference as `map.json` has it; None stays None."""
+    if georeference is None:
+        return None
+    m = georeference.plane_from_pixel
+    rows = [list(m[0:3]), list(m[3:6]), list(m[6:9])]
+    return {"plane": georeference.plane, "plane_from_pixel": rows, "method": georeference.method}
 
 
 def check_placement_name(name: str) -> str:
@@ -207,14 +238,6 @@ def _georeference(field: JsonField) -> Georeference | None:
         return Georeference(fields["plane"].text(), matrix, fields["method"].text())
     except GeoreferenceError as error:
         raise field.error(f"cannot be used: {error.message}", hint=error.hint) from error
-
-
-def _georeference_fields(georeference: Georeference | None) -> dict[str, object] | None:
-    if georeference is None:
-        return None
-    m = georeference.plane_from_pixel
-    rows = [list(m[0:3]), list(m[3:6]), list(m[6:9])]
-    return {"plane": georeference.plane, "plane_from_pixel": rows, "method": georeference.method}
 
 
 def _position_fields(position: MapPixel) -> dict[str, object]:
