@@ -114,7 +114,9 @@ class MapRecord(Base):
     exported_revision: Mapped[int] = mapped_column(default=-1)
     """That `map.cfg` and `map.json` on disk hold."""
     exported_sha256: Mapped[str | None]
-    """Of the `map.cfg` that was written last: another one on disk is an edit from outside."""
+    """Of the `map.cfg` that was written last, or is just being written."""
+    previous_sha256: Mapped[str | None]
+    """Of the one before: still on disk when a writer was killed. Any other one is an edit from outside."""
 
     photos: Mapped[list[Photo]] = relationship(order_by="Photo.id", passive_deletes=True)
 

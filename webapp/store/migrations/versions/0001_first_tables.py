@@ -52,6 +52,7 @@ def upgrade() -> None:
         sa.Column("satellite_revision", sa.Integer(), nullable=False),
         sa.Column("exported_revision", sa.Integer(), nullable=False),
         sa.Column("exported_sha256", sa.String(), nullable=True),
+        sa.Column("previous_sha256", sa.String(), nullable=True),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_map")),
         sa.UniqueConstraint("slug", name=op.f("uq_map_slug")),
     )
@@ -222,7 +223,6 @@ def upgrade() -> None:
     )
     with op.batch_alter_table("upload", schema=None) as batch_op:
         batch_op.create_index(batch_op.f("ix_upload_created_at"), ["created_at"], unique=False)
-
 
 
 def downgrade() -> None:

@@ -1,0 +1,87 @@
+"""Keeps `map.cfg` and `map.json` of a library map as the database has it."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from filelock import FileLock
+
+from webapp.core.mapmodel.model import Map
+from webapp.files.cfg import format_cfg
+from webapp.files.mapfolder import write_map
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord
+from webapp.tasks.library_map import as_map
+
+LOCK = "export.lock"
+
+
+def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
+    """Write the files of a map where they are older than its records.
+
+    Several at once take turns, and who finds the newest revision written already has nothing to do. A
+    `map.cfg` that somebody else has changed is left as it is.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    overwrite : bool
+        Write over a file that was changed from outside.
+
+    Returns
+    -------
+    bool
+        False when the file was changed from outside: it can be taken over or overwritten.
+
+    Raises
+    ------
+    StorageError
+        The disk refused; the records are safe, and the next run writes them.
+    """
+    with library.database.read() as session:
+        record = session.get(MapRecord, map_id)
+        slug = None if record is None else record.slug
+    if slug is None:
+        return True
+    (library.map_folder(slug) / "derived").mkdir(parents=True, exist_ok=True)
+    with FileLock(library.map_folder(slug) / "derived" / LOCK):
+        return _export(library, map_id, cfg=library.cfg(slug), overwrite=overwrite)
+
+
+def changed_outside(record: MapRecord, cfg: Path) -> bool:
+    """Tell whether `map.cfg` is neither what was written last nor what was there before."""
+    return file_sha256(cfg) not in (None, record.exported_sha256, record.previous_sha256)
+
+
+def file_sha256(path: Path) -> str | None:
+    """Hash a small file; None where there is none."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except FileNotFoundError:
+        return None
+
+
+def _export(library: Library, map_id: int, *, cfg: Path, overwrite: bool) -> bool:
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        if changed_outside(record, cfg) and not overwrite:
+            return False
+        if record.exported_revision >= record.revision and file_sha256(cfg) == record.exported_sha256:
+            return True
+        map_ = as_map(session, record)
+    if map_ is None:
+        return True
+    _announce(library, map_id, map_, there=file_sha256(cfg))
+    write_map(cfg, map_)
+    return True
+
+
+def _announce(library: Library, map_id: int, map_: Map, *, there: str | None) -> None:
+    """Note what is going to be written: a writer that is killed leaves the old file or the new one."""
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id)
+        record.exported_revision = map_.revision
+        record.exported_sha256 = hashlib.sha256(format_cfg(map_)).hexdigest()
+        record.previous_sha256 = there
