@@ -20,7 +20,7 @@ ROLES: tuple[Role, ...] = ("viewer", "editor", "owner")
 
 _MAX_NAME = 120
 _MAX_SLUG = 60
-_RESERVED = frozenset({"new", "import", "bin"})
+RESERVED = frozenset({"new", "import", "bin"})
 
 
 def create(session: Session, name: str, *, account_id: int, folders: Collection[str] = ()) -> MapRecord:
@@ -170,6 +170,6 @@ def _free_slug(session: Session, name: str, folders: Collection[str]) -> str:
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     base = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_MAX_SLUG].strip("-") or "map"
     taken = set(session.scalars(select(MapRecord.slug).where(MapRecord.slug.startswith(base))))
-    taken |= _RESERVED.union(folders)
+    taken |= RESERVED.union(folders)
     slugs = (base if n == 1 else f"{base}-{n}" for n in range(1, len(taken) + 3))
     return next(slug for slug in slugs if slug not in taken)
