@@ -1,0 +1,31 @@
+"""Runs axe-core on a page."""
+
+import functools
+import gzip
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Page
+
+AXE = Path(__file__).resolve().parents[1] / "vendor" / "axe" / "axe.min.js.gz"
+BAD = ("serious", "critical")
+TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+
+
+@functools.cache
+def _source() -> str:
+    return gzip.decompress(AXE.read_bytes()).decode("utf-8")
+
+
+def findings(page: Page) -> list[str]:
+    """What axe-core calls serious or critical on the page as it is now, one line each."""
+    page.evaluate(_source())  # by the debugger's way in, which the page's policy does not stop
+    options = {"runOnly": TAGS, "resultTypes": ["violations"]}
+    result: dict[str, Any] = page.evaluate("options => axe.run(document, options)", options)
+    assert result["passes"], "axe-core checked nothing"
+    return [
+        f"{found['impact']} {found['id']}: {found['help']}: {node['html'][:200]} {node['failureSummary']}"
+        for found in result["violations"]
+        if found["impact"] in BAD
+        for node in found["nodes"]
+    ]

@@ -1,0 +1,89 @@
+"""One running program and one browser for all tests of the pages."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+
+from tests.browser.app import App
+from tests.browser.ensure_browser import MISSING, find_browser
+from tests.browser.watch import BROWSER_OPTIONS, Watch
+
+HERE = Path(__file__).resolve().parent
+WIDE = {"width": 1280, "height": 800}
+PATIENCE_MS = 20_000 if os.environ.get("CI") == "true" else 15_000
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep the tests of this folder in one process, so that one program serves them all."""
+    for item in items:
+        if HERE in item.path.parents:
+            item.add_marker(pytest.mark.xdist_group("browser"))
+
+
+@pytest.fixture(scope="session")
+def app(tmp_path_factory: pytest.TempPathFactory, sample_folder: Path) -> Iterator[App]:
+    """The program with a library that has the sample's files already, so that the start is quick."""
+    library = tmp_path_factory.mktemp("served") / "maps"
+    shutil.copytree(sample_folder, library / "sample")
+    with App(library) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium; that it is missing is a failure, not a reason to skip."""
+    path = find_browser()
+    if path is None:
+        pytest.fail(MISSING)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(BROWSER_OPTIONS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def owner(app: App, browser: Browser) -> dict:
+    """Cookies of the owner, signed in by the link that the start printed."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(app.sign_in)
+    page.wait_for_url(lambda url: "sign" not in url)
+    state = context.storage_state()
+    context.close()
+    return state
+
+
+@pytest.fixture
+def open_context(app: App, browser: Browser) -> Iterator[Callable[..., BrowserContext]]:
+    """Open a browser context that is watched; `context.watch` has what happened."""
+    opened: list[BrowserContext] = []
+
+    def open_one(**options: object) -> BrowserContext:
+        context = browser.new_context(**{"viewport": WIDE, "base_url": app.url, **options})
+        context.set_default_timeout(PATIENCE_MS)
+        context.watch = Watch(context, app.url)
+        opened.append(context)
+        return context
+
+    yield open_one
+    for context in opened:
+        context.close()
+    for context in opened:
+        context.watch.check()
+
+
+@pytest.fixture
+def context(open_context: Callable[..., BrowserContext], owner: dict) -> BrowserContext:
+    """A context of the signed-in owner, wide."""
+    return open_context(storage_state=owner)
+
+
+@pytest.fixture
+def page(context: BrowserContext) -> Page:
+    """A page of the signed-in owner, wide."""
+    return context.new_page()

@@ -1,0 +1,54 @@
+"""Finds a browser for the tests of the pages, and installs Debian's chromium where there is none.
+
+    python tests/browser/ensure_browser.py
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+COMMANDS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+ELSEWHERE = (
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "C:/Program Files/Google/Chrome/Application/chrome.exe",
+    "C:/Program Files (x86)/Google/Chrome/Application/chrome.exe",
+)
+MISSING = "the browser tests need the package chromium: install it (Debian: sudo apt-get install chromium)"
+
+
+def find_browser() -> str | None:
+    """Path of a chromium or Chrome; None where there is none."""
+    found = (shutil.which(command) for command in COMMANDS)
+    return next((path for path in found if path), None) or next(filter(os.path.isfile, ELSEWHERE), None)
+
+
+def install() -> None:
+    """Install chromium through apt, as root or by sudo; end with a sentence where that cannot be done."""
+    if not shutil.which("apt-get"):
+        raise SystemExit(MISSING)
+    by = []
+    if os.geteuid() != 0:
+        if not shutil.which("sudo"):
+            raise SystemExit(MISSING)
+        by = ["sudo"] if sys.stdin.isatty() else ["sudo", "--non-interactive"]
+    sys.stderr.write("no browser is here: installing chromium through apt\n")
+    for words in (["update", "--quiet"], ["install", "--quiet", "--yes", "chromium"]):
+        if subprocess.run([*by, "apt-get", *words], stdout=sys.stderr).returncode:
+            raise SystemExit(MISSING)
+
+
+def main() -> None:
+    """Make sure that there is one, and say which."""
+    if find_browser() is None:
+        install()
+    found = find_browser()
+    if found is None:
+        raise SystemExit(MISSING)
+    sys.stderr.write(f"browser tests use {Path(found)}\n")
+
+
+if __name__ == "__main__":
+    main()

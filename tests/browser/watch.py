@@ -1,0 +1,74 @@
+"""Looks on while a test uses a page: what a person never should meet fails the test."""
+
+import re
+from collections.abc import Sequence
+
+from playwright.sync_api import BrowserContext, ConsoleMessage, Page, Response, Route
+
+REPORT_VIOLATIONS = """
+addEventListener("securitypolicyviolation", (event) =>
+  console.error(`CSP: ${event.violatedDirective} ${event.blockedURI} ${event.sourceFile}:${event.lineNumber}`));
+"""
+STATUS = re.compile(r"Failed to load resource: the server responded with a status of (\d+)")
+
+
+class Watch:
+    """Errors of all pages of a context: foreign requests, the console, scripts, the policy, answers 5xx.
+
+    Attributes
+    ----------
+    faults : list of str
+    expected : set of int
+        Status codes 4xx that the test causes on purpose.
+    """
+
+    def __init__(self, context: BrowserContext, url: str) -> None:
+        self.faults: list[str] = []
+        self.expected: set[int] = set()
+        self._url = url
+        context.add_init_script(REPORT_VIOLATIONS)
+        context.route(lambda address: not self._ours(address), self._refuse)
+        context.on("console", self._console)
+        context.on("weberror", lambda error: self.faults.append(f"script: {error.error}"))
+        context.on("response", self._response)
+        context.on("page", lambda page: page.on("crash", self._crash))
+
+    def expect(self, *statuses: int) -> None:
+        """Allow answers that the test causes on purpose."""
+        self.expected |= set(statuses)
+
+    def check(self) -> None:
+        """Raise when something happened."""
+        assert not self.faults, "\n".join(self.faults)
+
+    def _ours(self, address: str) -> bool:
+        return address.startswith((self._url + "/", "data:", "blob:", "about:"))
+
+    def _refuse(self, route: Route) -> None:
+        self.faults.append(f"asks somebody else: {route.request.url}")
+        route.abort()
+
+    def _console(self, message: ConsoleMessage) -> None:
+        if message.type not in ("error", "warning"):
+            return
+        status = STATUS.search(message.text)
+        if status is None or int(status[1]) not in self.expected:
+            self.faults.append(f"console, {message.location.get('url')}: {message.text}")
+
+    def _response(self, response: Response) -> None:
+        if response.status >= 500:
+            self.faults.append(f"{response.status}: {response.request.method} {response.url}")
+
+    def _crash(self, page: Page) -> None:
+        self.faults.append(f"the page crashed: {page.url}")
+
+
+BROWSER_OPTIONS: Sequence[str] = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-component-update",
+    "--disable-sync",
+)
+"""What chromium is started with: nothing of its own goes to the network."""
