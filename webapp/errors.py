@@ -5,7 +5,9 @@
     ExpMapError                  message, where it is, how to fix it
     ├── UsageError               the request itself cannot work (bad option, impossible combination)
     ├── NotFound                 what was asked for does not exist, or not for who asks
+    ├── NotSignedIn              nobody is signed in, or no longer
     ├── NotAllowed               who asks may see it, but not do this
+    ├── TooMany                  too often in a short time: wait
     ├── Conflict                 somebody else has changed it in the meantime
     ├── MapError                 the map cannot be read as a map
     │   ├── CfgError             ... at this line and column of a .cfg
@@ -13,8 +15,10 @@
     ├── InputError               one input is unusable; others may be fine
     │   ├── PhotoError           a photo
     │   ├── GeoreferenceError    corners, control points, world file, GeoTIFF
-    │   └── TableError           a CSV of queries or positions, at this line
+    │   ├── TableError           a CSV of queries or positions, at this line
+    │   └── TrackError           a GPX track
     ├── StorageError             the disk refused: full, read-only, locked by another writer
+    │   └── DiskFull             ... because there is no space left
     ├── IndexDamaged             an index file is not what its name and manifest say
     ├── MissingPart              an optional part is not installed or not downloaded
     └── Cancelled                the user stopped it; what was finished is kept
@@ -75,6 +79,28 @@ class NotAllowed(ExpMapError):
     """Who asks may see it, but not do this."""
 
 
+class NotSignedIn(ExpMapError):
+    """Nobody is signed in, or no longer; or name and password do not go together."""
+
+
+class TooMany(ExpMapError):
+    """It was tried too often in a short time.
+
+    Parameters
+    ----------
+    message : str
+    wait_s : int
+        Seconds after which to try again.
+    where, hint : str, optional
+    """
+
+    def __init__(
+        self, message: str, *, wait_s: int, where: str | None = None, hint: str | None = None
+    ) -> None:
+        super().__init__(message, where=where, hint=hint)
+        self.wait_s = wait_s
+
+
 class Conflict(ExpMapError):
     """Somebody else has changed it in the meantime; nothing was changed."""
 
@@ -125,8 +151,16 @@ class TableError(InputError):
     """A table of queries, positions or control points has a bad line."""
 
 
+class TrackError(InputError):
+    """A GPX file is damaged, too large, or holds no track with times."""
+
+
 class StorageError(ExpMapError):
     """The disk refused: full, read-only, or another process is writing."""
+
+
+class DiskFull(StorageError):
+    """There is no space left on the disk; nothing half-written stays."""
 
 
 class IndexDamaged(ExpMapError):

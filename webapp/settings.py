@@ -23,6 +23,26 @@ class PhotoLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class UploadLimits:
+    """How files come in through the web."""
+
+    chunk_mb: float = 4.0
+    """Largest piece of a resumable upload, megabytes (10^6 bytes)."""
+
+    files_per_request: int = 200
+    """Photos in one request."""
+
+    open_per_account: int = 200
+    """Uploads that an account may have begun and not finished."""
+
+    keep_hours: float = 48.0
+    """How long an unfinished upload waits to be resumed."""
+
+    reserve_mb: float = 200.0
+    """Space that uploads leave free on the disk, megabytes (10^6 bytes)."""
+
+
+@dataclass(frozen=True, slots=True)
 class ExtractSettings:
     """What is computed from each photo. Part of the key of an index."""
 
@@ -34,16 +54,83 @@ class ExtractSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class WebSettings:
+    """What the pages and the API allow."""
+
+    max_request_mb: float = 2000.0
+    """Largest request, megabytes (10^6 bytes); a satellite image comes in one."""
+
+    requests_per_minute: int = 6000
+    """To the API, of one account or address, in each worker process."""
+
+    session_days: int = 14
+    """After so many days without a visit, sign in again."""
+
+    link_hours: int = 24
+    """How long a sign-in link works."""
+
+    min_password: int = 10
+    """Characters of a password, at least."""
+
+    sign_in_failures: int = 10
+    """After so many, of one name or from one address, the next sign-in has to wait."""
+
+    sign_in_minutes: int = 15
+    """Within so many minutes those failures count."""
+
+    proxies: int = 0
+    """Reverse proxies in front of the server; what they say about the client is believed."""
+
+
+@dataclass(frozen=True, slots=True)
+class SatelliteLimits:
+    """What a satellite image may cost before it is refused."""
+
+    max_mb: float = 1000.0
+    """Size of an uploaded file, megabytes (10^6 bytes)."""
+
+    max_megapixels: float = 500.0
+    """Pixels, millions."""
+
+
+@dataclass(frozen=True, slots=True)
+class TileSettings:
+    """How map tiles are fetched from a service, and how many."""
+
+    max_tiles: int = 1600
+    """For one satellite image; a service can have a lower limit of its own."""
+
+    parallel: int = 4
+    """Requests at the same time."""
+
+    requests_per_second: float = 10.0
+    """To one host."""
+
+    timeout_s: float = 20.0
+    """Seconds without an answer after which a request is tried again."""
+
+    cache_days: float = 30.0
+    """Tiles fetched before are used again for so many days."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of one run."""
 
     photo: PhotoLimits = field(default_factory=PhotoLimits)
+    upload: UploadLimits = field(default_factory=UploadLimits)
     extract: ExtractSettings = field(default_factory=ExtractSettings)
+    web: WebSettings = field(default_factory=WebSettings)
+    satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
+    tiles: TileSettings = field(default_factory=TileSettings)
     library: Path = Path("maps")
     """Folder of the maps (environment: `EXPMAP_LIBRARY`)."""
 
     models: Path | None = None
     """Folder with model weights (environment: `EXPMAP_MODELS`)."""
+
+    tile_services: Path | None = None
+    """File with the map tile services to offer, instead of the usual ones (environment: `EXPMAP_TILES`)."""
 
 
 def from_environment(environ: Mapping[str, str] | None = None) -> Settings:
@@ -59,9 +146,11 @@ def from_environment(environ: Mapping[str, str] | None = None) -> Settings:
     Settings
     """
     env = os.environ if environ is None else environ
-    models = env.get("EXPMAP_MODELS")
+    models, tile_services = env.get("EXPMAP_MODELS"), env.get("EXPMAP_TILES")
     return Settings(
-        library=Path(env.get("EXPMAP_LIBRARY") or "maps"), models=Path(models) if models else None
+        library=Path(env.get("EXPMAP_LIBRARY") or "maps"),
+        models=Path(models) if models else None,
+        tile_services=Path(tile_services) if tile_services else None,
     )
 
 

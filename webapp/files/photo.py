@@ -12,10 +12,12 @@ from PIL import Image
 
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, opened
-from webapp.files.exif import orientation, read_exif
+from webapp.files.exif import orientation, read_exif, text
 from webapp.files.exifcamera import Fov, read_fov, read_time
 from webapp.files.exifgps import Gps, Heading, NoGps, read_gps, read_heading
 from webapp.settings import PhotoLimits
+
+_MAKER = 0x010F
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,10 @@ class PhotoFacts:
         Horizontal field of view of the upright photo, and where it comes from.
     notes : tuple of str
         What was odd, in sentences.
+    format : str
+        By content, as Pillow names it: `JPEG`, `HEIF`, `PNG` ...
+    maker : str or None
+        Who made the camera; empty when EXIF does not say, None when there is no EXIF.
     """
 
     width: int
@@ -47,6 +53,8 @@ class PhotoFacts:
     taken_at: str | None
     fov: Fov | None
     notes: tuple[str, ...] = ()
+    format: str = ""
+    maker: str | None = None
 
     @property
     def heading_deg(self) -> float | None:
@@ -117,6 +125,7 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
     with opened(source, limits=limits) as image:
         exif = read_exif(image)
         turn, note = orientation(exif)
+        kind = image.format or ""
         width, height = image.size if turn < 5 or _turned_by_decoder(image) else image.size[::-1]
     return PhotoFacts(
         width=width,
@@ -127,6 +136,8 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
         taken_at=read_time(exif),
         fov=read_fov(exif, width=width, height=height),
         notes=(*exif.notes, note) if note else exif.notes,
+        format=kind,
+        maker=text(exif.image.get(_MAKER)) if exif.image else None,
     )
 
 

@@ -100,7 +100,7 @@ def place(s: Surveyed, image: MapImage, *, photo: str) -> FileResult:
         assert georeference is not None
         pixel, latlon = georeference.pixel_of(s.position), s.position
     if not inside(pixel, width=image.width, height=image.height):
-        reason = _how_far(pixel, image)
+        reason = how_far(pixel, image)
         return FileResult(s.name, State.OUTSIDE, reason, latlon=latlon, notes=s.facts.notes)
     heading, notes = s.facts.heading, s.facts.notes
     if heading is not None and heading.reference != "T":
@@ -132,7 +132,8 @@ def with_ids(placed: Sequence[FileResult], before: Map | None) -> tuple[list[Fil
     return files, next_id
 
 
-def _how_far(pixel: MapPixel, image: MapImage) -> str:
+def how_far(pixel: MapPixel, image: MapImage) -> str:
+    """Say how far beyond which edge of the image a position is."""
     if not math.isfinite(pixel.x):
         return "its position is beyond the horizon of the image"
     edge = MapPixel(min(max(pixel.x, 0.0), image.width), min(max(pixel.y, 0.0), image.height))
