@@ -1,0 +1,148 @@
+"""The grid of web map tiles: pixels of the whole Earth in web Mercator, at each zoom.
+
+At zoom z the square of web Mercator (EPSG:3857) has 256 * 2^z pixels a side, (0, 0) at its north-western
+corner; a tile has 256 x 256 of them. A cut-out of whole pixels is an affine image of that plane, so that its
+georeference is exact and nothing is resampled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from webapp.core.geo.crs import plane_from_latlon
+from webapp.core.geo.fit import check_positions
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.errors import GeoreferenceError
+
+TILE_PX = 256
+MAX_ZOOM = 24
+MERCATOR = "EPSG:3857"
+MAX_LATITUDE = 85.05112877980659
+"""Where the square of web Mercator ends, degrees."""
+
+_MERCATOR_FROM_180 = "+proj=webmerc +datum=WGS84 +lon_0=180 +units=m +no_defs"
+"""The same with the 180th meridian in its middle, for an area across it."""
+
+_HALF_M = math.pi * 6378137.0
+"""Half a side of the square, metres of the plane."""
+
+
+class Box(NamedTuple):
+    """An area between two parallels and two meridians, degrees; east of west, also across the 180th one."""
+
+    north: float
+    south: float
+    west: float
+    east: float
+
+
+class Tile(NamedTuple):
+    """Column and row of a tile at some zoom, from the north-western corner."""
+
+    x: int
+    y: int
+
+
+@dataclass(frozen=True, slots=True)
+class TileCut:
+    """A rectangle of whole pixels at a zoom.
+
+    Attributes
+    ----------
+    zoom : int
+    left, top : int
+        Of its outer corner, pixels of the whole Earth; `left` is less than the Earth's width.
+    width, height : int
+        Pixels.
+    """
+
+    zoom: int
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def world_px(self) -> int:
+        """Width of the Earth, pixels."""
+        return TILE_PX << self.zoom
+
+    @property
+    def tile_count(self) -> int:
+        """How many tiles it touches."""
+        columns, rows = self._ranges()
+        return len(columns) * len(rows)
+
+    @property
+    def georeference(self) -> Georeference:
+        """Where its pixels are, exactly."""
+        scale = 2.0 * _HALF_M / self.world_px
+        across = self.left + self.width > self.world_px
+        west = self.left * scale - (2.0 * _HALF_M if across else _HALF_M)
+        matrix = (scale, 0.0, west, 0.0, -scale, _HALF_M - self.top * scale, 0.0, 0.0, 1.0)
+        return Georeference(_MERCATOR_FROM_180 if across else MERCATOR, matrix, "tiles")
+
+    @property
+    def metres_per_pixel(self) -> float:
+        """Size of a pixel on the ground, in the middle."""
+        return self.georeference.metres_per_pixel(MapPixel(self.width / 2, self.height / 2))
+
+    def tiles(self) -> Iterator[tuple[Tile, int, int]]:
+        """Give each tile with where its left and top edges are in the rectangle, pixels, row by row."""
+        columns, rows = self._ranges()
+        for y in rows:
+            for x in columns:
+                tile = Tile(x % (1 << self.zoom), y)
+                yield tile, x * TILE_PX - self.left, y * TILE_PX - self.top
+
+    def _ranges(self) -> tuple[range, range]:
+        right, bottom = self.left + self.width - 1, self.top + self.height - 1
+        return (
+            range(self.left // TILE_PX, right // TILE_PX + 1),
+            range(self.top // TILE_PX, bottom // TILE_PX + 1),
+        )
+
+
+def cut_of(box: Box, zoom: int) -> TileCut:
+    """Cut an area out of the grid: its edges at the nearest boundaries of pixels.
+
+    Parameters
+    ----------
+    box : Box
+    zoom : int
+        0 to 24.
+
+    Returns
+    -------
+    TileCut
+        At least one pixel wide and high.
+
+    Raises
+    ------
+    GeoreferenceError
+        No area, beyond the square of web Mercator, or no such zoom.
+    """
+    if not 0 <= zoom <= MAX_ZOOM:
+        raise GeoreferenceError(f"there is no zoom {zoom}", hint=f"choose 0 to {MAX_ZOOM}")
+    check_positions([LatLon(box.north, box.west), LatLon(box.south, box.east)])
+    if max(abs(box.north), abs(box.south)) > MAX_LATITUDE:
+        raise GeoreferenceError(
+            "map tiles end at 85 degrees north and south", hint="choose an area closer to the equator"
+        )
+    if box.south >= box.north or box.west == box.east:
+        raise GeoreferenceError(
+            "the area is empty: its south edge is not below its north edge, or west and east are the same",
+            hint="draw a rectangle",
+        )
+    corners = [(box.north, box.west), (box.south, box.east)]
+    pixels_a_metre = (TILE_PX << zoom) / (2.0 * _HALF_M)
+    (west, north), (east, south) = plane_from_latlon(MERCATOR, corners).tolist()
+    if box.west > box.east:
+        east += 2.0 * _HALF_M
+    left, right = (math.floor((x + _HALF_M) * pixels_a_metre + 0.5) for x in (west, east))
+    top, bottom = (math.floor((_HALF_M - y) * pixels_a_metre + 0.5) for y in (north, south))
+    return TileCut(zoom, left, top, width=max(right - left, 1), height=max(bottom - top, 1))

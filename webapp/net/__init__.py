@@ -1,0 +1,1 @@
+"""The only code that talks to other hosts: the map tile services that are configured, and no others."""

@@ -1,0 +1,167 @@
+"""The map tile services that are offered: those of a file, or the usual ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from webapp.core.geo.tilegrid import MAX_ZOOM
+from webapp.errors import NotFound, UsageError
+
+_HINT = "see docs/satellite.md for how such a file is written"
+_FIELDS = ("name", "url", "attribution", "max_zoom", "max_tiles")
+
+
+@dataclass(frozen=True, slots=True)
+class TileService:
+    """One service of tiles in the usual grid of web Mercator.
+
+    Attributes
+    ----------
+    name : str
+    url : str
+        With `{z}`, `{x}` and `{y}`, counted from the north.
+    attribution : str
+        Who is to be named wherever the image is shown.
+    max_zoom : int
+        Highest zoom that it has.
+    max_tiles : int or None
+        Most tiles for one image, where the service wants fewer than the settings allow.
+    """
+
+    name: str
+    url: str
+    attribution: str
+    max_zoom: int
+    max_tiles: int | None = None
+
+    @property
+    def origin(self) -> str:
+        """Scheme and host, as a content security policy names them."""
+        parts = urlsplit(self.url)
+        return f"{parts.scheme}://{parts.netloc}"
+
+    def address(self, *, z: int, x: int, y: int) -> str:
+        """Address of one tile."""
+        return self.url.replace("{z}", str(z)).replace("{x}", str(x)).replace("{y}", str(y))
+
+
+USUAL = (
+    TileService(
+        "OpenStreetMap",
+        "https://tile.openstreetmap.org/{z}/{x}/{y}.png",
+        "© OpenStreetMap contributors (ODbL)",
+        19,
+        max_tiles=64,
+    ),
+    TileService(
+        "Esri World Imagery",
+        "https://server.arcgisonline.com/ArcGIS/rest/services/World_Imagery/MapServer/tile/{z}/{y}/{x}",
+        "Esri, Vantor, Earthstar Geographics, and the GIS User Community",
+        19,
+        max_tiles=256,
+    ),
+    TileService(
+        "Czechia: orthophoto",
+        "https://ags.cuzk.gov.cz/arcgis1/rest/services/ORTOFOTO_WM/MapServer/tile/{z}/{y}/{x}",
+        "© ČÚZK (CC BY 4.0)",
+        20,
+    ),
+    TileService(
+        "Austria: orthophoto",
+        "https://mapsneu.wien.gv.at/basemap/bmaporthofoto30cm/normal/google3857/{z}/{y}/{x}.jpeg",
+        "basemap.at (CC BY 4.0)",
+        19,
+    ),
+    TileService(
+        "Switzerland: SWISSIMAGE",
+        "https://wmts.geo.admin.ch/1.0.0/ch.swisstopo.swissimage/default/current/3857/{z}/{x}/{y}.jpeg",
+        "© swisstopo",
+        20,
+    ),
+    TileService(
+        "France: BD ORTHO",
+        "https://data.geopf.fr/wmts?SERVICE=WMTS&REQUEST=GetTile&VERSION=1.0.0"
+        "&LAYER=ORTHOIMAGERY.ORTHOPHOTOS&STYLE=normal&FORMAT=image/jpeg&TILEMATRIXSET=PM"
+        "&TILEMATRIX={z}&TILEROW={y}&TILECOL={x}",
+        "© IGN (Licence Ouverte 2.0)",
+        19,
+    ),
+    TileService(
+        "USA: National Map imagery",
+        "https://basemap.nationalmap.gov/arcgis/rest/services/USGSImageryOnly/MapServer/tile/{z}/{y}/{x}",
+        "U.S. Geological Survey (public domain)",
+        16,
+    ),
+    TileService(
+        "World: Sentinel-2 cloudless 2016 (10 m)",
+        "https://tiles.maps.eox.at/wmts/1.0.0/s2cloudless_3857/default/g/{z}/{y}/{x}.jpg",
+        "Sentinel-2 cloudless by EOX IT Services GmbH, modified Copernicus Sentinel data 2016 (CC BY 4.0)",
+        14,
+    ),
+)
+"""Services that can be used without a key; who uses one keeps to its terms."""
+
+
+def tile_services(file: Path | None) -> tuple[TileService, ...]:
+    """Give the services that are offered, the first of them by default.
+
+    Parameters
+    ----------
+    file : Path or None
+        JSON: a list of objects with `name`, `url`, `attribution`, `max_zoom`, and perhaps `max_tiles`. None
+        for the usual ones.
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read, or is not such a list; it says where.
+    """
+    if file is None:
+        return USUAL
+    try:
+        content = json.loads(file.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"it cannot be read: {error}", where=str(file), hint=_HINT) from error
+    if not isinstance(content, list) or not content:
+        raise UsageError("it holds no list of services", where=str(file), hint=_HINT)
+    services = tuple(_service(item, where=f"{file}, service {n}") for n, item in enumerate(content, 1))
+    if len({service.name for service in services}) < len(services):
+        raise UsageError("two services have the same name", where=str(file), hint="rename one")
+    return services
+
+
+def named(services: tuple[TileService, ...], name: str) -> TileService:
+    """Find a service by its name.
+
+    Raises
+    ------
+    NotFound
+    """
+    found = next((service for service in services if service.name == name), None)
+    if found is None:
+        offered = ", ".join(service.name for service in services)
+        raise NotFound("there is no such tile service", where=name[:80], hint=f"choose one of: {offered}")
+    return found
+
+
+def _service(item: object, *, where: str) -> TileService:
+    if not isinstance(item, dict) or not set(item).issubset(_FIELDS):
+        raise UsageError(f"its fields are {', '.join(_FIELDS)}", where=where, hint=_HINT)
+    name, url, attribution = (item.get(field) for field in _FIELDS[:3])
+    max_zoom, max_tiles = item.get("max_zoom"), item.get("max_tiles")
+    texts = all(isinstance(text, str) and text.strip() for text in (name, url, attribution))
+    if not texts or not _is_whole(max_zoom, MAX_ZOOM) or not (max_tiles is None or _is_whole(max_tiles)):
+        raise UsageError("a field is missing or has no value that it can have", where=where, hint=_HINT)
+    parts = urlsplit(str(url))
+    if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{};, \"'"):
+        raise UsageError("its url is no web address", where=where, hint=_HINT)
+    if any(str(url).count(place) != 1 for place in ("{z}", "{x}", "{y}")):
+        raise UsageError("its url needs {z}, {x} and {y} once each", where=where, hint=_HINT)
+    return TileService(str(name), str(url), str(attribution), int(str(max_zoom)), max_tiles)
+
+
+def _is_whole(value: object, largest: int = 1_000_000) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= largest

@@ -1,0 +1,167 @@
+"""Fetches map tiles politely: few requests at a time, not too often, each tile once, and only so much."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import closing
+from pathlib import Path
+
+import requests
+from requests.adapters import HTTPAdapter
+from urllib3.util import Retry
+
+from webapp import __version__
+from webapp.core.geo.tilegrid import Tile
+from webapp.errors import InputError, StorageError
+from webapp.net.services import TileService
+from webapp.settings import TileSettings
+
+_USER_AGENT = f"experience-map/{__version__} (map tiles for one satellite image)"
+_MAX_BYTES = 4_000_000
+_CHUNK = 65536
+_TRIES = 4
+_TRY_AGAIN = (429, 500, 502, 503, 504)
+_NO_TILE = (204, 404, 410)
+_IMAGES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
+
+
+class TileFetcher:
+    """Tiles of one service, from its host or from the cache.
+
+    Parameters
+    ----------
+    service : TileService
+    cache : Path
+        Folder of all services' tiles; is made when missing.
+    settings : TileSettings
+    """
+
+    def __init__(self, service: TileService, *, cache: Path, settings: TileSettings) -> None:
+        self._service = service
+        self._folder = cache / hashlib.sha256(service.url.encode()).hexdigest()[:16]
+        self._settings = settings
+        self._pace = _Pace(settings.requests_per_second)
+        # tried again after 0.5, 1, 2 s, or when the server says
+        retry = Retry(_TRIES - 1, backoff_factor=0.5, status_forcelist=_TRY_AGAIN, raise_on_status=False)
+        self._session = requests.Session()
+        self._session.headers["User-Agent"] = _USER_AGENT
+        adapter = HTTPAdapter(pool_maxsize=settings.parallel, max_retries=retry)
+        self._session.mount("https://", adapter)
+        self._session.mount("http://", adapter)
+
+    def fetch(self, tiles: Iterable[Tile], *, zoom: int) -> Iterator[tuple[Tile, bytes | None]]:
+        """Fetch tiles, in the order in which they arrive.
+
+        Each one is in the cache before it is given, so that who stops here goes on here.
+
+        Parameters
+        ----------
+        tiles : iterable of Tile
+        zoom : int
+
+        Yields
+        ------
+        tuple of Tile and bytes
+            A PNG, JPEG or WebP file; None where the service has no tile.
+
+        Raises
+        ------
+        InputError
+            The service does not answer, refuses, or sends something else than an image.
+        StorageError
+            The cache cannot be written.
+        """
+        todo = iter(tiles)
+        with closing(self._session), ThreadPoolExecutor(self._settings.parallel) as pool:
+            running: dict[Future[bytes | None], Tile] = {}
+            try:
+                while True:
+                    while len(running) < 2 * self._settings.parallel and (tile := next(todo, None)):
+                        running[pool.submit(self._tile, zoom, tile)] = tile
+                    if not running:
+                        return
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        yield running.pop(future), future.result()
+            finally:
+                for future in running:
+                    future.cancel()
+
+    def _tile(self, zoom: int, tile: Tile) -> bytes | None:
+        cached = self._folder / f"{zoom}" / f"{tile.x}" / f"{tile.y}"
+        data = self._cached(cached)
+        if data is None:
+            self._pace.wait()
+            data = self._ask(self._service.address(z=zoom, x=tile.x, y=tile.y))
+            if data is not None:
+                _keep(cached, data)
+        return data
+
+    def _cached(self, path: Path) -> bytes | None:
+        try:
+            if time.time() - path.stat().st_mtime > self._settings.cache_days * 86400:
+                return None
+            return path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise StorageError(f"a tile cannot be read: {error.strerror}", where=str(path)) from error
+
+    def _ask(self, address: str) -> bytes | None:
+        """Ask the service for one tile; what it says besides images is never passed on."""
+        hint = "try again later, or choose another service"
+        try:
+            # a redirect could lead to a host that nobody has configured
+            with self._session.get(
+                address, timeout=self._settings.timeout_s, stream=True, allow_redirects=False
+            ) as answer:
+                if answer.status_code in _NO_TILE:
+                    return None
+                if answer.status_code != requests.codes.ok:
+                    message = f"{self._service.name} answered {answer.status_code}"
+                    raise InputError(message, where="tile service", hint=hint)
+                data = bytearray()
+                for chunk in answer.iter_content(_CHUNK):
+                    data += chunk
+                    if len(data) > _MAX_BYTES:
+                        break
+        except requests.RequestException as error:
+            message = f"{self._service.name} cannot be reached ({type(error).__name__})"
+            raise InputError(message, where="tile service", hint=hint) from error
+        if len(data) > _MAX_BYTES or not bytes(data[:8]).startswith(_IMAGES):
+            message = f"{self._service.name} sent something else than a tile"
+            raise InputError(message, where="tile service", hint=hint)
+        return bytes(data)
+
+
+class _Pace:
+    """Lets requests go one by one, so many a second, whichever thread makes them."""
+
+    def __init__(self, per_second: float) -> None:
+        self._lock = threading.Lock()
+        self._gap = 1.0 / per_second
+        self._next = 0.0
+
+    def wait(self) -> None:
+        with self._lock:
+            now = time.monotonic()
+            at = max(self._next, now)
+            self._next = at + self._gap
+        time.sleep(at - now)
+
+
+def _keep(path: Path, data: bytes) -> None:
+    """Put a tile into the cache, whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError as error:
+        raise StorageError(
+            f"a tile cannot be kept: {error.strerror}", where=str(path), hint="is the disk full?"
+        ) from error
