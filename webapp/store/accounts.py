@@ -1,0 +1,179 @@
+"""Accounts and the tokens of their programs."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from webapp.errors import Conflict, NotFound, UsageError
+from webapp.store.clock import now
+from webapp.store.schema import Account, ApiToken
+
+OWNER = "owner"
+"""Name of the account that a new library begins with."""
+
+_MAX_NAME = 60
+_TOKEN_PREFIX = "expmap_"  # so that scanners of leaked secrets can know it
+
+
+def ensure_owner(session: Session) -> Account:
+    """Give the first account that owns the library; a new library gets one."""
+    found = session.scalars(select(Account).where(Account.is_owner).order_by(Account.id)).first()
+    return found or create(session, OWNER, is_owner=True)
+
+
+def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
+    """Make an account, which nobody can sign in to before it has a link or a password.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    name : str
+    is_owner : bool
+        Of the whole library.
+
+    Raises
+    ------
+    UsageError
+        The name is empty or too long.
+    Conflict
+        Somebody has the name.
+    """
+    account = Account(name=_free_name(session, name), is_owner=is_owner)
+    session.add(account)
+    session.flush()
+    return account
+
+
+def rename(session: Session, account: Account, *, name: str) -> None:
+    """Give an account another name.
+
+    Raises
+    ------
+    UsageError, Conflict
+        As for a new account.
+    """
+    account.name = _free_name(session, name, own=account.id)
+
+
+def named(session: Session, name: str) -> Account:
+    """Find an account; capital letters do not matter.
+
+    Raises
+    ------
+    NotFound
+    """
+    found = _named(session, name)
+    if found is None:
+        raise NotFound("nobody has this name", where=name[:_MAX_NAME], hint="ask the owner of the library")
+    return found
+
+
+def listed(session: Session) -> list[Account]:
+    """List all accounts by name."""
+    return list(session.scalars(select(Account).order_by(Account.name)))
+
+
+def remove(session: Session, account: Account) -> None:
+    """Delete an account; its maps stay, and the owners of the library have them.
+
+    Raises
+    ------
+    UsageError
+        It is the last account that owns the library.
+    """
+    owners = session.scalars(select(func.count()).select_from(Account).where(Account.is_owner)).one()
+    if account.is_owner and owners == 1:
+        raise UsageError("a library needs an owner", hint="make another account the owner first")
+    session.delete(account)
+
+
+def end_sessions(account: Account) -> None:
+    """Sign an account out everywhere; tokens stay."""
+    account.epoch += 1
+
+
+def new_token(session: Session, account: Account, *, name: str) -> str:
+    """Make a token for a program.
+
+    Returns
+    -------
+    str
+        The token: it is kept nowhere, only its hash.
+
+    Raises
+    ------
+    UsageError
+        The name is empty or too long.
+    Conflict
+        The account has a token of that name.
+    """
+    name = _checked_name(name)
+    if any(token.name == name for token in tokens(session, account)):
+        raise Conflict("there is a token of this name already", where=name, hint="revoke it first")
+    token = _TOKEN_PREFIX + secrets.token_urlsafe(32)
+    session.add(ApiToken(account_id=account.id, name=name, token_hash=hashed(token)))
+    return token
+
+
+def tokens(session: Session, account: Account) -> list[ApiToken]:
+    """List the tokens of an account, the oldest first."""
+    found = select(ApiToken).where(ApiToken.account_id == account.id)
+    return list(session.scalars(found.order_by(ApiToken.id)))
+
+
+def by_token(session: Session, token: str) -> tuple[Account, ApiToken] | None:
+    """Find whose token this is; None for an unknown one."""
+    found = select(Account, ApiToken).join(ApiToken).where(ApiToken.token_hash == hashed(token))
+    row = session.execute(found).first()
+    return None if row is None else (row[0], row[1])
+
+
+def note_use(session: Session, token_id: int) -> None:
+    """Remember that a token was used now."""
+    token = session.get(ApiToken, token_id)
+    if token is not None:
+        token.used_at = now()
+
+
+def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
+    """Make a token worthless.
+
+    Raises
+    ------
+    NotFound
+        The account has no such token.
+    """
+    token = session.get(ApiToken, token_id)
+    if token is None or token.account_id != account.id:
+        raise NotFound("you have no such token", hint="reload the page")
+    session.delete(token)
+
+
+def hashed(secret: str) -> str:
+    """Hash what is too random to be guessed, so that a plain hash is enough."""
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+def _named(session: Session, name: str) -> Account | None:
+    wanted = " ".join(name.split()).casefold()
+    return next((a for a in session.scalars(select(Account)) if a.name.casefold() == wanted), None)
+
+
+def _free_name(session: Session, name: str, *, own: int | None = None) -> str:
+    tidy = _checked_name(name)
+    other = _named(session, tidy)
+    if other is not None and other.id != own:
+        raise Conflict("somebody has this name already", where=tidy, hint="choose another one")
+    return tidy
+
+
+def _checked_name(name: str) -> str:
+    tidy = " ".join(name.split())
+    if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
+        raise UsageError("this is no name", hint=f"give 1 to {_MAX_NAME} printable characters")
+    return tidy

@@ -1,0 +1,65 @@
+"""The web application: pages for people and an API for programs, over one library."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from functools import partial
+
+from apiflask import APIFlask
+from werkzeug.middleware.proxy_fix import ProxyFix
+
+from webapp import __version__
+from webapp.resources import resource_folder
+from webapp.settings import Settings
+from webapp.store.library import Library, open_library
+from webapp.web import errors, language, pages, security, sessions
+from webapp.web.blueprints import BLUEPRINTS
+from webapp.web.secretkey import secret_key
+from webapp.web.state import KEY, State
+
+
+def create_app(settings: Settings, *, library: Library | None = None) -> APIFlask:
+    """Make the application.
+
+    Parameters
+    ----------
+    settings : Settings
+    library : Library, optional
+        Opened already; else that of the settings is opened.
+
+    Returns
+    -------
+    APIFlask
+
+    Raises
+    ------
+    StorageError
+        The library cannot be opened.
+    """
+    library = library or open_library(settings.library)
+    app = APIFlask(
+        __name__,
+        title="Experience Map",
+        version=__version__,
+        spec_path="/api/v1/openapi.json",
+        docs_path=None,
+        json_errors=False,
+        static_folder=str(resource_folder("static")),
+        static_url_path="/static",
+        template_folder=str(resource_folder("templates")),
+    )
+    app.extensions[KEY] = State(library, settings)
+    app.config.update(
+        SECRET_KEY=secret_key(library.inner),
+        MAX_CONTENT_LENGTH=int(settings.web.max_request_mb * 1e6),
+        PERMANENT_SESSION_LIFETIME=timedelta(days=settings.web.session_days),
+    )
+    app.jinja_options = {"trim_blocks": True, "lstrip_blocks": True}
+    for part in (security, sessions, language, pages, errors):
+        part.init_app(app)
+    for blueprint in BLUEPRINTS:
+        app.register_blueprint(blueprint)
+    if settings.web.proxies:
+        trusted = partial(ProxyFix, x_for=settings.web.proxies, x_proto=settings.web.proxies)
+        app.wsgi_app = trusted(app.wsgi_app, x_host=settings.web.proxies)  # type: ignore[method-assign]
+    return app

@@ -1,0 +1,66 @@
+"""What a request works with: library, settings, who asks, and the map it is about."""
+
+from __future__ import annotations
+
+from webapp.errors import NotFound, NotSignedIn
+from webapp.store import maps
+from webapp.store.maps import Role
+from webapp.store.schema import Account, MapRecord
+from webapp.tasks import library_export
+from webapp.web import sessions
+from webapp.web.state import library, settings
+
+__all__ = ["account", "after_change", "library", "open_map", "settings"]
+
+
+def account() -> Account:
+    """Tell who asks.
+
+    Raises
+    ------
+    NotSignedIn
+        Nobody is: the API answers 401, a page leads to the sign-in.
+    """
+    found = sessions.signed_in()
+    if found is None:
+        raise NotSignedIn("you are not signed in", hint="sign in, or send a token: Authorization: Bearer ...")
+    return found
+
+
+def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRecord:
+    """Find a map that who asks may use in a role.
+
+    Parameters
+    ----------
+    slug : str
+    role : str
+        That is needed: `viewer`, `editor` or `owner`.
+    binned : bool
+        Whether a map in the bin counts.
+
+    Returns
+    -------
+    MapRecord
+        Of a session that is closed: for reading its fields.
+
+    Raises
+    ------
+    NotSignedIn, NotFound, NotAllowed
+    """
+    who = account()
+    with library().database.read() as session:
+        record = maps.find(session, slug, account=who, role=role)
+    if record.binned_at is not None and not binned:
+        raise NotFound("this map is in the bin", where=slug, hint="restore it from the bin first")
+    return record
+
+
+def after_change(record: MapRecord) -> None:
+    """Bring the files of a map to what was just written to the database.
+
+    Raises
+    ------
+    StorageError
+        The disk refused; the change itself is safe.
+    """
+    library_export.run(library(), record.id)

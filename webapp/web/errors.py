@@ -1,0 +1,161 @@
+"""How an error is told: the only place where one becomes a status, and the one shape of it in JSON.
+
+::
+
+    {"error": {"code": "not_found", "message": "...", "hint": "..." or null, "where": "..." or null}}
+"""
+
+from __future__ import annotations
+
+import re
+from http import HTTPStatus
+from typing import Any
+
+from apiflask.exceptions import HTTPError
+from flask import Flask, Response, jsonify, redirect, render_template, request, url_for
+from flask_babel import gettext as _
+from flask_limiter.errors import RateLimitExceeded
+from flask_wtf.csrf import CSRFError
+from werkzeug.exceptions import HTTPException
+from werkzeug.wrappers import Response as BaseResponse
+
+from webapp.errors import (
+    Cancelled,
+    Conflict,
+    ExpMapError,
+    IndexDamaged,
+    InputError,
+    MapError,
+    MissingPart,
+    NotAllowed,
+    NotFound,
+    NotSignedIn,
+    StorageError,
+    TooMany,
+    UsageError,
+)
+from webapp.web.sessions import is_api
+
+_TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
+    (UsageError, HTTPStatus.BAD_REQUEST),
+    (NotFound, HTTPStatus.NOT_FOUND),
+    (NotSignedIn, HTTPStatus.UNAUTHORIZED),
+    (NotAllowed, HTTPStatus.FORBIDDEN),
+    (TooMany, HTTPStatus.TOO_MANY_REQUESTS),
+    (Conflict, HTTPStatus.CONFLICT),
+    (MapError, HTTPStatus.UNPROCESSABLE_ENTITY),
+    (InputError, HTTPStatus.UNPROCESSABLE_ENTITY),
+    (Cancelled, HTTPStatus.CONFLICT),
+    (StorageError, HTTPStatus.INSUFFICIENT_STORAGE),
+    (IndexDamaged, HTTPStatus.SERVICE_UNAVAILABLE),
+    (MissingPart, HTTPStatus.SERVICE_UNAVAILABLE),
+)
+
+
+def status_of(error: ExpMapError) -> HTTPStatus:
+    """Tell the status of an error; who sent `If-Match` hears of a conflict by 412."""
+    if isinstance(error, Conflict) and "If-Match" in request.headers:
+        return HTTPStatus.PRECONDITION_FAILED
+    return next(
+        (status for kind, status in _TABLE if isinstance(error, kind)), HTTPStatus.INTERNAL_SERVER_ERROR
+    )
+
+
+def as_json(error: ExpMapError) -> dict[str, Any]:
+    """Give an error in the shape that all of the API uses, without the outer `error`."""
+    return _shape(_code(type(error).__name__), error.message, hint=error.hint, where=error.where)
+
+
+def init_app(app: Flask) -> None:
+    """Have every error answered in one way."""
+    app.register_error_handler(ExpMapError, _own)
+    app.register_error_handler(HTTPError, _of_apiflask)
+    app.register_error_handler(CSRFError, _csrf)
+    app.register_error_handler(RateLimitExceeded, _rate)
+    app.register_error_handler(HTTPException, _http)
+
+
+def _own(error: ExpMapError) -> BaseResponse:
+    if isinstance(error, NotSignedIn) and not is_api():
+        there = request.full_path.rstrip("?") if request.method == "GET" else None
+        return redirect(url_for("sign_in.form", next=there))
+    response = _answer(as_json(error), status_of(error))
+    if isinstance(error, NotSignedIn):
+        response.headers["WWW-Authenticate"] = "Bearer"
+    if isinstance(error, TooMany):
+        response.headers["Retry-After"] = str(error.wait_s)
+    return response
+
+
+def _of_apiflask(error: HTTPError) -> Response:
+    """Answer what does not fit the schema of a request: the first thing that is wrong with it."""
+    where, message = _first(error.detail)
+    status = HTTPStatus(error.status_code)
+    told = message or error.message or status.phrase.lower()
+    return _answer(_shape(_code(status.phrase), told, where=where), status)
+
+
+def _first(detail: Any, path: tuple[str, ...] = ()) -> tuple[str | None, str | None]:
+    """Find the first message in what marshmallow says, and the field that it is about."""
+    if isinstance(detail, dict) and detail:
+        key, inner = next(iter(detail.items()))
+        return _first(inner, (*path, str(key)))
+    if isinstance(detail, list) and detail:
+        return _first(detail[0], path)
+    return (".".join(path) or None, detail) if isinstance(detail, str) else (None, None)
+
+
+def _csrf(_error: CSRFError) -> Response:
+    told = _shape("csrf", _("this page is too old to be sent"), hint=_("reload the page and try again"))
+    return _answer(told, HTTPStatus.BAD_REQUEST)
+
+
+def _rate(error: RateLimitExceeded) -> Response:
+    told = _shape("too_many", _("too many requests in a short time"), hint=_("wait a minute"))
+    response = _answer(told, HTTPStatus.TOO_MANY_REQUESTS)
+    response.headers["Retry-After"] = str(error.limit.limit.get_expiry())
+    return response
+
+
+def _http(error: HTTPException) -> BaseResponse:
+    """Answer what Flask refuses; an unexpected exception is one of these, and is in the log by now."""
+    if error.response is not None or (error.code or 500) < 400:
+        return Response.force_type(error.get_response(), request.environ)
+    status = HTTPStatus(error.code or 500)
+    response = _answer(_in_words(status), status)
+    for name, value in error.get_headers(request.environ):
+        if name in ("Allow", "Retry-After"):
+            response.headers[name] = value
+    return response
+
+
+def _in_words(status: HTTPStatus) -> dict[str, Any]:
+    """Say what a status means that Flask itself answers with."""
+    words: dict[int, tuple[str, str | None]] = {
+        400: (_("the request is not well-formed"), _("reload the page and try again")),
+        404: (_("there is no such page"), _("go to the list of maps")),
+        405: (_("this cannot be done here"), None),
+        413: (_("this is too large"), _("send a smaller file")),
+        415: (_("the request is of the wrong type"), None),
+        500: (_("something went wrong on the server"), _("try again; the details are in the server's log")),
+    }
+    message, hint = words.get(status.value, (status.phrase.lower(), None))
+    return _shape(_code(status.phrase), message, hint=hint)
+
+
+def _code(name: str) -> str:
+    """Turn a name of a class or of a status into the code of an error."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|\W+", "_", name).lower()
+
+
+def _shape(code: str, message: str, *, hint: str | None = None, where: str | None = None) -> dict[str, Any]:
+    return {"code": code, "message": message, "hint": hint, "where": where}
+
+
+def _answer(told: dict[str, Any], status: HTTPStatus) -> Response:
+    if is_api():
+        response = jsonify(error=told)
+    else:
+        response = Response(render_template("errors/error.html", error=told, status=status.value))
+    response.status_code = status.value
+    return response

@@ -1,0 +1,112 @@
+"""What every answer and every request goes through: headers, cookies, CSRF, rate limits."""
+
+from __future__ import annotations
+
+from flask import Flask, Response, g, has_request_context, request, session
+from flask.sessions import SecureCookieSessionInterface
+from flask_limiter import Limiter
+from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
+
+from webapp.web import access
+from webapp.web.sessions import bearer, is_api
+from webapp.web.state import settings
+
+_PAGE_FORM_BYTES = 1_000_000
+"""Forms of pages are small; files go to the API."""
+
+_SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "same-origin",
+    "Permissions-Policy": "camera=(self), geolocation=(self), microphone=(), payment=(), usb=()",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+
+_csrf = CSRFProtect()
+
+
+def allow_images(*origins: str) -> None:
+    """Let the page of this request load images from elsewhere too: the tiles of a slippy map.
+
+    Parameters
+    ----------
+    *origins : str
+        `https://host` each, from the settings and never from a client.
+    """
+    g.image_origins = (*g.get("image_origins", ()), *origins)
+
+
+def init_app(app: Flask) -> None:
+    """Have every request checked and every answer protected."""
+    app.config.update(
+        SESSION_COOKIE_NAME="expmap",
+        SESSION_COOKIE_HTTPONLY=True,
+        SESSION_COOKIE_SAMESITE="Lax",
+        WTF_CSRF_CHECK_DEFAULT=False,  # done here, before the body is read
+        WTF_CSRF_TIME_LIMIT=None,  # as long as the session: pages stay open for days
+    )
+    app.session_interface = _Sessions()
+    _limit(app)
+    access.init_app(app)
+    _csrf.init_app(app)
+    app.before_request(_protect)
+    app.after_request(_add_headers)
+
+
+class _Sessions(SecureCookieSessionInterface):
+    def get_cookie_secure(self, app: Flask) -> bool:
+        """Keep the cookie to https where the page came by it."""
+        return has_request_context() and request.is_secure
+
+
+def _limit(app: Flask) -> None:
+    limiter = Limiter(_who, app=app, storage_uri="memory://", application_limits=[_requests_per_minute])
+    limiter.request_filter(lambda: not is_api())
+
+
+def _requests_per_minute() -> str:
+    return f"{settings().web.requests_per_minute} per minute"
+
+
+def _who() -> str:
+    """Count by account, which the signed session names, or else by address."""
+    return str(session.get("_user_id") or request.remote_addr)
+
+
+def _protect() -> None:
+    """Refuse what another site made a browser send."""
+    if request.method in _SAFE or bearer() is not None:
+        return
+    if not is_api():
+        request.max_content_length = _PAGE_FORM_BYTES
+        _csrf.protect()
+        return
+    try:
+        validate_csrf(request.headers.get("X-CSRFToken"))
+    except ValueError as error:
+        raise CSRFError(str(error)) from error
+
+
+def _add_headers(response: Response) -> Response:
+    for name, value in _HEADERS.items():
+        response.headers.setdefault(name, value)
+    response.headers.setdefault("Content-Security-Policy", _policy())
+    if request.endpoint != "static":
+        response.headers.setdefault("Cache-Control", "private, no-cache")
+    return response
+
+
+def _policy() -> str:
+    images = " ".join(("'self'", "data:", "blob:", *g.get("image_origins", ())))
+    rules = (
+        "default-src 'self'",
+        f"img-src {images}",
+        "media-src 'self' blob:",
+        "object-src 'none'",
+        "frame-ancestors 'none'",
+        "base-uri 'none'",
+        "form-action 'self'",
+    )
+    return "; ".join(rules)
