@@ -62,30 +62,47 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
         It cannot be read, does not hold six numbers, has no plausible coordinate system, or shows the Earth
         mirrored.
     """
-    a, d, b, e, c, f = _six_numbers(path)
+    text = read_text(path, error=GeoreferenceError)
+    return parse_worldfile(text, where=str(path), width=width, height=height, crs=crs or _beside(path))
+
+
+def parse_worldfile(text: str, *, where: str, width: int, height: int, crs: str | None = None) -> Fit:
+    """Read the content of a world file; see `read_worldfile`.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        Name of the file, for errors.
+    width, height : int
+        Of the image, pixels.
+    crs : str, optional
+        Default: EPSG:4326, if the numbers can be that.
+    """
+    a, d, b, e, c, f = _six_numbers(text, where)
     centres = np.array([[a, b, c], [d, e, f], [0.0, 0.0, 1.0]])
     matrix = homography_for_corners(centres)
-    plane = crs_name(crs) if crs else _beside(path)
+    plane = crs_name(crs) if crs else None
     if plane is None:
-        _check_degrees(matrix, path, width=width, height=height)
+        _check_degrees(matrix, where, width=width, height=height)
         plane = WGS84
     try:
         georeference = Georeference(plane, tuple(float(v) for v in matrix.ravel()), "worldfile")
         check_on_image(georeference, width=width, height=height)
     except GeoreferenceError as error:
-        raise GeoreferenceError(error.message, where=str(path), hint=error.hint or _HINT) from error
+        raise GeoreferenceError(error.message, where=where, hint=error.hint or _HINT) from error
     return Fit(georeference)
 
 
-def _six_numbers(path: Path) -> list[float]:
-    lines = read_text(path, error=GeoreferenceError).split()
+def _six_numbers(text: str, where: str) -> list[float]:
+    lines = text.split()
     try:
         # some programs of some countries write decimal commas here
         numbers = [float(line.replace(",", ".")) for line in lines]
     except ValueError as error:
-        raise GeoreferenceError("a line is not a number", where=str(path), hint=_HINT) from error
+        raise GeoreferenceError("a line is not a number", where=where, hint=_HINT) from error
     if len(numbers) != 6 or not all(math.isfinite(n) for n in numbers):
-        raise GeoreferenceError(f"it holds {len(numbers)} numbers, not 6", where=str(path), hint=_HINT)
+        raise GeoreferenceError(f"it holds {len(numbers)} numbers, not 6", where=where, hint=_HINT)
     return numbers
 
 
@@ -100,12 +117,12 @@ def _beside(path: Path) -> str | None:
     return None
 
 
-def _check_degrees(matrix: np.ndarray, path: Path, *, width: int, height: int) -> None:
+def _check_degrees(matrix: np.ndarray, where: str, *, width: int, height: int) -> None:
     corners = np.array([(0, 0, 1), (width, 0, 1), (width, height, 1), (0, height, 1)], dtype=np.float64)
     x, y = (corners @ matrix.T)[:, :2].T
     if (np.abs(x) > 180.0).any() or (np.abs(y) > 90.0).any():
         raise GeoreferenceError(
             "its numbers are not degrees of longitude and latitude",
-            where=str(path),
+            where=where,
             hint="give the coordinate system, such as --crs EPSG:32633",
         )

@@ -1,0 +1,223 @@
+"""Reads large images strip by strip, as 8-bit colours, whatever they hold: their size costs no memory."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+import rasterio
+from numpy.typing import NDArray
+from rasterio.enums import MaskFlags
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.io import DatasetReader
+from rasterio.windows import Window
+
+from webapp.errors import PhotoError
+from webapp.settings import SatelliteLimits
+
+Kind = Literal["PNG", "JPEG", "GTiff"]
+Pixels = NDArray[np.uint8]
+
+STRIP_ROWS = 256
+_MAGIC: tuple[tuple[bytes, Kind], ...] = (
+    (b"\x89PNG\r\n\x1a\n", "PNG"),
+    (b"\xff\xd8\xff", "JPEG"),
+    (b"II*\x00", "GTiff"),
+    (b"MM\x00*", "GTiff"),
+    (b"II+\x00", "GTiff"),
+    (b"MM\x00+", "GTiff"),
+)
+_ALONE = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_PAM_ENABLED": "NO",
+    "PROJ_NETWORK": "OFF",
+    "GDAL_ERROR_ON_LIBJPEG_WARNING": "YES",
+    "GDAL_CACHEMAX": 64,
+}
+"""Only the file itself is read; a JPEG that is cut off is an error; blocks are cached in 64 MB."""
+_MAX_BLOCK_BYTES = 600_000_000
+_SAMPLE_PX = 1000
+
+
+class Raster:
+    """An opened image. Made by `opened_raster`.
+
+    Attributes
+    ----------
+    kind : {"PNG", "JPEG", "GTiff"}
+        By content.
+    width, height : int
+        Pixels, as stored.
+    """
+
+    def __init__(self, dataset: DatasetReader, kind: Kind) -> None:
+        self.kind = kind
+        self.width, self.height = int(dataset.width), int(dataset.height)
+        self._dataset = dataset
+        colours = dataset.count >= 3
+        self._bands = [1, 2, 3] if colours else [1]
+        # 0 or 1 band with a palette; its fourth column is opacity
+        self._palette = None if colours else _palette(dataset)
+        self._masked = MaskFlags.all_valid not in dataset.mask_flag_enums[0]
+        self._range = None if dataset.dtypes[0] == "uint8" else _range(dataset, self._bands, kind)
+
+    @property
+    def lossy(self) -> bool:
+        """Whether its pixels have been through JPEG."""
+        compression = self._dataset.compression
+        return self.kind == "JPEG" or (compression is not None and compression.name == "jpeg")
+
+    def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
+        """Give the image from top to bottom.
+
+        Parameters
+        ----------
+        rows : int
+            Of each strip; the last one has what is left.
+
+        Yields
+        ------
+        (n, width, 3) uint8
+            Red, green, blue; what is transparent or without data is white.
+        """
+        for top in range(0, self.height, rows):
+            yield self._colours(Window(0, top, self.width, min(rows, self.height - top)))
+
+    def _colours(self, window: Window) -> Pixels:
+        values = self._dataset.read(self._bands, window=window)
+        if self._range is not None:
+            low, high = self._range
+            scaled = (np.nan_to_num(values.astype(np.float32), nan=low) - low) * (255.0 / (high - low))
+            values = np.clip(scaled, 0.0, 255.0).astype(np.uint8)
+        if self._palette is not None:
+            rgb = self._palette[values[0]]
+        elif len(values) == 1:
+            rgb = np.repeat(values[0][:, :, None], 3, axis=2)
+        else:
+            rgb = np.ascontiguousarray(values.transpose(1, 2, 0))
+        if self._masked:
+            opacity = self._dataset.dataset_mask(window=window).astype(np.uint16)[:, :, None]
+            rgb = ((rgb * opacity + 255 * (255 - opacity) + 127) // 255).astype(np.uint8)
+        return np.asarray(rgb, dtype=np.uint8)
+
+
+@contextmanager
+def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
+    """Open a PNG, JPEG or TIFF image; its name plays no part.
+
+    Whatever damage shows while it is open, also in the caller's block, becomes a `PhotoError`.
+
+    Parameters
+    ----------
+    path : Path
+    limits : SatelliteLimits
+        Checked before anything is decoded.
+
+    Yields
+    ------
+    Raster
+
+    Raises
+    ------
+    PhotoError
+        Missing, of another format, damaged, cut off, or larger than the limits.
+    """
+    kind = _kind(path, limits)
+    with rasterio.Env(**_ALONE), warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        try:
+            with rasterio.open(path, driver=kind) as dataset:
+                _check_size(dataset, limits)
+                yield Raster(dataset, kind)
+        except RasterioError as error:
+            raise PhotoError(
+                f"the image is damaged, cut off or of an unusual kind: {error.__cause__ or error}",
+                hint="open it in an image editor and save it again as PNG",
+            ) from error
+
+
+def reduced(raster: Raster, max_side: int) -> Pixels:
+    """Make a small copy by means over squares of pixels, reading the whole image once.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+        Red, green, blue; the longer side has at most `max_side` pixels.
+    """
+    factor = math.ceil(max(raster.width, raster.height) / max_side)
+    width = math.ceil(raster.width / factor)
+    parts = [
+        cv2.resize(strip, (width, math.ceil(len(strip) / factor)), interpolation=cv2.INTER_AREA)
+        for strip in raster.strips(factor * math.ceil(STRIP_ROWS / factor))
+    ]
+    return np.asarray(np.concatenate(parts), dtype=np.uint8)
+
+
+def _kind(path: Path, limits: SatelliteLimits) -> Kind:
+    try:
+        with path.open("rb") as file:
+            head = file.read(8)
+        size = path.stat().st_size
+    except OSError as error:
+        raise PhotoError(f"the image cannot be read: {error.strerror}") from error
+    if size == 0:
+        raise PhotoError("the file is empty", hint="copy it again")
+    if size > limits.max_mb * 1e6:
+        raise PhotoError(
+            f"the image has {size / 1e6:.0f} MB, more than the limit of {limits.max_mb:g}",
+            hint="scale it down, or cut out the area of the map",
+        )
+    kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), None)
+    if kind is None:
+        raise PhotoError("this is no PNG, JPEG or TIFF image", hint="save it as one of these")
+    return kind
+
+
+def _check_size(dataset: DatasetReader, limits: SatelliteLimits) -> None:
+    megapixels = dataset.width * dataset.height / 1e6
+    if megapixels > limits.max_megapixels:
+        raise PhotoError(
+            f"the image has {megapixels:.0f} megapixels, more than the limit of {limits.max_megapixels:g}",
+            hint="scale it down, or cut out the area of the map",
+        )
+    if dataset.dtypes[0].startswith("complex"):
+        raise PhotoError("the image holds complex numbers", hint="save it as PNG")
+    rows, columns = dataset.block_shapes[0]
+    block = rows * columns * dataset.count * np.dtype(dataset.dtypes[0]).itemsize
+    if block > _MAX_BLOCK_BYTES:
+        raise PhotoError(
+            "the TIFF is too large to be read in one piece, and has no smaller ones",
+            hint="save it with tiles (gdal_translate -co TILED=YES)",
+        )
+
+
+def _palette(dataset: DatasetReader) -> Pixels | None:
+    try:
+        colours = dataset.colormap(1)
+    except ValueError:  # so it says that there is none
+        return None
+    table = np.zeros((256, 3), np.uint8)
+    for index, rgba in colours.items():
+        if 0 <= index < 256:
+            table[index] = rgba[:3]
+    return table
+
+
+def _range(dataset: DatasetReader, bands: list[int], kind: Kind) -> tuple[float, float]:
+    """Choose which values become black and white: a PNG's own, else those of nearly all pixels."""
+    if kind == "PNG":
+        return 0.0, 65535.0
+    factor = max(1, math.ceil(max(dataset.width, dataset.height) / _SAMPLE_PX))
+    shape = (len(bands), math.ceil(dataset.height / factor), math.ceil(dataset.width / factor))
+    values = dataset.read(bands, out_shape=shape, masked=True).astype(np.float64)
+    finite = values.compressed()[np.isfinite(values.compressed())]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = (float(v) for v in np.percentile(finite, [1.0, 99.0]))
+    return low, high if high > low else low + 1.0
