@@ -1,6 +1,6 @@
 """Finds a browser for the tests of the pages, and installs Debian's chromium where there is none.
 
-    python tests/browser/ensure_browser.py
+python tests/browser/ensure_browser.py
 """
 
 import os

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from playwright.sync_api import BrowserContext, ConsoleMessage, Page, Response, Route
 
 REPORT_VIOLATIONS = """
-addEventListener("securitypolicyviolation", (event) =>
-  console.error(`CSP: ${event.violatedDirective} ${event.blockedURI} ${event.sourceFile}:${event.lineNumber}`));
+addEventListener("securitypolicyviolation", ({violatedDirective, blockedURI, sourceFile, lineNumber}) =>
+  console.error(`policy: ${violatedDirective} ${blockedURI} ${sourceFile}:${lineNumber}`));
 """
 STATUS = re.compile(r"Failed to load resource: the server responded with a status of (\d+)")
 
