@@ -9,7 +9,7 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
-from webapp.errors import StorageError
+from webapp.errors import DiskFull, StorageError
 
 _HINTS = {
     errno.ENOSPC: "free some space on the disk",
@@ -22,6 +22,8 @@ _HINTS = {
     errno.EISDIR: "a folder has this name: choose another one",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
+
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -57,10 +59,14 @@ def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
             temporary.unlink(missing_ok=True)
         sync_folder(path.parent)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise StorageError(
-            f"the file cannot be written: {reason}", where=str(path), hint=_HINTS.get(error.errno or 0)
-        ) from error
+        raise storage_error(error, where=str(path)) from error
+
+
+def storage_error(error: OSError, *, where: str) -> StorageError:
+    """Turn what the system says about a file that it did not write into an error of ours."""
+    kind = DiskFull if error.errno in _FULL else StorageError
+    reason = error.strerror or str(error)
+    return kind(f"the file cannot be written: {reason}", where=where, hint=_HINTS.get(error.errno or 0))
 
 
 def _write_through(path: Path, parts: Iterable[bytes | memoryview]) -> None:

@@ -51,6 +51,10 @@ class NoGps:
         return False
 
 
+ABSENT = NoGps("it has no GPS position")
+"""There is nothing about a position."""
+
+
 @dataclass(frozen=True, slots=True)
 class Heading:
     """Where the camera looked: degrees clockwise from true (`T`) or magnetic (`M`) north; None: not told."""
@@ -62,7 +66,7 @@ class Heading:
 def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
     """Read the position from the tags of the GPS IFD."""
     if not any(tag in tags for tag in (_LAT, _LON, _LAT_REF, _LON_REF)):
-        return NoGps("it has no GPS position")
+        return ABSENT
     if text(tags.get(_STATUS)).upper() == "V":
         return NoGps("its GPS had no fix (status V)")
     lat = _degrees(tags.get(_LAT), "latitude")

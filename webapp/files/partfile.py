@@ -1,0 +1,207 @@
+"""The bytes of an upload, piece by piece, and the finished file on its way to its place."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from filelock import FileLock, Timeout
+
+from webapp.errors import Conflict, DiskFull, ExpMapError, InputError
+from webapp.files.atomic import storage_error, sync_folder
+
+_BLOCK = 1 << 20
+_WAIT_S = 30
+
+
+class WrongOffset(Conflict):
+    """A piece that does not fit to what has arrived.
+
+    Attributes
+    ----------
+    offset : int
+        Bytes that have arrived: where to go on.
+    """
+
+    def __init__(self, message: str, *, offset: int, where: str | None = None) -> None:
+        super().__init__(message, where=where, hint=f"go on at byte {offset}")
+        self.offset = offset
+
+
+@contextmanager
+def one_at_a_time(part: Path) -> Iterator[None]:
+    """Let one process or thread at a time work on the bytes of an upload.
+
+    Uploads share a few locks by the beginning of their names: a lock that nobody deletes cannot be missed.
+
+    Raises
+    ------
+    Conflict
+        Somebody else has been at it for long.
+    """
+    try:
+        with FileLock(part.with_name(f"{part.name[:2]}.lock"), timeout=_WAIT_S):
+            yield
+    except Timeout as error:
+        raise Conflict("this upload is busy", hint="try again in a moment") from error
+
+
+def arrived(part: Path) -> int:
+    """Count the bytes of an upload that are on the disk."""
+    try:
+        return part.stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
+def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
+    """Add a piece; when this returns, it is on the disk.
+
+    Parameters
+    ----------
+    part : Path
+        Is made with the first piece.
+    data : bytes
+    offset : int
+        Where the sender believes the piece belongs.
+    size : int
+        Bytes of the whole file.
+
+    Returns
+    -------
+    int
+        Bytes that have arrived now.
+
+    Raises
+    ------
+    WrongOffset
+        Another number of bytes has arrived; nothing was changed.
+    InputError
+        The piece is larger than what is missing.
+    DiskFull, StorageError
+        The piece was not kept.
+    """
+    there = arrived(part)
+    if offset != there:
+        raise WrongOffset(f"{there} bytes have arrived, and the piece begins at {offset}", offset=there)
+    if there + len(data) > size:
+        raise InputError(
+            f"the piece ends behind the {size} bytes of the file", hint="send the size of the file first"
+        )
+    with _on_disk(part):
+        try:
+            with part.open("ab") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:
+            if part.exists():
+                os.truncate(part, there)
+            raise
+    return there + len(data)
+
+
+def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
+    """Write a stream to a new file; when this returns, it is on the disk.
+
+    Parameters
+    ----------
+    part : Path
+        New.
+    stream : binary file
+    max_bytes : int
+
+    Returns
+    -------
+    int
+        Bytes.
+
+    Raises
+    ------
+    InputError
+        There are more of them; nothing was kept.
+    DiskFull, StorageError
+        Nothing was kept.
+    """
+    written = 0
+    try:
+        with _on_disk(part), part.open("xb") as file:
+            while block := stream.read(_BLOCK):
+                written += len(block)
+                if written > max_bytes:
+                    raise InputError(f"the file has more than {max_bytes / 1e6:g} MB", hint="scale it down")
+                file.write(block)
+            file.flush()
+            os.fsync(file.fileno())
+    except ExpMapError:
+        discard(part)
+        raise
+    return written
+
+
+def move_in(source: Path, target: Path) -> None:
+    """Give a complete file its place, so that it stays there even when the machine stops at once.
+
+    Parameters
+    ----------
+    source : Path
+        On the same disk.
+    target : Path
+        Its folder is made when missing.
+
+    Raises
+    ------
+    DiskFull, StorageError
+        The file is still at `source`.
+    """
+    with _on_disk(target):
+        with source.open("rb+") as file:
+            os.fsync(file.fileno())
+        if not target.parent.is_dir():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            sync_folder(target.parent.parent)
+        source.replace(target)
+        sync_folder(target.parent)
+
+
+def discard(part: Path) -> None:
+    """Delete what has arrived of an upload."""
+    part.unlink(missing_ok=True)
+
+
+def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
+    """Refuse a file that the disk has no room for.
+
+    Raises
+    ------
+    DiskFull
+    """
+    free = shutil.disk_usage(folder).free
+    if free - size < reserve_mb * 1e6:
+        raise DiskFull(
+            f"the file has {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left",
+            hint="free some space on the disk of the library",
+        )
+
+
+@contextmanager
+def told_as(name: str, path: Path) -> Iterator[None]:
+    """Let errors name a file as its sender does, not as it is called here."""
+    try:
+        yield
+    except ExpMapError as error:
+        error.message = error.message.replace(str(path), name)
+        error.where = error.where.replace(str(path), name) if error.where else name
+        raise
+
+
+@contextmanager
+def _on_disk(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise storage_error(error, where=path.name) from error

@@ -1,0 +1,90 @@
+"""Files on their way in: their records. What has arrived of them is in the uploads folder."""
+
+from __future__ import annotations
+
+import secrets
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotFound
+from webapp.store.schema import Upload
+
+
+def begin(
+    session: Session, *, map_id: int, account_id: int, name: str, size_bytes: int, fingerprint: str
+) -> Upload:
+    """Begin an upload, or find the one that the account has begun with the same fingerprint.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    map_id, account_id : int
+    name : str
+        As the sender calls the file.
+    size_bytes : int
+        Of the whole file.
+    fingerprint : str
+        By which the sender finds it again: from name, size and time of the file.
+
+    Returns
+    -------
+    Upload
+    """
+    same = select(Upload).where(
+        Upload.map_id == map_id, Upload.account_id == account_id, Upload.fingerprint == fingerprint
+    )
+    there = session.scalars(same).first()
+    if there is not None and there.size_bytes == size_bytes:
+        return there
+    if there is not None:
+        session.delete(there)
+        session.flush()
+    upload = Upload(
+        id=secrets.token_hex(16),
+        map_id=map_id,
+        account_id=account_id,
+        fingerprint=fingerprint,
+        name=name,
+        size_bytes=size_bytes,
+    )
+    session.add(upload)
+    session.flush()
+    return upload
+
+
+def find(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
+    """Find an upload of an account.
+
+    Raises
+    ------
+    NotFound
+    """
+    upload = session.get(Upload, id)
+    if upload is None or (upload.map_id, upload.account_id) != (map_id, account_id):
+        raise NotFound("there is no such upload: it is finished, or was given up", hint="begin it again")
+    return upload
+
+
+def finish(session: Session, id: str) -> None:
+    """Delete the record of an upload that is in, refused or given up; one that is gone already is fine."""
+    upload = session.get(Upload, id)
+    if upload is not None:
+        session.delete(upload)
+
+
+def count_open(session: Session, *, account_id: int) -> int:
+    """Count the uploads that an account has begun and not finished."""
+    return session.scalar(select(func.count()).where(Upload.account_id == account_id)) or 0
+
+
+def begun_before(session: Session, moment: datetime) -> list[Upload]:
+    """List the uploads that were begun before a moment."""
+    return list(session.scalars(select(Upload).where(Upload.created_at < moment)))
+
+
+def known_ids(session: Session) -> set[str]:
+    """Give the ids of all uploads."""
+    return set(session.scalars(select(Upload.id)))
