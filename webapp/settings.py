@@ -83,6 +83,37 @@ class WebSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class ServeSettings:
+    """The processes that answer requests."""
+
+    workers: int = 3
+    """Processes; the option `--workers` goes before it."""
+
+    threads: int = 8
+    """Requests at once in each of them."""
+
+    stop_s: float = 5.0
+    """Requests under way have so many seconds to end when the server stops."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobSettings:
+    """Long work in the background."""
+
+    lease_s: float = 12.0
+    """After so many seconds without a sign of life of its worker, another one takes a job over."""
+
+    attempts: int = 5
+    """After so many workers that died on it, a job has failed."""
+
+    stop_s: float = 4.0
+    """A job has so many seconds to come to a good place when its worker has to stop."""
+
+    sweep_s: float = 5.0
+    """Seconds between two looks for maps whose files are older than their records, and the like."""
+
+
+@dataclass(frozen=True, slots=True)
 class SatelliteLimits:
     """What a satellite image may cost before it is refused."""
 
@@ -121,6 +152,8 @@ class Settings:
     upload: UploadLimits = field(default_factory=UploadLimits)
     extract: ExtractSettings = field(default_factory=ExtractSettings)
     web: WebSettings = field(default_factory=WebSettings)
+    serve: ServeSettings = field(default_factory=ServeSettings)
+    jobs: JobSettings = field(default_factory=JobSettings)
     satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
     tiles: TileSettings = field(default_factory=TileSettings)
     library: Path = Path("maps")
@@ -161,3 +194,12 @@ def let_threads_sleep() -> None:
     as long. Who set `OMP_WAIT_POLICY` is not overruled.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+
+def environment_for(native_threads: int) -> dict[str, str]:
+    """Make the environment of a child process whose native libraries start only so many threads.
+
+    They read these variables when they are loaded. What the user has set is not overruled.
+    """
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    return {name: str(native_threads) for name in names} | dict(os.environ)

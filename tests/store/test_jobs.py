@@ -1,0 +1,268 @@
+"""Jobs: the queue, leases and fencing numbers, and what pages are told."""
+
+import threading
+from datetime import timedelta
+
+import pytest
+
+from webapp.errors import Conflict, NotFound
+from webapp.store import clock, jobs
+from webapp.store.jobs import Lease, Limits
+from webapp.store.schema import Job
+
+LIMITS = Limits(seconds=10.0, attempts=3)
+ERROR = {"message": "no", "where": None, "hint": None}
+
+
+@pytest.fixture
+def at(monkeypatch):
+    """Set the clock of the jobs; gives a function that lets seconds pass."""
+    time = [clock.now()]
+    monkeypatch.setattr(jobs, "now", lambda: time[0])
+
+    def later(seconds):
+        time[0] += timedelta(seconds=seconds)
+
+    return later
+
+
+@pytest.fixture
+def do(library):
+    """Call a function of `jobs` in a session of its own."""
+
+    def call(function, *arguments, **named):
+        with library.database.write() as session:
+            return function(session, *arguments, **named)
+
+    return call
+
+
+@pytest.fixture
+def take(do):
+    """Take the next job; gives its lease."""
+
+    def call(who="a", **named):
+        job = do(jobs.lease, who, limits=LIMITS, **named)
+        return job and Lease(job.id, job.fence)
+
+    return call
+
+
+@pytest.fixture
+def park(new_account, new_map):
+    return new_map(new_account("ana"))
+
+
+@pytest.fixture
+def seen(do):
+    """The job as pages get it."""
+    return lambda id: do(lambda session: jobs.to_json(session, jobs.find(session, id)))
+
+
+def test_two_waiting_jobs_of_one_kind_are_one(do, take, park):
+    first = do(jobs.enqueue, "index", map_id=park, key="x")
+    assert do(jobs.enqueue, "index", map_id=park, key="x").id == first.id
+    others = [
+        do(jobs.enqueue, "index", map_id=park, key="y").id,
+        do(jobs.enqueue, "export", map_id=park, key="x").id,
+        do(jobs.enqueue, "index", key="x").id,
+    ]
+    assert len({first.id, *others}) == 4
+    assert do(jobs.enqueue, "index", key="x").id == others[-1]
+    assert take().job_id == first.id
+    # What runs may have begun before the last change: another one has to wait.
+    assert do(jobs.enqueue, "index", map_id=park, key="x").id not in {first.id, *others}
+
+
+def test_who_is_slower_finds_the_job_of_who_was_quicker(library, do, park, monkeypatch):
+    first = do(jobs.enqueue, "index", map_id=park)
+    real, looks = jobs._waiting, []
+
+    def blind_at_first(*arguments, **named):
+        looks.append(1)
+        return None if len(looks) == 1 else real(*arguments, **named)
+
+    monkeypatch.setattr(jobs, "_waiting", blind_at_first)
+    assert do(jobs.enqueue, "index", map_id=park).id == first.id
+
+
+def test_the_oldest_comes_first_and_jobs_of_one_map_take_turns(do, take, park, new_map, new_account):
+    lake = new_map(new_account("ben"), name="Lake")
+    ids = [do(jobs.enqueue, kind, map_id=m).id for kind, m in (("a", park), ("b", park), ("a", lake))]
+    first = take()
+    assert first.job_id == ids[0]
+    assert take().job_id == ids[2]
+    assert take() is None
+    assert do(jobs.finish, first)
+    assert take().job_id == ids[1]
+
+
+def test_each_job_is_given_to_one_of_many(library, do):
+    ids = {do(jobs.enqueue, "x", key=str(n)).id for n in range(12)}
+    taken = []
+
+    def work(who):
+        while True:
+            with library.database.write() as session:
+                job = jobs.lease(session, who, limits=LIMITS)
+                if job is None:
+                    return
+                taken.append(job.id)
+
+    threads = [threading.Thread(target=work, args=(str(n),)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(taken) == sorted(ids)
+
+
+def test_a_lease_that_is_renewed_lasts(do, take, at):
+    do(jobs.enqueue, "x")
+    held = take()
+    for _ in range(3):
+        at(8)
+        assert take("b") is None
+        assert do(jobs.beat, held, seconds=10.0, progress=(1, 4, "so")).cancel_wanted is False
+    at(11)
+    assert take("b").fence == held.fence + 1
+
+
+def test_who_lost_the_lease_writes_nothing(do, take, at, seen):
+    id = do(jobs.enqueue, "x").id
+    old = take("a")
+    at(11)
+    new = take("b")
+    assert do(jobs.beat, new, seconds=10.0, progress=(1, 3, "mine"))
+    assert do(jobs.beat, old, seconds=10.0, progress=(2, 3, "theirs")) is None
+    assert not do(jobs.finish, old)
+    assert not do(jobs.fail, old, error=ERROR)
+    assert not do(jobs.stop, old)
+    assert not do(jobs.give_back, old)
+    with pytest.raises(Conflict, match="taken this job over"):
+        do(jobs.guard, old)
+    do(jobs.guard, new)
+    assert (seen(id)["state"], seen(id)["done"], seen(id)["note"]) == ("running", 1, "mine")
+    assert do(jobs.finish, new, result={"n": 1})
+    assert not do(jobs.finish, new)
+    assert (seen(id)["state"], seen(id)["result"]) == ("done", {"n": 1})
+
+
+def test_the_lease_of_a_dead_worker_ends_at_once(do, take):
+    do(jobs.enqueue, "x")
+    take("a")
+    assert take("b", is_gone=lambda who: who != "a") is None
+    assert take("b", is_gone=lambda who: who == "a").fence == 2
+
+
+def test_a_job_on_which_workers_die_fails(do, take, at, seen):
+    id = do(jobs.enqueue, "x").id
+    for fence in (1, 2, 3):
+        held = take()
+        assert held.fence == fence
+        do(jobs.beat, held, seconds=10.0, progress=(5, 5, ""))
+        at(11)
+    other = do(jobs.enqueue, "y").id
+    assert take().job_id == other
+    job = seen(id)
+    assert (job["state"], job["error"]["message"]) == ("failed", "the worker died 3 times on this job")
+    assert job["done"] < job["total"]
+
+
+def test_being_given_back_is_no_death(do, take, seen):
+    id = do(jobs.enqueue, "x").id
+    for _ in range(5):
+        held = take()
+        assert held.job_id == id
+        assert do(jobs.give_back, held)
+        assert seen(id)["state"] == "queued"
+
+
+def test_given_back_while_one_like_it_waits_leaves_one(do, take, park, seen):
+    first = do(jobs.enqueue, "index", map_id=park).id
+    held = take()
+    second = do(jobs.enqueue, "index", map_id=park).id
+    assert do(jobs.give_back, held)
+    assert (seen(first)["state"], seen(second)["state"]) == ("cancelled", "queued")
+
+
+def test_cancel(do, take, at, seen):
+    waiting, running, orphan = (do(jobs.enqueue, "x", key=str(n)).id for n in range(3))
+    do(lambda s: jobs.cancel(s, jobs.find(s, waiting)))
+    assert seen(waiting)["state"] == "cancelled"
+    held, lost = take(), take("b")
+    assert (held.job_id, lost.job_id) == (running, orphan)
+    for id in (running, orphan):
+        do(lambda s, id=id: jobs.cancel(s, jobs.find(s, id)))
+    assert do(jobs.beat, held, seconds=100.0, progress=(2, 2, "")).cancel_wanted
+    assert do(jobs.stop, held)
+    assert (seen(running)["state"], seen(running)["done"]) == ("cancelled", 1)
+    at(11)
+    assert take() is None
+    assert seen(orphan)["state"] == "cancelled"
+    do(lambda s: jobs.cancel(s, jobs.find(s, running)))
+    assert seen(running)["state"] == "cancelled"
+
+
+@pytest.mark.parametrize("progress", [(0, 0), (3, 3), (9, 3), (1, 3)])
+def test_only_a_job_that_is_done_is_at_its_end(do, take, progress, seen):
+    failed, done = do(jobs.enqueue, "x", key="1").id, do(jobs.enqueue, "x", key="2").id
+    for end in (lambda held: do(jobs.fail, held, error=ERROR), lambda held: do(jobs.finish, held)):
+        held = take()
+        do(jobs.beat, held, seconds=10.0, progress=(*progress, ""))
+        assert end(held)
+    assert seen(failed)["done"] < seen(failed)["total"]
+    assert seen(failed)["error"] == ERROR
+    assert seen(done)["done"] == seen(done)["total"] > 0
+
+
+def test_retry(do, take, seen):
+    id = do(jobs.enqueue, "x").id
+    retry = lambda: do(lambda s: jobs.retry(s, jobs.find(s, id)).id)  # noqa: E731
+    with pytest.raises(Conflict, match="is queued"):
+        retry()
+    assert do(jobs.fail, take(), error=ERROR)
+    assert retry() == id
+    assert (seen(id)["state"], seen(id)["error"], seen(id)["done"]) == ("queued", None, 0)
+    held = take()
+    assert held.fence == 2
+    twin = do(jobs.enqueue, "x").id
+    assert do(jobs.stop, held)
+    assert retry() == twin
+    with pytest.raises(NotFound):
+        do(lambda s: jobs.find(s, 99))
+
+
+def test_what_a_page_shows(do, take, at, park):
+    old, new = do(jobs.enqueue, "a", map_id=park).id, do(jobs.enqueue, "b", map_id=park).id
+    do(jobs.enqueue, "c")
+    ids = lambda: do(lambda s: [job.id for job in jobs.current(s, park)])  # noqa: E731
+    assert ids() == [old, new]
+    assert do(jobs.finish, take())
+    assert ids() == [old, new]
+    at(61)
+    assert ids() == [new]
+    assert do(lambda s: [job.id for job in jobs.listed(s, map_id=park)]) == [new, old]
+    assert do(lambda s: len(jobs.listed(s))) == 3
+    assert do(jobs.anything_to_do)
+
+
+def test_time_left():
+    start = clock.now()
+    job = Job(state="running", started_at=start, done=0, total=10)
+    after = lambda seconds: jobs.seconds_left(job, at=start + timedelta(seconds=seconds))  # noqa: E731
+    assert after(5) is None
+    job.done = 4
+    assert after(8) == pytest.approx(12.0)
+    job.done = 10
+    assert after(8) == 0.0
+    job.state = "done"
+    assert after(8) is None
+
+
+def test_the_object_for_pages(do, take, park, seen):
+    id = do(jobs.enqueue, "index", map_id=park).id
+    assert seen(id).keys() == {
+        "id", "kind", "map", "state", "done", "total", "note", "error", "result", "seconds_left", "created_at",
+    }  # fmt: skip
+    assert (seen(id)["map"], seen(id)["state"], seen(id)["seconds_left"]) == ("park", "queued", None)

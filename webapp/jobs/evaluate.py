@@ -1,0 +1,39 @@
+"""The job `evaluate`: a map's own photos, each localized as if it were not on the map."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from webapp.files.atomic import write_text
+from webapp.jobs.kinds import Context
+from webapp.store import maps
+from webapp.tasks import evaluate, library_export, prepare
+from webapp.tasks.calibrate import MOST_PHOTOS
+from webapp.tasks.evaluation_types import EvaluateOptions
+from webapp.tasks.open_map import OpenOptions
+
+REPORT = "evaluation.json"
+"""In the map's folder `derived`: what `expmap evaluate --self --json` prints."""
+
+
+def run(context: Context) -> dict[str, Any]:
+    """Evaluate, keep the whole report beside the index, and give its figures.
+
+    The argument `limit` takes so many photos, evenly spread over the map.
+    """
+    library, record = context.library, context.map()
+    library_export.run(library, record.id)
+    cfg = library.cfg(record.slug)
+    with library.database.read() as session:
+        _, placed = maps.counts(session, record)
+    limit: int | None = context.arguments.get("limit")
+    context.progress.plan(min(placed, MOST_PHOTOS), 2 * min(placed, limit or placed))
+    context.progress.note("preparing the map")
+    localizer = prepare.run(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
+    done = evaluate.run_self(
+        localizer, map_folder=cfg.parent, options=EvaluateOptions(limit=limit), progress=context.progress
+    )
+    forms = [evaluate.to_json(evaluation) for evaluation in done]
+    write_text(cfg.parent / "derived" / REPORT, json.dumps(forms))
+    return {form["scheme"]: {name: form[name] for name in form if name != "per_query"} for form in forms}

@@ -1,0 +1,35 @@
+"""The job `index`: a map's index and the calibration of its probabilities, up to date."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from webapp.jobs.kinds import Context
+from webapp.store import maps
+from webapp.tasks import build_map, library_export
+from webapp.tasks.calibrate import MOST_PHOTOS
+from webapp.tasks.open_map import OpenOptions
+
+_NAMED = 100
+"""At most so many photos that could not be used are named in the result."""
+
+
+def run(context: Context) -> dict[str, Any]:
+    """Build, as `expmap build` does; what is finished when it is interrupted stays finished."""
+    library, record = context.library, context.map()
+    library_export.run(library, record.id)
+    with library.database.read() as session:
+        _, placed = maps.counts(session, record)
+    context.progress.plan(placed, min(placed, MOST_PHOTOS))
+    context.progress.note("describing photos")
+    report = build_map.run(
+        library.cfg(record.slug), OpenOptions(), settings=context.settings, progress=context.progress
+    )
+    failed = [{"id": id, "photo": photo, "reason": reason} for id, photo, reason in report.index.failed]
+    return {
+        "photos": report.index.photos,
+        "computed": report.index.extracted,
+        "failed": failed[:_NAMED],
+        "features": report.features,
+        "seconds": round(report.index.seconds + (report.calibration_seconds or 0.0), 3),
+    }

@@ -1,0 +1,31 @@
+"""The job `sample`: the sample map in a new library."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from sqlalchemy import select
+
+from webapp.errors import UsageError
+from webapp.jobs.kinds import Context
+from webapp.store.schema import MapRecord
+from webapp.tasks import adopt_map, make_sample
+
+SLUG = "sample"
+
+
+def run(context: Context) -> dict[str, Any]:
+    """Make the sample and register it; what is there already stays as it is."""
+    if context.account_id is None:
+        raise UsageError("the sample map needs an owner")
+    library = context.library
+    settings = replace(context.settings, library=library.folder)
+    make_sample.run(None, settings=settings, progress=context.progress)
+    with library.database.read() as session:
+        there = session.scalars(select(MapRecord.id).where(MapRecord.slug == SLUG)).first()
+    if there is None:
+        adopt_map.run(
+            library, SLUG, account_id=context.account_id, settings=settings, progress=context.progress
+        )
+    return {"map": SLUG}

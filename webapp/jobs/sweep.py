@@ -1,0 +1,39 @@
+"""Sets right what a process that was killed has left behind."""
+
+from __future__ import annotations
+
+import logging
+
+from sqlalchemy import select
+
+from webapp.errors import ExpMapError
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord
+from webapp.tasks import library_export, sweep_uploads
+
+_log = logging.getLogger(__name__)
+
+
+def export_late(library: Library) -> None:
+    """Write the files of maps whose records are newer."""
+    with library.database.read() as session:
+        late = (MapRecord.exported_revision < MapRecord.revision, MapRecord.satellite_path.is_not(None))
+        ids = session.scalars(select(MapRecord.id).where(*late)).all()
+    for id in ids:
+        try:
+            library_export.run(library, id)
+        except ExpMapError as error:
+            _log.warning("the files of map %d are not current: %s", id, error)
+
+
+def clean(library: Library, settings: Settings) -> None:
+    """Delete uploads that nobody goes on with, and photos of interrupted intakes."""
+    with library.database.read() as session:
+        ids = session.scalars(select(MapRecord.id)).all()
+    try:
+        sweep_uploads.run(library, settings=settings)
+        for id in ids:
+            sweep_uploads.sweep_orphans(library, id)
+    except ExpMapError as error:
+        _log.warning("what uploads have left behind could not be deleted: %s", error)

@@ -1,0 +1,203 @@
+"""The background worker: takes jobs from the queue, one after the other, and does them.
+
+The work is done in a thread of its own, so that the main thread can show a sign of life and hear signals also
+while a library computes for seconds.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import threading
+import time
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from types import FrameType
+from typing import Any
+
+from webapp.errors import Cancelled, ExpMapError, StorageError
+from webapp.jobs import kinds, sweep
+from webapp.jobs.kinds import Context
+from webapp.jobs.lifesign import LifeSign
+from webapp.jobs.progress import JobProgress
+from webapp.settings import Settings
+from webapp.store import jobs
+from webapp.store.jobs import Lease, Limits
+from webapp.store.library import Library
+from webapp.store.schema import Job
+
+_log = logging.getLogger(__name__)
+
+_TICK_S = 0.25
+"""Progress is written down so often."""
+
+_IDLE_S = 0.5
+_CLEAN_S = 3600.0
+
+Work = Future[Mapping[str, Any] | None]
+
+
+class Worker:
+    """Does the jobs of a library.
+
+    Parameters
+    ----------
+    library : Library
+    settings : Settings
+    parent : int or None
+        Id of the process that started this one, and without which it must not go on.
+    """
+
+    def __init__(self, library: Library, settings: Settings, *, parent: int | None = None) -> None:
+        self._library = library
+        self._settings = settings
+        self._parent = parent
+        self._sign = LifeSign(library.inner / "workers")
+        self._stopping = threading.Event()
+        self._stop_by = float("inf")
+        self._sweep_at = self._clean_at = 0.0
+
+    def run(self, *, once: bool = False) -> None:
+        """Work until told to stop.
+
+        Parameters
+        ----------
+        once : bool
+            End when there is nothing left to do.
+        """
+        try:
+            while not self._stops():
+                self._sweep()
+                job = self._next()
+                if job is not None:
+                    self._do(job)
+                elif once:
+                    break
+                else:
+                    self._stopping.wait(_IDLE_S)
+        finally:
+            self._sign.end()
+
+    def stop_on_signals(self) -> None:
+        """Have Ctrl-C and SIGTERM give the current job back and end the worker."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, _signal: int, _frame: FrameType | None) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End soon: what the current job has finished is kept, and it is done to its end another time."""
+        if not self._stopping.is_set():
+            self._stopping.set()
+            self._stop_by = time.monotonic() + self._settings.jobs.stop_s
+
+    def _stops(self) -> bool:
+        if self._parent is not None and os.getppid() != self._parent:
+            self.stop()
+        return self._stopping.is_set()
+
+    def _sweep(self) -> None:
+        """Look after the maps' files now and then."""
+        now = time.monotonic()
+        if now >= self._sweep_at:
+            sweep.export_late(self._library)
+            self._sweep_at = time.monotonic() + self._settings.jobs.sweep_s
+        if now >= self._clean_at:
+            sweep.clean(self._library, self._settings)
+            self._clean_at = time.monotonic() + _CLEAN_S
+
+    def _next(self) -> Job | None:
+        with self._library.database.read() as session:
+            if not jobs.anything_to_do(session):
+                return None
+        limits = Limits(self._settings.jobs.lease_s, self._settings.jobs.attempts)
+        with self._library.database.write() as session:
+            return jobs.lease(session, self._sign.name, limits=limits, is_gone=self._sign.is_gone)
+
+    def _do(self, job: Job) -> None:
+        """Do a job in a thread, and say every now and then that it is being done."""
+        _log.info("job %d (%s), attempt %d", job.id, job.kind, job.attempts)
+        context = Context(
+            library=self._library,
+            settings=self._settings,
+            progress=JobProgress(),
+            lease=Lease(job.id, job.fence),
+            map_id=job.map_id,
+            account_id=job.account_id,
+            arguments=job.arguments,
+        )
+        pool = ThreadPoolExecutor(1, thread_name_prefix=f"job-{job.id}")
+        work: Work = pool.submit(lambda: kinds.function(job.kind)(context))
+        heart = _Heart(context, self._settings.jobs.lease_s)
+        while not wait([work], timeout=_TICK_S).done:
+            heart.beat()
+            if self._stops():
+                context.progress.stop()
+            if time.monotonic() > self._stop_by:
+                self._leave(context.lease)
+        pool.shutdown()
+        heart.beat(always=True)
+        self._end(job, context, work)
+
+    def _leave(self, lease: Lease) -> None:
+        """End in the middle of a long step; the next worker does it again."""
+        _log.warning("job %d does not stop in time, and is left as it is", lease.job_id)
+        with self._library.database.write() as session:
+            jobs.give_back(session, lease)
+        os._exit(0)
+
+    def _end(self, job: Job, context: Context, work: Work) -> None:
+        """Write down how a job ended, unless it is somebody else's by now."""
+        error, lease = work.exception(), context.lease
+        with self._library.database.write() as session:
+            if error is None:
+                kept = jobs.finish(session, lease, result=work.result())
+            elif isinstance(error, Cancelled) and self._stopping.is_set():
+                kept = jobs.give_back(session, lease)
+            elif isinstance(error, Cancelled):
+                kept = jobs.stop(session, lease)
+            else:
+                kept = jobs.fail(session, lease, error=_told(error, job))
+        if not kept:
+            _log.warning("job %d was taken over by another worker", job.id)
+
+
+class _Heart:
+    """Renews a lease, writes the progress down, and brings back what was wished in the meantime."""
+
+    def __init__(self, context: Context, seconds: float) -> None:
+        self._context = context
+        self._seconds = seconds
+        self._written: tuple[int, int, str] | None = None
+        self._beat_at = 0.0
+
+    def beat(self, *, always: bool = False) -> None:
+        """Write at once what has changed, and else once a second, which is when a wish to stop is seen."""
+        progress = self._context.progress.state()
+        if not always and progress == self._written and time.monotonic() < self._beat_at:
+            return
+        try:
+            with self._context.library.database.write() as session:
+                job = jobs.beat(session, self._context.lease, seconds=self._seconds, progress=progress)
+        except StorageError as error:
+            # Work goes on: either the next beat comes in time, or the lease is lost and nothing is written.
+            _log.warning("no sign of life of job %d: %s", self._context.lease.job_id, error)
+            return
+        if job is None or job.cancel_wanted:
+            self._context.progress.stop()
+        self._written, self._beat_at = progress, time.monotonic() + 1.0
+
+
+def _told(error: BaseException, job: Job) -> dict[str, str | None]:
+    """Say why a job failed, in words for people."""
+    if isinstance(error, ExpMapError):
+        _log.warning("job %d (%s) failed: %s", job.id, job.kind, error)
+        return {"message": error.message, "where": error.where, "hint": error.hint}
+    _log.error("job %d (%s) failed by a mistake of the program", job.id, job.kind, exc_info=error)
+    return {
+        "message": "the program made a mistake, and could not do this",
+        "where": None,
+        "hint": "the log of the server tells more; please report it",
+    }

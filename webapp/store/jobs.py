@@ -1,0 +1,352 @@
+"""Jobs: long work outside a request, in a queue.
+
+Who works on a job holds a lease and renews it. A job whose lease has run out is taken over by the next who
+asks, under a higher fencing number; who lost the lease can write nothing about the job any more (Kleppmann,
+"How to do distributed locking", 2016). The jobs of one map take turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+from sqlalchemy import Select, or_, select
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session, aliased
+
+from webapp.errors import Conflict, NotFound
+from webapp.store.clock import now
+from webapp.store.schema import Job, MapRecord
+
+ENDED = ("done", "failed", "cancelled")
+
+_SHOWN = timedelta(minutes=1)
+"""So long a page shows a job that has ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lease:
+    """The right to write about a job, as long as nobody else has got it.
+
+    Attributes
+    ----------
+    job_id : int
+    fence : int
+        The job's fencing number at the time.
+    """
+
+    job_id: int
+    fence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a lease may cost.
+
+    Attributes
+    ----------
+    seconds : float
+        How long it lasts without being renewed.
+    attempts : int
+        After so many workers that died on it, a job has failed.
+    """
+
+    seconds: float
+    attempts: int
+
+
+def enqueue(
+    session: Session,
+    kind: str,
+    *,
+    map_id: int | None = None,
+    account_id: int | None = None,
+    arguments: Mapping[str, Any] | None = None,
+    key: str = "",
+) -> Job:
+    """Put a job into the queue, or find the same one that waits there already.
+
+    Parameters
+    ----------
+    session : Session
+        That writes: the job is there when, and only when, all else of the session is.
+    kind : str
+        What is to be done.
+    map_id, account_id : int or None
+        Whose map it is about, and who wants it.
+    arguments : mapping, optional
+        Plain values for the work.
+    key : str
+        Two waiting jobs of one map, kind and key are one.
+    """
+    there = _waiting(session, kind, map_id=map_id, key=key)
+    if there is not None:
+        return there
+    job = Job(kind=kind, map_id=map_id, account_id=account_id, key=key, arguments=dict(arguments or {}))
+    try:
+        with session.begin_nested():
+            session.add(job)
+    except IntegrityError:
+        # Another session was quicker, where the database lets two write at once.
+        there = _waiting(session, kind, map_id=map_id, key=key)
+        if there is None:
+            raise
+        return there
+    return job
+
+
+def find(session: Session, id: int) -> Job:
+    """Find a job.
+
+    Raises
+    ------
+    NotFound
+    """
+    job = session.get(Job, id)
+    if job is None:
+        raise NotFound(f"there is no job {id}", hint="reload the page")
+    return job
+
+
+def listed(session: Session, *, map_id: int | None = None, limit: int = 50) -> list[Job]:
+    """List the jobs of a map, or of the whole library, the newest first."""
+    found = select(Job) if map_id is None else select(Job).where(Job.map_id == map_id)
+    return list(session.scalars(found.order_by(Job.id.desc()).limit(limit)))
+
+
+def current(session: Session, map_id: int) -> list[Job]:
+    """List the jobs of a map that wait, run, or have ended within the last minute, the oldest first."""
+    recent = or_(Job.state.not_in(ENDED), Job.ended_at > now() - _SHOWN)
+    return list(session.scalars(select(Job).where(Job.map_id == map_id, recent).order_by(Job.id)))
+
+
+def cancel(session: Session, job: Job) -> None:
+    """Cancel a job that waits; ask who works on it to stop; leave one that has ended as it is."""
+    if job.state == "queued":
+        _end(job, "cancelled")
+    elif job.state == "running":
+        job.cancel_wanted = True
+
+
+def retry(session: Session, job: Job) -> Job:
+    """Put a job that failed or was cancelled into the queue again.
+
+    Returns
+    -------
+    Job
+        The same, or one like it that waits already.
+
+    Raises
+    ------
+    Conflict
+        It has not ended, or is done.
+    """
+    if job.state not in ("failed", "cancelled"):
+        raise Conflict(f"this job is {job.state}: there is nothing to try again", hint="reload the page")
+    there = _waiting(session, job.kind, map_id=job.map_id, key=job.key)
+    if there is not None:
+        return there
+    job.state, job.attempts, job.cancel_wanted = "queued", 0, False
+    job.error = job.result = job.started_at = job.ended_at = None
+    job.done, job.total, job.note = 0, 0, ""
+    session.flush()
+    return job
+
+
+def anything_to_do(session: Session) -> bool:
+    """Tell whether a job waits or runs: only then it is worth asking for a lease."""
+    return session.scalars(select(Job.id).where(Job.state.not_in(ENDED)).limit(1)).first() is not None
+
+
+def lease(
+    session: Session, who: str, *, limits: Limits, is_gone: Callable[[str], bool] = lambda _: False
+) -> Job | None:
+    """Take the next job: one whose worker has died, else the one that has waited longest.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    who : str
+        Name of the worker.
+    limits : Limits
+    is_gone : callable
+        Tells of a worker's name whether it certainly lives no more; its leases end at once.
+
+    Returns
+    -------
+    Job or None
+        Now `running`, with a new fencing number; None when there is nothing to do.
+    """
+    running = select(Job).where(Job.state == "running").order_by(Job.id).with_for_update(skip_locked=True)
+    for job in session.scalars(running).all():
+        if _is_held(job, is_gone):
+            continue
+        if job.cancel_wanted:
+            _end(job, "cancelled")
+        elif job.attempts >= limits.attempts:
+            _end(job, "failed", error=_died(job))
+        else:
+            return _given(job, who, limits=limits)
+    waiting = session.scalars(_next_waiting().with_for_update(skip_locked=True)).first()
+    return None if waiting is None else _given(waiting, who, limits=limits)
+
+
+def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, int, str]) -> Job | None:
+    """Renew a lease and tell how far the work is.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    held : Lease
+    seconds : float
+        The lease lasts so much longer from now on.
+    progress : (int, int, str)
+        Steps done, steps in all, and what is being done.
+
+    Returns
+    -------
+    Job or None
+        The job, whose `cancel_wanted` may have been set; None when the lease is lost.
+    """
+    job = _held(session, held)
+    if job is not None:
+        done, total, job.note = progress
+        job.done, job.total = min(done, total), total
+        job.leased_until = now() + timedelta(seconds=seconds)
+    return job
+
+
+def guard(session: Session, held: Lease) -> None:
+    """Let a job's own changes of the database come about only while it holds its lease.
+
+    Raises
+    ------
+    Conflict
+        Another worker has taken over; nothing of the session must be kept.
+    """
+    if _held(session, held) is None:
+        raise Conflict("another worker has taken this job over")
+
+
+def finish(session: Session, held: Lease, *, result: Mapping[str, Any] | None = None) -> bool:
+    """End a job as done; False when the lease is lost, and somebody else ends it."""
+    job = _held(session, held)
+    if job is not None:
+        job.result = None if result is None else dict(result)
+        _end(job, "done")
+    return job is not None
+
+
+def fail(session: Session, held: Lease, *, error: Mapping[str, str | None]) -> bool:
+    """End a job as failed, with `message`, `where` and `hint`; False when the lease is lost."""
+    job = _held(session, held)
+    if job is not None:
+        _end(job, "failed", error=dict(error))
+    return job is not None
+
+
+def stop(session: Session, held: Lease) -> bool:
+    """End a job as cancelled; False when the lease is lost."""
+    job = _held(session, held)
+    if job is not None:
+        _end(job, "cancelled")
+    return job is not None
+
+
+def give_back(session: Session, held: Lease) -> bool:
+    """Put a job back into the queue because its worker has to stop; False when the lease is lost."""
+    job = _held(session, held)
+    if job is None:
+        return False
+    job.attempts -= 1  # nobody died on it
+    if job.cancel_wanted or _waiting(session, job.kind, map_id=job.map_id, key=job.key) is not None:
+        _end(job, "cancelled")  # when one like it waits already, that one does the work
+    else:
+        job.state, job.leased_by, job.leased_until = "queued", None, None
+    return True
+
+
+def seconds_left(job: Job, *, at: datetime) -> float | None:
+    """Estimate how long a job still takes, from its pace so far; None when that is not known."""
+    if job.state != "running" or job.started_at is None or not 0 < job.done <= job.total:
+        return None
+    return (at - job.started_at).total_seconds() * (job.total - job.done) / job.done
+
+
+def to_json(session: Session, job: Job) -> dict[str, Any]:
+    """Make the object that pages and programs get.
+
+    Returns
+    -------
+    dict
+        `id, kind, state, done, total, note, error, result, seconds_left, created_at, map`; `map` is the slug.
+    """
+    record = None if job.map_id is None else session.get(MapRecord, job.map_id)
+    left = seconds_left(job, at=now())
+    return {
+        "id": job.id,
+        "kind": job.kind,
+        "state": job.state,
+        "done": job.done,
+        "total": job.total,
+        "note": job.note,
+        "error": job.error,
+        "result": job.result,
+        "seconds_left": None if left is None else round(left, 1),
+        "created_at": job.created_at.isoformat(timespec="seconds"),
+        "map": None if record is None else record.slug,
+    }
+
+
+def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Job | None:
+    same = (Job.kind == kind, Job.map_id == map_id, Job.key == key, Job.state == "queued")
+    return session.scalars(select(Job).where(*same).limit(1)).first()
+
+
+def _next_waiting() -> Select[Job]:
+    """Select the oldest waiting job of a map on which no other is at work."""
+    other = aliased(Job)
+    at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running").exists()
+    return select(Job).where(Job.state == "queued", ~at_work).order_by(Job.created_at, Job.id).limit(1)
+
+
+def _is_held(job: Job, is_gone: Callable[[str], bool]) -> bool:
+    if job.leased_by is None or job.leased_until is None:
+        return False
+    return job.leased_until > now() and not is_gone(job.leased_by)
+
+
+def _given(job: Job, who: str, *, limits: Limits) -> Job:
+    job.state, job.leased_by = "running", who
+    job.started_at = now()
+    job.leased_until = job.started_at + timedelta(seconds=limits.seconds)
+    job.fence += 1
+    job.attempts += 1
+    job.done, job.total, job.note = 0, 0, ""
+    return job
+
+
+def _held(session: Session, held: Lease) -> Job | None:
+    """Lock the job and find it as it is now; None when the lease is lost."""
+    job = session.get(Job, held.job_id, with_for_update=True, populate_existing=True)
+    return job if job is not None and job.state == "running" and job.fence == held.fence else None
+
+
+def _end(job: Job, state: str, *, error: dict[str, Any] | None = None) -> None:
+    """End a job: all its steps are done exactly when the job is."""
+    job.total = max(job.total, 1)
+    job.done = job.total if state == "done" else min(job.done, job.total - 1)
+    job.state, job.error, job.ended_at = state, error, now()
+    job.leased_by = job.leased_until = None
+
+
+def _died(job: Job) -> dict[str, Any]:
+    return {
+        "message": f"the worker died {job.attempts} times on this job",
+        "where": None,
+        "hint": "the log of the server says more; is there too little memory? Then try again",
+    }
