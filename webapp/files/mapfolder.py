@@ -133,7 +133,7 @@ def write_map(cfg_path: Path, map_: Map) -> None:
         The disk refused.
     """
     cfg, beside = format_cfg(map_), format_map_json(map_)
-    placed = [(placement_path(cfg_path, p.name), format_cfg(_placed(map_, p))) for p in map_.placements]
+    placed = [(placement_path(cfg_path, p.name), format_cfg(placed_map(map_, p))) for p in map_.placements]
     names = [path.name.casefold() for path, _ in placed] + [cfg_path.name.casefold()]
     if len(set(names)) < len(names):
         raise MapError("two placements have one file name", where=str(cfg_path), hint="rename one of them")
@@ -142,6 +142,23 @@ def write_map(cfg_path: Path, map_: Map) -> None:
     if json_path(cfg_path).exists() or parse_cfg(cfg).map != map_:
         write_bytes(json_path(cfg_path), beside)
     write_bytes(cfg_path, cfg)
+
+
+def placed_map(map_: Map, placement: Placement) -> Map:
+    """Give the map of a placement's own `.cfg`.
+
+    Raises
+    ------
+    MapError
+        The placement has an id that the map has not.
+    """
+    at = placement.positions
+    unknown = sorted(set(at) - {e.id for e in map_.experiences})
+    if unknown:
+        raise MapError(f"the placement {placement.name} has the id {unknown[0]}, which the map has not")
+    return replace(
+        map_, experiences=tuple(replace(e, position=at[e.id]) for e in map_.experiences if e.id in at)
+    )
 
 
 def _completed(e: Experience, known: PhotoRecord | None, map_: Map) -> Experience:
@@ -181,14 +198,3 @@ def _read_placement(cfg_path: Path, map_: Map, *, name: str, exact: Mapping[int,
         if e.id in photos:
             positions[e.id] = _exact(e.position, exact.get(e.id), map_)
     return Placement(name, positions)
-
-
-def _placed(map_: Map, placement: Placement) -> Map:
-    """Give the map of a placement's own `.cfg`."""
-    at = placement.positions
-    unknown = sorted(set(at) - {e.id for e in map_.experiences})
-    if unknown:
-        raise MapError(f"the placement {placement.name} has the id {unknown[0]}, which the map has not")
-    return replace(
-        map_, experiences=tuple(replace(e, position=at[e.id]) for e in map_.experiences if e.id in at)
-    )

@@ -2,6 +2,7 @@
 
 import pytest
 
+from webapp.store import edits
 from webapp.store.library import open_library
 from webapp.store.schema import Account, MapRecord, Photo
 from webapp.tasks import adopt_map
@@ -55,3 +56,15 @@ def rows(library):
             return {row.id: row for row in found}
 
     return read
+
+
+@pytest.fixture
+def edit(library, owner):
+    """Apply an edit to a map."""
+
+    def apply(map_id, changes, kind="place"):
+        with library.database.write() as session:
+            record = session.get(MapRecord, map_id)
+            edits.apply(session, record, changes=changes, kind=kind, account_id=owner)
+
+    return apply

@@ -1,0 +1,85 @@
+"""Writes a zip piece by piece, so that a map of any size goes out without being in the memory."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_CHUNK = 1 << 20
+_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A file of a zip.
+
+    Attributes
+    ----------
+    name : str
+        In the zip, with forward slashes.
+    content : bytes or Path
+        A path is read when its turn comes.
+    """
+
+    name: str
+    content: bytes | Path
+
+
+def stream_zip(members: Iterable[Member]) -> Iterator[bytes]:
+    """Give a zip of some files, piece by piece.
+
+    Photos are stored as they are, they are compressed already; contents given as bytes are deflated.
+
+    Parameters
+    ----------
+    members : iterable of Member
+
+    Yields
+    ------
+    bytes
+
+    Raises
+    ------
+    OSError
+        A file cannot be read.
+    """
+    sink = _Sink()
+    with zipfile.ZipFile(sink, "w", allowZip64=True) as archive:
+        for member in members:
+            if isinstance(member.content, bytes):
+                info = zipfile.ZipInfo(member.name, _TIME)
+                info.external_attr = 0o644 << 16
+                archive.writestr(info, member.content, zipfile.ZIP_DEFLATED)
+            else:
+                info = zipfile.ZipInfo.from_file(member.content, member.name, strict_timestamps=False)
+                with member.content.open("rb") as source, archive.open(info, "w") as target:
+                    while chunk := source.read(_CHUNK):
+                        target.write(chunk)
+                        yield sink.take()
+            yield sink.take()
+    yield sink.take()
+
+
+class _Sink(io.RawIOBase):
+    """Keeps what was written until it is taken."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any, /) -> int:
+        part = bytes(data)
+        self._parts.append(part)
+        return len(part)
+
+    def take(self) -> bytes:
+        """Give all that came since the last time."""
+        taken = b"".join(self._parts)
+        self._parts.clear()
+        return taken
