@@ -1,10 +1,13 @@
-"""Positions of photos by file name: from a `.cfg`, or a table `name;lat;lon` or `name;x;y`."""
+"""Positions of photos by file name: from a `.cfg`, or a table `name;lat;lon` or `name;x;y`.
+
+A table may have headings in a fourth column, `heading_deg`.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from webapp.core.geo.fit import check_positions
@@ -14,6 +17,8 @@ from webapp.files.cfg import read_cfg
 from webapp.files.textfile import Row, read_table
 
 _LATLON, _PIXEL = "name;lat;lon", "name;x;y"
+_HEADING = ";heading_deg"
+_HEADERS = (_LATLON, _PIXEL, _LATLON + _HEADING, _PIXEL + _HEADING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +31,13 @@ class Positions:
         Paths with forward slashes; all values of one kind.
     image_size : tuple of int or None
         Of the image that pixels are on (from a `.cfg`); None for degrees and where it is not told.
+    headings_deg : mapping of str to float
+        Degrees clockwise from north, where the list tells them.
     """
 
     by_name: Mapping[str, LatLon | MapPixel]
     image_size: tuple[int, int] | None = None
+    headings_deg: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def in_pixels(self) -> bool:
@@ -57,7 +65,8 @@ def read_positions(path: Path) -> Positions:
     Parameters
     ----------
     path : Path
-        A `.cfg`, or a semicolon table with the header `name;lat;lon` or `name;x;y`.
+        A `.cfg`, or a semicolon table with the header `name;lat;lon` or `name;x;y`, perhaps with
+        `;heading_deg` behind it (empty: not known).
 
     Returns
     -------
@@ -74,14 +83,23 @@ def read_positions(path: Path) -> Positions:
         map_ = read_cfg(path).map
         size = (map_.satellite.width, map_.satellite.height)
         return Positions({e.photo: e.position for e in map_.experiences}, size)
-    header, rows = read_table(path, headers=[_LATLON, _PIXEL])
+    header, rows = read_table(path, headers=_HEADERS)
     names = [row.fields[0].strip().replace("\\", "/") for row in rows]
     twice = Counter(names).most_common(1)
     if twice and twice[0][1] > 1:
         where = rows[len(names) - 1 - names[::-1].index(twice[0][0])].where
         raise TableError(f"the photo {twice[0][0]!r} stands twice", where=where, hint="keep one of the lines")
-    kind = _latlon if header == _LATLON else _pixel
-    return Positions({name: kind(row) for name, row in zip(names, rows, strict=True)})
+    kind = _latlon if header.startswith(_LATLON) else _pixel
+    positions = {name: kind(row) for name, row in zip(names, rows, strict=True)}
+    turned = [(name, row) for name, row in zip(names, rows, strict=True) if any(row.fields[3:])]
+    return Positions(positions, headings_deg={name: _heading(row) for name, row in turned})
+
+
+def _heading(row: Row) -> float:
+    heading = row.number(3)
+    if not 0.0 <= heading <= 360.0:
+        raise TableError(f"the heading {heading:g} is not from 0 to 360", where=row.where)
+    return heading % 360.0
 
 
 def _latlon(row: Row) -> LatLon:

@@ -22,7 +22,7 @@ from webapp.store import maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.place_photos import place
-from webapp.tasks.placing import image_of
+from webapp.tasks.placing import image_of, queue_index
 from webapp.tasks.survey_photos import State, Surveyed
 
 PHOTOS = "photos"
@@ -63,6 +63,8 @@ class Intake:
         It has a place on the satellite image.
     gps_problem : str or None
         Why it was not placed by its GPS, for people.
+    job : int or None
+        That takes it into the index.
     """
 
     id: int
@@ -70,6 +72,7 @@ class Intake:
     duplicate: bool
     placed: bool
     gps_problem: str | None
+    job: int | None
 
 
 def run(
@@ -117,10 +120,11 @@ def run(
         row.path = _free_path(folder, row, suffix=_SUFFIXES[facts.format])
         problem = _place(row, record, facts) if by_gps else None
         before = record.revision
-        kept = maps.add_photo(session, record, row)
+        kept = maps.add_photo(session, record, row=row)
         _keep(source, folder / kept.path)
-        duplicate = record.revision == before
-        intake = Intake(kept.id, name, duplicate, kept.x_px is not None, problem or kept.gps_problem)
+        duplicate, placed = record.revision == before, kept.x_px is not None
+        job = queue_index(session, record) if placed and not duplicate and image_of(record) else None
+        intake = Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, job)
     if kept is row:
         preview.write_previews(folder, intake.id, previews=previews)
     return intake

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.positions import inside
 from webapp.errors import UsageError
-from webapp.store import edits
+from webapp.store import edits, jobs
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.library_map import georeference
 from webapp.tasks.place_photos import MapImage, how_far
@@ -64,10 +64,13 @@ class Placing:
     placed : tuple of int
         Ids of the photos, also of those that were there already.
     outside : tuple of Outside
+    job : int or None
+        That brings the index up to date.
     """
 
     placed: tuple[int, ...]
     outside: tuple[Outside, ...]
+    job: int | None = None
 
 
 def image_of(record: MapRecord) -> MapImage | None:
@@ -133,5 +136,16 @@ def place_spots(
         turned = {} if spot.heading_deg is None else {"heading_deg": spot.heading_deg}
         changes[f"photo/{spot.photo.id}"] = {"x_px": spot.pixel.x, "y_px": spot.pixel.y, **turned}
         placed.append(spot.photo.id)
-    edits.apply(session, record, changes=changes, kind=kind, account_id=account_id)
-    return Placing(tuple(placed), tuple(outside))
+    edit = edits.apply(session, record, changes=changes, kind=kind, account_id=account_id)
+    job = None if edit is None else queue_index(session, record)
+    return Placing(tuple(placed), tuple(outside), job)
+
+
+def queue_index(session: Session, record: MapRecord) -> int:
+    """Have the worker bring the index of a map with placed photos up to date; gives the job's id.
+
+    It comes with the change or not at all: both are kept in one step.
+    """
+    job = jobs.enqueue(session, "index", map_id=record.id)
+    session.flush()
+    return job.id

@@ -1,0 +1,170 @@
+"""Where on a track something happened, by its time; and how wrong a clock was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from webapp.core.geo.local import LocalFrame, centre_of
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.track import Track
+
+_NEAREST = 5
+"""So many fixes near a photo's own position are tried as the moment when it was taken."""
+_SAMPLE = 40
+_NEAR_M = 30.0
+_LEAST = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """A position on the track.
+
+    Attributes
+    ----------
+    position : LatLon
+    gap_s : float
+        Between the two fixes around it; for one that is at a fix itself, the time to that fix.
+    """
+
+    position: LatLon
+    gap_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoMatch:
+    """No position, and the reason in a sentence. Falsy."""
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        """Say that there is no position."""
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class ClockOffset:
+    """How a clock differs from the track's.
+
+    Attributes
+    ----------
+    offset_s : float
+        To be added to the clock's time.
+    median_m : float
+        Of the distances between photos' own positions and those on the track then.
+    """
+
+    offset_s: float
+    median_m: float
+
+
+def match(track: Track, times_s: Sequence[float], *, max_gap_s: float) -> list[Match | NoMatch]:
+    """Find the positions at some times, on the straight line between the fix before and the fix after.
+
+    Where these are more than `max_gap_s` apart, and before the first and after the last fix, the nearest fix
+    stands for what is at most half of that away: no position is a worse guess than inside an allowed gap.
+
+    Parameters
+    ----------
+    track : Track
+        Of at least one fix.
+    times_s : sequence of float
+        Seconds since 1970, UTC.
+    max_gap_s : float
+        Largest time between two fixes that is bridged, seconds.
+
+    Returns
+    -------
+    list of Match or NoMatch
+        One for each time.
+    """
+    return [_at(track, float(t), max_gap_s) for t in times_s]
+
+
+def estimate_offset(track: Track, times_s: ArrayLike, *, latlon: ArrayLike) -> ClockOffset | NoMatch:
+    """Find by how much a camera's clock is wrong, from photos that know where they were taken.
+
+    For each photo, the moments when the track came closest to it each propose an offset; the one is taken
+    that brings the photos nearest to the track in the median.
+
+    Parameters
+    ----------
+    track : Track
+        Of at least one fix.
+    times_s : (n,) float64
+        Of the camera's clock, seconds since 1970.
+    latlon : (n, 2) float64
+        Where the photos were taken, degrees north and east.
+
+    Returns
+    -------
+    ClockOffset or NoMatch
+        No match with fewer than three photos, or when they lie far from the track.
+    """
+    times = np.asarray(times_s, dtype=np.float64).reshape(-1)
+    positions = np.asarray(latlon, dtype=np.float64).reshape(-1, 2)
+    if len(times) < _LEAST:
+        return NoMatch(f"only {len(times)} photos have a time and a position of their own")
+    chosen = np.unique(np.linspace(0, len(times) - 1, min(_SAMPLE, len(times))).astype(int))
+    times, positions = times[chosen], positions[chosen]
+    frame = LocalFrame(centre_of(positions))
+    fixes, photos = frame.enu_from_latlon(track.latlon), frame.enu_from_latlon(positions)
+    offsets = np.unique(
+        np.concatenate([_moments(track, fixes, p) - t for t, p in zip(times, photos, strict=True)])
+    )
+    medians = np.array([_median_m(track, fixes, times + offset, photos=photos) for offset in offsets])
+    best = int(np.argmin(medians))
+    if not medians[best] <= _NEAR_M:
+        return NoMatch("the photos that have a position of their own are not on this track")
+    return ClockOffset(float(offsets[best]), float(medians[best]))
+
+
+def _at(track: Track, t: float, max_gap_s: float) -> Match | NoMatch:
+    times = track.times_s
+    after = int(np.searchsorted(times, t))
+    if 0 < after < len(times) and times[after] - times[after - 1] <= max_gap_s:
+        gap = float(times[after] - times[after - 1])
+        return Match(_between(track, after, (t - float(times[after - 1])) / gap), gap)
+    around = [i for i in (after - 1, after) if 0 <= i < len(times)]
+    nearest = min(around, key=lambda i: abs(float(times[i]) - t))
+    away = abs(float(times[nearest]) - t)
+    if away <= max_gap_s / 2.0:
+        lat, lon = track.latlon[nearest].tolist()
+        return Match(LatLon(lat, lon), away)
+    if after == 0:
+        return NoMatch(f"it was taken {_span(away)} before the track begins")
+    if after == len(times):
+        return NoMatch(f"it was taken {_span(away)} after the track ends")
+    return NoMatch(f"the track has a gap of {_span(float(times[after] - times[after - 1]))} there")
+
+
+def _between(track: Track, after: int, share: float) -> LatLon:
+    """Go a share of the way from one fix to the next, the short way around the Earth."""
+    (lat, lon), (lat1, lon1) = track.latlon[after - 1].tolist(), track.latlon[after].tolist()
+    east = (lon1 - lon + 180.0) % 360.0 - 180.0
+    return LatLon(lat + share * (lat1 - lat), (lon + share * east + 180.0) % 360.0 - 180.0)
+
+
+def _moments(track: Track, fixes: NDArray[np.float64], photo: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give the times of the fixes that are closest to a photo."""
+    distances = np.hypot(*(fixes - photo).T)
+    return track.times_s[np.argsort(distances, kind="stable")[:_NEAREST]]
+
+
+def _median_m(
+    track: Track, fixes: NDArray[np.float64], times: NDArray[np.float64], *, photos: NDArray[np.float64]
+) -> float:
+    """Median distance of photos to where the track was then; outside of it, infinite."""
+    east = np.interp(times, track.times_s, fixes[:, 0], left=np.inf, right=np.inf)
+    north = np.interp(times, track.times_s, fixes[:, 1], left=np.inf, right=np.inf)
+    return float(np.median(np.hypot(east - photos[:, 0], north - photos[:, 1])))
+
+
+def _span(seconds: float) -> str:
+    """Write a time span for people: seconds, minutes or hours."""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

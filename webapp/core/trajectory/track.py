@@ -1,0 +1,47 @@
+"""A recorded track: positions with times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import LatLon
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Fixes in the order of time.
+
+    Attributes
+    ----------
+    times_s : (n,) float64
+        Seconds since 1970, UTC; strictly ascending.
+    latlon : (n, 2) float64
+        Degrees north, degrees east.
+    """
+
+    times_s: NDArray[np.float64]
+    latlon: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Count the fixes."""
+        return len(self.times_s)
+
+
+def make_track(times_s: Sequence[float], positions: Sequence[LatLon]) -> Track:
+    """Sort fixes by time; of several with one time the first counts.
+
+    Parameters
+    ----------
+    times_s : sequence of float
+        Seconds since 1970, UTC.
+    positions : sequence of LatLon
+        As many.
+    """
+    times = np.asarray(times_s, dtype=np.float64).reshape(-1)
+    latlon = np.asarray(positions, dtype=np.float64).reshape(-1, 2)
+    unique, first = np.unique(times, return_index=True)
+    return Track(unique, latlon[first])
