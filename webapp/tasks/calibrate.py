@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
 from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.indexed import IndexedMap
-from webapp.core.localize.verified import Place, find_places
+from webapp.core.localize.places import Place
+from webapp.core.localize.verified import find_places
 from webapp.files import calibrationfile
 from webapp.files.calibrationfile import StoredCalibration
 from webapp.progress import Progress

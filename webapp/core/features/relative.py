@@ -17,7 +17,7 @@ MIN_MATCHES = 8
 _MAX_EPIPOLAR_ERROR = 0.0025
 """Largest distance of an inlier from its epipolar line, as a share of the longer side of the photo."""
 
-_RANSAC = {"max_iterations": 200, "min_iterations": 50, "seed": 0}
+_RANSAC = {"max_iterations": 100, "min_iterations": 50, "seed": 0}
 _BUNDLE = {"max_iterations": 5}
 
 

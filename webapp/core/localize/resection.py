@@ -43,6 +43,9 @@ _REACHED_BY_DENSITY = 4.0
 
 _APART = 2.0
 
+_LEAST_SHARE = 0.1
+"""Of the best solution's score; what has less is no solution of its own."""
+
 _REFINEMENTS = 2
 
 _FINE = 13
@@ -127,6 +130,8 @@ def resect(
     fixes: list[Fix] = []
     while len(fixes) < most and len(grid):
         best = int(score.argmax())
+        if fixes and score[best] < _LEAST_SHARE * fixes[0].score:
+            break
         fix = _posterior_mean(bearings, taken_at, grid[best], place_radius_px=place_radius_px)
         if all(math.hypot(fix.x - f.x, fix.y - f.y) > _APART * place_radius_px for f in fixes):
             fixes.append(fix)

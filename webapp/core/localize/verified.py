@@ -13,98 +13,23 @@ import math
 import time
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.relative import Camera, RelativePose, relative_pose
 from webapp.core.features.types import Features
-from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, NoPose
 from webapp.core.localize.indexed import IndexedMap, candidates
-from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
+from webapp.core.localize.places import INLIER_SCALE, Place, Verified, join
 from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
 from webapp.core.localize.vote import match_statistics
 from webapp.threads import in_threads
 
 NEIGHBOURS = 10
 _SHORTLIST = 10
-_PLACES = 6
 _EVIDENCE_PHOTOS = 5
-
-_CHANCE_INLIERS = 6.0
-"""Inliers that any pair of photos has."""
-
-_INLIER_SCALE = 35.0
-"""Inliers beyond chance that make two of three poses right."""
-
-_CHANCE_SHARE, _SURE_SHARE = 0.15, 0.5
-"""Share of the matches that agree on some pose by chance, and from which on it is no chance."""
-
-_WILD_PARALLAX = math.radians(20.0)
-"""A pose with more parallax is rather a wrong one: its turn does not bring the rays together."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Verified:
-    """A shortlisted photo with its geometry.
-
-    Attributes
-    ----------
-    matched : Shortlisted
-    pose : RelativePose or NoPose
-    """
-
-    matched: Shortlisted
-    pose: RelativePose | NoPose
-
-    @property
-    def inliers(self) -> int:
-        """Matches that agree on one relative pose."""
-        return int(self.pose.inlier.sum()) if isinstance(self.pose, RelativePose) else 0
-
-    @property
-    def weight(self) -> float:
-        """Trust in the geometry, 0 to 1."""
-        if not isinstance(self.pose, RelativePose):
-            return 0.0
-        enough = 1.0 - math.exp(-max(0.0, self.inliers - _CHANCE_INLIERS) / _INLIER_SCALE)
-        share = self.inliers / len(self.pose.inlier)
-        common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
-        return enough * common / (1.0 + (self.pose.parallax / _WILD_PARALLAX) ** 4)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """A place that came out, before its probability.
-
-    Attributes
-    ----------
-    kind : {"position", "photo"}
-    position : MapPixel
-    heading : float or None
-        Radians.
-    spread_px : float
-        What the estimate itself says of its uncertainty.
-    photos : list of Verified
-        That speak for it, the best first.
-    score : float
-        Sum of the trust in the photos that agree on it.
-    """
-
-    kind: Literal["position", "photo"]
-    position: MapPixel
-    heading: float | None
-    spread_px: float
-    photos: list[Verified]
-    score: float
-
-    @property
-    def votes(self) -> float:
-        """Sum of the votes of its photos."""
-        return sum(v.matched.votes for v in self.photos)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +42,7 @@ class Found:
         The best first.
     evidence : (h, EVIDENCE) float64
         Of each place: log of the inliers that agree on the best place, share of the votes that the best
-        place has, and log of the place's score over the best one's.
+        place has, and log of the place's merit over the best one's.
     answer : Answer
         Statistics and seconds, and the reason where there is no place.
     """
@@ -191,7 +116,7 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     camera = Camera(*query.photo_size, fov_deg)
     checked = in_threads(lambda m: Verified(m, _pose(indexed, m, camera)), listed)
     clock.append(time.perf_counter())
-    places = _places(indexed, checked)
+    places = join(indexed, checked)
     clock.append(time.perf_counter())
     first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
     left = int((found.photo[:, 0] >= 0).sum())
@@ -216,24 +141,8 @@ def _pose(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> Relative
     return relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)
 
 
-def _places(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
-    """Join the photos into places: by geometry first, then what is left by votes."""
-    usable = sorted((v for v in checked if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
-    places: list[Place] = []
-    for fix in resect(
-        _bearings(indexed, usable),
-        indexed.position,
-        place_radius_px=indexed.place_radius_px,
-        most=_PLACES,
-    ):
-        near = [v for v, agrees in zip(usable, fix.agreement, strict=True) if agrees >= _AGREES]
-        if near and not _taken(places, MapPixel(fix.x, fix.y), indexed):
-            places.append(_place(indexed, near, fix))
-    for one in sorted(checked, key=lambda v: -v.matched.votes):
-        position = MapPixel(*map(float, indexed.position[one.matched.photo]))
-        if len(places) < _PLACES and not _taken(places, position, indexed):
-            places.append(_photo_place(indexed, [one], score=0.0))
-    return places
+_NO_MERIT = 0.02
+"""Stands for the merit of a place that has next to none."""
 
 
 def _weigh(places: list[Place], checked: list[Verified]) -> NDArray[np.float64]:
@@ -242,46 +151,8 @@ def _weigh(places: list[Place], checked: list[Verified]) -> NDArray[np.float64]:
         return np.zeros((0, EVIDENCE))
     best = places[0]
     share = best.votes / sum(v.matched.votes for v in checked)
-    common = (math.log1p(_INLIER_SCALE * best.score), share)
-    return np.array([(*common, math.log((p.score + _NO_SCORE) / (best.score + _NO_SCORE))) for p in places])
-
-
-def _bearings(indexed: IndexedMap, usable: list[Verified]) -> Bearings:
-    poses = [v.pose for v in usable if isinstance(v.pose, RelativePose)]
-    return Bearings(
-        position=indexed.position[[v.matched.photo for v in usable]],
-        bearing=np.array([p.bearing for p in poses]),
-        parallax=np.array([p.parallax for p in poses]),
-        weight=np.array([v.weight for v in usable]),
-    )
-
-
-_LEAST_WEIGHT = 0.02
-_NO_SCORE = 0.02
-"""Stands for the score of a place that only has votes."""
-
-_APART = 2.0
-"""Places nearer to each other, in place radii, could both be right: the better one stands for both."""
-
-_AGREES = 0.25
-"""A photo speaks for a place from this agreement on."""
-
-
-def _taken(places: list[Place], position: MapPixel, indexed: IndexedMap) -> bool:
-    return any(math.dist(p.position, position) <= _APART * indexed.place_radius_px for p in places)
-
-
-def _place(indexed: IndexedMap, photos: list[Verified], fix: Fix) -> Place:
-    """Take the fix as it is, or with too few photos for one, the best photo's place."""
-    if len(photos) < MIN_BEARINGS:
-        return _photo_place(indexed, photos, score=fix.score)
-    position = MapPixel(fix.x, fix.y)
-    return Place("position", position, fix.heading, fix.spread_px, photos, fix.score)
-
-
-def _photo_place(indexed: IndexedMap, photos: list[Verified], *, score: float) -> Place:
-    position = MapPixel(*map(float, indexed.position[photos[0].matched.photo]))
-    return Place("photo", position, None, indexed.place_radius_px / 2.0, photos, score)
+    common = (math.log1p(INLIER_SCALE * best.score), share)
+    return np.array([(*common, math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT))) for p in places])
 
 
 def _hypothesis(

@@ -1,0 +1,71 @@
+"""Places from verified photos: where geometry says nothing, the photos of one place vote together."""
+
+import numpy as np
+import pytest
+
+from webapp.core.features.relative import RelativePose
+from webapp.core.hypotheses.model import NoPose
+from webapp.core.localize.indexed import IndexedMap
+from webapp.core.localize.places import Verified, join
+from webapp.core.localize.shortlist import Shortlisted
+
+
+def the_map(*positions):
+    """A map with photos at these positions and a place radius of 10."""
+    return IndexedMap(
+        ids=np.arange(len(positions)),
+        position=np.array(positions, float),
+        fov_deg=np.full(len(positions), 60.0),
+        segments=[],
+        photo_of_entry=np.zeros(0, np.int64),
+        search=None,
+        place_radius_px=10.0,
+    )
+
+
+def voted(photo, votes, pose=None):
+    nothing = np.zeros((0, 2), np.float32)
+    return Verified(
+        Shortlisted(photo, votes, np.zeros(0, np.int64), nothing, nothing), pose or NoPose("no matches")
+    )
+
+
+def seen(photo, bearing_deg, *, inliers=100, of=120):
+    """A photo in that direction, with so many inliers."""
+    inlier = np.arange(of) < inliers
+    return voted(photo, 1.0, RelativePose(np.radians(bearing_deg), np.radians(5.0), inlier))
+
+
+def test_photos_of_one_place_vote_together():
+    indexed = the_map((0, 0), (500, 0), (504, 0), (500, 4))
+    places = join(indexed, [voted(0, 5.0), voted(1, 3.0), voted(2, 3.0), voted(3, 3.0)])
+    assert [p.kind for p in places] == ["photo", "photo"]
+    assert [p.position.x >= 500 for p in places] == [True, False]
+    assert places[0].support == pytest.approx(9 / 14, abs=0.02)
+    assert places[0].merit > places[1].merit > 0.0 == places[0].score
+
+
+def test_geometry_is_worth_more_than_votes():
+    around = [(100, 92), (108, 100), (100, 108), (900, 900)]
+    indexed = the_map(*around)
+    checked = [seen(0, 0.0), seen(1, 90.0), seen(2, 180.0), voted(3, 40.0)]
+    best, other = join(indexed, checked)[:2]
+    assert best.kind == "position"
+    assert np.hypot(best.position.x - 100, best.position.y - 100) < 5.0
+    assert other.position == (900.0, 900.0)
+    assert other.support > best.support
+
+
+def test_a_hair_of_geometry_does_not_outweigh_the_votes():
+    indexed = the_map((0, 0), (500, 0), (504, 0))
+    weak = seen(0, 0.0, inliers=12, of=60)
+    assert join(indexed, [weak, voted(1, 30.0), voted(2, 30.0)])[0].position.x >= 500
+
+
+def test_places_are_apart_and_nothing_gives_nothing():
+    indexed = the_map(*[(3.0 * n, 0) for n in range(30)])
+    places = join(indexed, [voted(n, 1.0 + n) for n in range(30)])
+    x = sorted(p.position.x for p in places)
+    assert len(places) > 1
+    assert min(np.diff(x)) > 20.0
+    assert join(indexed, []) == []
