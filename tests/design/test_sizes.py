@@ -1,7 +1,8 @@
 """Files, functions and parameter lists stay small enough to be read in one go.
 
 - A file has at most 400 lines; half of them at most 150.
-- A function's body, its docstring apart, has at most 60 lines; of 95 % of them at most 40.
+- A function's body, its docstring apart, has at most 60 lines; of 95 % of them at most 40. Migrations, which
+  list what changed in the tables, are not counted.
 - A function has at most 6 parameters. Those of a command are its options, and are not counted.
 - Public functions take at most two parameters by position, private ones three; `self` and `cls` are not
   counted, and the coordinates `x, y` count as one.
@@ -84,7 +85,7 @@ def test_files_are_short(modules):
 
 
 def test_functions_are_short(functions):
-    lines = {function.place: function.body_lines() for function in functions}
+    lines = {f.place: f.body_lines() for f in functions if "migrations/versions" not in f.place}
     assert {place: count for place, count in lines.items() if count > BODY_LINES} == {}
     usual = sum(count <= USUAL_BODY_LINES for count in lines.values())
     assert usual >= USUAL_SHARE * len(lines)

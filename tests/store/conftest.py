@@ -54,7 +54,7 @@ def new_map(library, new_photo):
         with library.database.write() as session:
             record = maps.create(session, name, account_id=account.id)
             for number in range(photos):
-                maps.add_photo(session, record, new_photo(number))
+                maps.add_photo(session, record, row=new_photo(number))
         return record.id
 
     return make

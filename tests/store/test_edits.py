@@ -153,12 +153,12 @@ def test_undoing_everything_gives_the_state_before(do, where, steps):
 def test_a_photo_comes_once(library, do, new_photo):
     with library.database.write() as session:
         record = session.get(MapRecord, do.map_id)
-        assert maps.add_photo(session, record, new_photo(1)).id == 1
-        assert maps.add_photo(session, record, new_photo(50)).id == 3
+        assert maps.add_photo(session, record, row=new_photo(1)).id == 1
+        assert maps.add_photo(session, record, row=new_photo(50)).id == 3
         assert maps.counts(session, record) == (4, 0)
     do(edits.apply, changes={"photo/3": {"removed": True}}, kind="remove")
     with library.database.write() as session:
         record = session.get(MapRecord, do.map_id)
         assert maps.counts(session, record) == (3, 0)
-        assert maps.add_photo(session, record, new_photo(50)).removed is False
+        assert maps.add_photo(session, record, row=new_photo(50)).removed is False
         assert [p.id for p in maps.photos(session, record, since=record.revision - 1)] == [3]

@@ -30,7 +30,7 @@ def map_id(library):
         for n in range(3):
             known = {"size_bytes": 1, "width": 4, "height": 3, "fov_deg": 60.0}
             photo = Photo(name=f"{n}.jpg", path=f"photos/{n}.jpg", sha256=str(n), **known)
-            maps.add_photo(session, record, photo)
+            maps.add_photo(session, record, row=photo)
         image = {"satellite_path": "plan.png", "satellite_width": 100, "satellite_height": 80}
         edits.apply(session, record, changes={"map": image}, kind="satellite", account_id=ana.id)
     return record.id

@@ -124,7 +124,7 @@ def photo(session: Session, record: MapRecord, id: int) -> Photo:
     return found
 
 
-def add_photo(session: Session, record: MapRecord, row: Photo) -> Photo:
+def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
     """Add a photo under the next id, or give back the one with the same content.
 
     A photo that was removed comes back where it was. Either way the map's revision goes up where
