@@ -12,7 +12,6 @@ from packaging.utils import canonicalize_name
 NOT_IMPORTED_YET = {
     "flask": "the web application stands on it",
     "folium": "exported map pages",
-    "gunicorn": "serves the web application",
 }
 """Declared already, because they are part of what the finished program is made of."""
 

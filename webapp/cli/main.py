@@ -65,6 +65,8 @@ root = LazyGroup(
         "build": "webapp.cli.build:build",
         "localize": "webapp.cli.localize:localize",
         "evaluate": "webapp.cli.evaluate:evaluate",
+        "serve": "webapp.cli.serve:serve",
+        "worker": "webapp.cli.worker:worker",
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[

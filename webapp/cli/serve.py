@@ -1,0 +1,46 @@
+"""`expmap serve`: the web application."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from webapp.cli.log import log_to_stderr
+from webapp.jobs import serving
+from webapp.settings import from_environment
+
+_APP = "webapp.web:create_app"
+"""By name: it is loaded in the processes that answer requests, and not here."""
+
+
+@click.command()
+@click.option("--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Listen there.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8000,
+    show_default=True,
+    metavar="N",
+    help="Listen there; 0 takes any that is free.",
+)
+@click.option(
+    "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+)  # fmt: skip
+@click.option(
+    "--workers", type=click.IntRange(1), metavar="N", help="Processes that answer requests.  [default: 3]"
+)
+def serve(host: str, port: int, library: Path | None, workers: int | None) -> None:
+    """Serve the maps of a library as pages, until Ctrl-C.
+
+    The first start makes the library, with the sample map and an owner's account. Once the server answers,
+    its address is printed, and a link that signs the owner in once.
+    """
+    log_to_stderr()
+    settings = from_environment()
+    if library is not None:
+        settings = replace(settings, library=library)
+    site = serving.Site(_APP, host, port, workers or settings.serve.workers)
+    serving.serve(site, settings=settings, tell=click.echo)

@@ -1,0 +1,39 @@
+"""The job `satellite-tiles`: a map's image from a map tile service."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from webapp.core.geo.tilegrid import Box
+from webapp.jobs.kinds import Context
+from webapp.tasks import library_export, satellite_tiles
+from webapp.tasks.satellite_apply import Choice
+from webapp.tasks.satellite_tiles import TileWish
+
+
+def run(context: Context) -> dict[str, Any]:
+    """Fetch the tiles and set the image; tiles that are there already are not fetched again."""
+    record = context.map()
+    asked = context.arguments
+    box = Box(**{name: float(asked[name]) for name in Box._fields})
+    fetched = satellite_tiles.run(
+        context.library,
+        record.id,
+        wish=TileWish(str(asked["service"]), box, int(asked["zoom"])),
+        choice=Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray"))),
+        settings=context.settings,
+        progress=context.progress,
+        writes=context.write,
+    )
+    library_export.run(context.library, record.id)
+    return {
+        "width": fetched.cut.width,
+        "height": fetched.cut.height,
+        "metres_per_pixel": fetched.cut.metres_per_pixel,
+        "tiles": fetched.tiles,
+        "missing": fetched.missing,
+        "attribution": fetched.attribution,
+        "warnings": list(fetched.warnings),
+        "to_tray": fetched.applied.to_tray,
+        "from_tray": fetched.applied.from_tray,
+    }

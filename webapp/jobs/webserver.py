@@ -1,0 +1,125 @@
+"""The process that answers requests: gunicorn, with everything said here and no file of settings.
+
+It is started by the supervisor as `python -m webapp.jobs.webserver`, and gets the application as a name:
+gunicorn's master must not import it, because a process that has loaded OpenCV or faiss cannot be forked
+safely.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from gunicorn.app.base import BaseApplication  # type: ignore[import-untyped]
+from gunicorn.arbiter import Arbiter  # type: ignore[import-untyped]
+
+from webapp.settings import Settings, from_environment, let_threads_sleep
+from webapp.threads import cores
+
+
+class Server(BaseApplication):  # type: ignore[misc]
+    """Gunicorn for one application.
+
+    Parameters
+    ----------
+    app : str
+        "module:function", called with the settings in each worker process.
+    settings : Settings
+    options : mapping
+        Gunicorn's own.
+    parent : int
+        Id of the process that must live as long as this one.
+    """
+
+    def __init__(self, app: str, *, settings: Settings, options: dict[str, Any], parent: int) -> None:
+        self._app = app
+        self._settings = settings
+        self._options = options
+        self._parent = parent
+        super().__init__()
+
+    def load_config(self) -> None:
+        """Give gunicorn its options; it looks nowhere else for them."""
+        for name, value in self._options.items():
+            self.cfg.set(name, value)
+
+    def load(self) -> Any:
+        """Make the application, in a worker process that leaves the other ones their cores."""
+        import cv2  # not before the fork
+
+        cv2.setNumThreads(native_threads(self.cfg.workers))
+        module, name = self._app.split(":")
+        create: Callable[[Settings], Any] = getattr(importlib.import_module(module), name)
+        return create(self._settings)
+
+    def run(self) -> None:
+        """Serve until told to stop."""
+        _Master(self, self._parent).run()
+
+
+class _Master(Arbiter):  # type: ignore[misc]
+    """Ends with its parent, so that the port is free again."""
+
+    def __init__(self, app: Server, parent: int) -> None:
+        self._parent = parent
+        super().__init__(app)
+
+    def murder_workers(self) -> None:
+        """Look after the workers, as gunicorn does every second."""
+        if os.getppid() != self._parent:
+            self.log.warning("the supervisor is gone: stopping")
+            self.handle_quit()
+        super().murder_workers()
+
+
+def native_threads(workers: int) -> int:
+    """Tell how many threads the native libraries of each worker process may start."""
+    return max(cores() // workers, 1)
+
+
+def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, Any]:
+    """Choose gunicorn's options.
+
+    Parameters
+    ----------
+    settings : Settings
+    fd : int
+        File descriptor of a socket that listens already: requests wait there while gunicorn starts again.
+    workers : int
+        Processes.
+    """
+    return {
+        "bind": f"fd://{fd}",
+        "workers": workers,
+        "worker_class": "gthread",
+        "threads": settings.serve.threads,
+        "graceful_timeout": round(settings.serve.stop_s),
+        "timeout": 60,
+        "preload_app": False,
+        "control_socket_disable": True,  # it would be in the home folder
+        "proc_name": "expmap",
+        "loglevel": "warning",
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Serve, as the supervisor asks for it."""
+    let_threads_sleep()
+    parser = argparse.ArgumentParser()
+    parser.add_argument("app")
+    parser.add_argument("--library", type=Path, required=True)
+    for name in ("--fd", "--workers", "--parent"):
+        parser.add_argument(name, type=int, required=True)
+    asked = parser.parse_args(arguments)
+    settings = replace(from_environment(), library=asked.library)
+    options = gunicorn_options(settings, fd=asked.fd, workers=asked.workers)
+    Server(asked.app, settings=settings, options=options, parent=asked.parent).run()
+
+
+if __name__ == "__main__":
+    main()
