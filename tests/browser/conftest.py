@@ -6,9 +6,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
+from tests.browser.api import Api
 from tests.browser.app import App
+from tests.browser.edit_page import EditPage, spots
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS, Watch
 
@@ -46,13 +49,18 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
+def sign_in(page: Page, link: str) -> None:
+    """Open a link that signs in, and do what its page asks for."""
+    page.goto(link)
+    page.locator("main form button").click()
+    page.wait_for_url(lambda url: "/sign-in" not in url)
+
+
 @pytest.fixture(scope="session")
 def owner(app: App, browser: Browser) -> dict:
     """Cookies of the owner, signed in by the link that the start printed."""
     context = browser.new_context()
-    page = context.new_page()
-    page.goto(app.sign_in)
-    page.wait_for_url(lambda url: "sign" not in url)
+    sign_in(context.new_page(), app.sign_in)
     state = context.storage_state()
     context.close()
     return state
@@ -87,3 +95,44 @@ def context(open_context: Callable[..., BrowserContext], owner: dict) -> Browser
 def page(context: BrowserContext) -> Page:
     """A page of the signed-in owner, wide."""
     return context.new_page()
+
+
+@pytest.fixture
+def api(context: BrowserContext) -> Api:
+    """The API as the signed-in owner."""
+    return Api(context)
+
+
+@pytest.fixture(scope="session")
+def small_photos(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Thirty photos of the sample, small and without EXIF, so that nobody knows where they were taken."""
+    folder = tmp_path_factory.mktemp("small")
+    paths = []
+    for path in sorted((sample_folder / "photos").glob("*.jpg"))[:30]:
+        with Image.open(path) as photo:
+            photo.resize((160, 120)).save(folder / path.name, quality=85)
+        paths.append(folder / path.name)
+    return paths
+
+
+@pytest.fixture
+def make_page(
+    page: Page, api: Api, sample_folder: Path, small_photos: list[Path], request: pytest.FixtureRequest
+) -> Callable[..., EditPage]:
+    """Open the edit page of a new map with the sample's image and some of the small photos, placed or not."""
+
+    def make(photos: int, *, placed: bool = False) -> EditPage:
+        satellite = sample_folder / "satellite.png"
+        slug = api.make_map(request.node.name[:60], satellite=satellite, photos=small_photos[:photos])
+        if placed:
+            ids = [photo["id"] for photo in api.state(slug)["photos"]]
+            changes = [
+                {"id": id, "x_px": x, "y_px": y} for id, (x, y) in zip(ids, spots(photos), strict=True)
+            ]
+            seen = api.state(slug)["revision"]
+            api.ask(
+                "PATCH", f"/maps/{slug}/experiences", data={"seen": seen, "kind": "place", "changes": changes}
+            )
+        return EditPage(page, slug).open()
+
+    return make

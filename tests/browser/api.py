@@ -1,0 +1,79 @@
+"""The API as the signed-in person of a browser context: to set up what a test is not about, and to look after."""
+
+import re
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import APIResponse, BrowserContext
+
+TOKEN = re.compile(r'<meta name="csrf-token" content="([^"]+)"')
+BUSY = ("queued", "running")
+PATIENCE_S = 90
+
+
+class Api:
+    """Asks with the cookies of a context.
+
+    Parameters
+    ----------
+    context : BrowserContext
+        Signed in.
+    """
+
+    def __init__(self, context: BrowserContext) -> None:
+        self.request = context.request
+        found = TOKEN.search(self.request.get("/").text())
+        assert found, "the page holds no token against forged requests"
+        self._headers = {"X-CSRFToken": found[1]}
+
+    def call(self, method: str, path: str, **options: Any) -> APIResponse:
+        """Ask for a path below `/api/v1`; any status is an answer."""
+        return self.request.fetch(f"/api/v1{path}", method=method, headers=self._headers, **options)
+
+    def ask(self, method: str, path: str, **options: Any) -> Any:
+        """Ask for what must succeed; gives its JSON."""
+        answer = self.call(method, path, **options)
+        assert answer.ok, f"{method} {path}: {answer.status} {answer.text()[:500]}"
+        return answer.json() if answer.status != 204 else None
+
+    def state(self, slug: str) -> dict[str, Any]:
+        """Everything about a map, as its page gets it."""
+        return self.ask("GET", f"/maps/{slug}")
+
+    def positions(self, slug: str) -> dict[str, tuple[float, float]]:
+        """Placed photos of a map by file name."""
+        photos = self.state(slug)["photos"]
+        return {p["name"]: (p["x_px"], p["y_px"]) for p in photos if p["x_px"] is not None}
+
+    def make_map(
+        self, name: str, *, satellite: Path | None, photos: Iterable[Path] = (), corners: Path | None = None
+    ) -> str:
+        """Make a map; gives its slug."""
+        slug = self.ask("POST", "/maps", data={"name": name})["slug"]
+        if satellite is not None:
+            parts: dict[str, Any] = {"file": str(satellite)}
+            if corners is not None:
+                parts["corners"] = corners.read_text("utf-8")
+            parts["file"] = {
+                "name": satellite.name,
+                "mimeType": "image/png",
+                "buffer": satellite.read_bytes(),
+            }
+            self.ask("PUT", f"/maps/{slug}/satellite", multipart=parts)
+        for path in photos:
+            part = {"name": path.name, "mimeType": "image/jpeg", "buffer": path.read_bytes()}
+            (result,) = self.ask("POST", f"/maps/{slug}/photos", multipart={"file": part})
+            assert "error" not in result, result
+        return slug
+
+    def wait_for_jobs(self, slug: str) -> list[dict[str, Any]]:
+        """Wait until no job of a map is at work; gives those that ended lately."""
+        until = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until:
+            jobs = self.ask("GET", f"/maps/{slug}/changes?since=0")["jobs"]
+            if not any(job["state"] in BUSY for job in jobs):
+                return jobs
+            time.sleep(0.3)
+        raise AssertionError(f"still at work: {jobs}")

@@ -1,0 +1,105 @@
+"""The edit page, as a person uses it."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from playwright.sync_api import Locator, Page, expect
+
+ZOOM_STEPS = 4
+"""A view that shows the whole image is rounded down to quarters of a zoom level."""
+
+HANDLE_PX = 46
+"""From a photo to the handle that turns it."""
+
+
+def spots(count: int) -> list[tuple[int, int]]:
+    """Map pixels on the sample's image, well apart from each other, in rows of six."""
+    return [(100 + 150 * (n % 6), 80 + 120 * (n // 6)) for n in range(count)]
+
+
+class EditPage:
+    """A page with a map open.
+
+    Parameters
+    ----------
+    page : Page
+    slug : str
+    """
+
+    def __init__(self, page: Page, slug: str) -> None:
+        self.page = page
+        self.slug = slug
+        self.canvas = page.get_by_test_id("map-canvas")
+        self.current = page.get_by_test_id("current-photo")
+        self.tray = page.get_by_test_id("tray-photo")
+        """The list has elements for those photos only that are in view."""
+        self.unplaced = page.get_by_test_id("tray-count")
+        self.placed = page.get_by_test_id("placed-count")
+        self.undo = page.get_by_test_id("undo")
+        self.redo = page.get_by_test_id("redo")
+        self.error = page.get_by_test_id("error-message")
+
+    def open(self) -> "EditPage":
+        """Open it, and wait until it is ready to be used."""
+        self.page.goto(f"/maps/{self.slug}/edit")
+        expect(self.canvas.locator("canvas")).to_be_visible()
+        self.size = self._size()
+        return self
+
+    def _size(self) -> tuple[int, int] | None:
+        answer = self.page.request.get(f"/api/v1/maps/{self.slug}").json()
+        satellite = answer["satellite"]
+        return None if satellite is None else (satellite["width"], satellite["height"])
+
+    def screen(self, x: float, y: float) -> tuple[float, float]:
+        """Where a map pixel is on the screen, while the view shows the whole image."""
+        assert self.size is not None
+        box = self.canvas.bounding_box()
+        assert box is not None
+        width, height = self.size
+        zoom = math.log2(min(box["width"] / width, box["height"] / height))
+        scale = 2 ** (math.floor(zoom * ZOOM_STEPS) / ZOOM_STEPS)
+        middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        return middle[0] + (x - width / 2) * scale, middle[1] + (y - height / 2) * scale
+
+    def click(self, x: float, y: float, *, shift: bool = False) -> None:
+        """Click on a map pixel."""
+        if shift:
+            self.page.keyboard.down("Shift")
+        self.page.mouse.click(*self.screen(x, y))
+        if shift:
+            self.page.keyboard.up("Shift")
+
+    def drag(self, start: Sequence[float], end: Sequence[float], *, shift: bool = False) -> None:
+        """Drag from a map pixel to another."""
+        if shift:
+            self.page.keyboard.down("Shift")
+        self.page.mouse.move(*self.screen(*start))
+        self.page.mouse.down()
+        self.page.mouse.move(*self.screen(*end), steps=4)
+        self.page.mouse.up()
+        if shift:
+            self.page.keyboard.up("Shift")
+
+    def choose_photos(self, paths: Sequence[Path]) -> None:
+        """Give files to the photo input, as the file dialog does."""
+        self.page.get_by_test_id("photo-input").set_input_files(list(paths))
+
+    def photo(self, name: str) -> Locator:
+        """The photo of the tray with that file name."""
+        return self.tray.filter(has_text=name)
+
+    def tray_names(self) -> list[str]:
+        """File names of the photos of the tray, in their order."""
+        state = self.page.request.get(f"/api/v1/maps/{self.slug}").json()
+        names = {str(photo["id"]): photo["name"] for photo in state["photos"]}
+        return [names[id] for id in self.tray.evaluate_all("all => all.map(one => one.dataset.id)")]
+
+    def turn_by_hand(self, spot: Sequence[float], *, heading: float, to: float) -> None:
+        """Drag the handle of the current photo, at a map pixel, from one heading to another."""
+        x, y = self.screen(*spot)
+        for angle, act in ((heading, self.page.mouse.down), (to, self.page.mouse.up)):
+            turn = math.radians(angle)
+            self.page.mouse.move(x + HANDLE_PX * math.sin(turn), y - HANDLE_PX * math.cos(turn), steps=3)
+            act()

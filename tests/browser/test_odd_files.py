@@ -1,0 +1,74 @@
+"""Files that are no good photos: each has its own sentence, and the good ones arrive."""
+
+import io
+import re
+
+import pytest
+from PIL import Image
+from playwright.sync_api import expect
+
+
+@pytest.fixture
+def odd(tmp_path, small_photos):
+    """Files by name: what they hold is not what their names say, or too much."""
+    good = small_photos[0].read_bytes()
+    picture = io.BytesIO()
+    Image.new("1", (20_000, 15_000)).save(picture, "PNG")
+    files = {
+        "truncated.jpg": good[: len(good) // 2],
+        "text.jpg": b"this is no photo at all\n" * 50,
+        "page.html.jpg": b"<script>alert(1)</script>",
+        "huge.png": picture.getvalue(),
+        "empty.jpg": b"",
+        "<img src=x onerror=alert(1)>.jpg": small_photos[1].read_bytes(),
+        "really_a_jpeg.png": small_photos[2].read_bytes(),
+        "....jpg": small_photos[3].read_bytes(),
+    }
+    paths = []
+    for name, data in files.items():
+        paths.append(tmp_path / name)
+        paths[-1].write_bytes(data)
+    return paths
+
+
+def test_every_file_has_its_own_outcome(make_page, odd, api, context):
+    context.watch.expect(400, 413, 415, 422)
+    edit = make_page(0)
+    edit.choose_photos(odd)
+    expect(edit.unplaced).to_have_text("3")
+    errors = edit.page.get_by_test_id("upload-error")
+    expect(errors).to_have_count(5)
+    text = " ".join(errors.all_text_contents())
+    for name in ("truncated.jpg", "text.jpg", "page.html.jpg", "huge.png", "empty.jpg"):
+        assert name in text
+    names = {photo["name"] for photo in api.state(edit.slug)["photos"]}
+    assert len(names) == 3
+
+
+def test_the_same_file_again_is_recognised(make_page, small_photos, api):
+    edit = make_page(2)
+    edit.choose_photos(small_photos[:3])
+    expect(edit.unplaced).to_have_text("3")
+    edit.uploaded()
+    assert len(api.state(edit.slug)["photos"]) == 3
+
+
+def test_a_satellite_image_that_is_none_is_refused(page, api, tmp_path, context):
+    context.watch.expect(400, 413, 415, 422)
+    slug = api.make_map("No image", satellite=None)
+    page.goto(f"/maps/{slug}/edit")
+    (tmp_path / "plan.png").write_bytes(b"no image")
+    page.get_by_test_id("satellite-input").set_input_files(tmp_path / "plan.png")
+    expect(page.get_by_test_id("error-message")).to_contain_text(re.compile(r"\w{3}"))
+    assert api.state(slug)["satellite"] is None
+
+
+def test_real_odd_photos(make_page, shared_data, context, api):
+    context.watch.expect(400, 413, 415, 422)
+    edit = make_page(0)
+    paths = sorted((shared_data / "odd_photos").iterdir())
+    edit.choose_photos(paths)
+    edit.uploaded()
+    photos = api.state(edit.slug)["photos"]
+    refused = edit.page.get_by_test_id("upload-error").count()
+    assert photos and len(photos) + refused <= len(paths)
