@@ -83,6 +83,8 @@ KINDS: dict[str, str] = {
     "evaluate": "webapp.jobs.evaluate:run",
     "index": "webapp.jobs.index:run",
     "sample": "webapp.jobs.sample:run",
+    "satellite-pyramid": "webapp.jobs.satellite_pyramid:run",
+    "satellite-tiles": "webapp.jobs.satellite_tiles:run",
 }
 """Kind to "module:function"; the module is imported when the first job of its kind comes."""
 

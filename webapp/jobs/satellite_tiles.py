@@ -7,7 +7,7 @@ from typing import Any
 from webapp.core.geo.tilegrid import Box
 from webapp.jobs.kinds import Context
 from webapp.tasks import library_export, satellite_tiles
-from webapp.tasks.satellite_apply import Choice
+from webapp.tasks.satellite_apply import Choice, set_image
 from webapp.tasks.satellite_tiles import TileWish
 
 
@@ -20,20 +20,20 @@ def run(context: Context) -> dict[str, Any]:
         context.library,
         record.id,
         wish=TileWish(str(asked["service"]), box, int(asked["zoom"])),
-        choice=Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray"))),
         settings=context.settings,
         progress=context.progress,
-        writes=context.write,
     )
+    choice = Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
+    applied = set_image(context.write, record.id, new=fetched.new, choice=choice)
     library_export.run(context.library, record.id)
     return {
-        "width": fetched.cut.width,
-        "height": fetched.cut.height,
-        "metres_per_pixel": fetched.cut.metres_per_pixel,
+        "width": fetched.new.image.width,
+        "height": fetched.new.image.height,
+        "metres_per_pixel": fetched.metres_per_pixel,
         "tiles": fetched.tiles,
         "missing": fetched.missing,
         "attribution": fetched.attribution,
         "warnings": list(fetched.warnings),
-        "to_tray": fetched.applied.to_tray,
-        "from_tray": fetched.applied.from_tray,
+        "to_tray": applied.to_tray,
+        "from_tray": applied.from_tray,
     }

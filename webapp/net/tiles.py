@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing
 from pathlib import Path
 
 import requests
@@ -19,12 +18,16 @@ from webapp import __version__
 from webapp.core.geo.tilegrid import Tile
 from webapp.errors import InputError, StorageError
 from webapp.net.services import TileService
+from webapp.progress import Progress
 from webapp.settings import TileSettings
 
 _USER_AGENT = f"experience-map/{__version__} (map tiles for one satellite image)"
 _MAX_BYTES = 4_000_000
 _CHUNK = 65536
 _TRIES = 4
+_LISTEN_S = 0.5
+"""So often somebody who waits for tiles is asked whether to stop."""
+
 _TRY_AGAIN = (429, 500, 502, 503, 504)
 _NO_TILE = (204, 404, 410)
 _IMAGES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
@@ -54,7 +57,9 @@ class TileFetcher:
         self._session.mount("https://", adapter)
         self._session.mount("http://", adapter)
 
-    def fetch(self, tiles: Iterable[Tile], *, zoom: int) -> Iterator[tuple[Tile, bytes | None]]:
+    def fetch(
+        self, tiles: Iterable[Tile], *, zoom: int, progress: Progress
+    ) -> Iterator[tuple[Tile, bytes | None]]:
         """Fetch tiles, in the order in which they arrive.
 
         Each one is in the cache before it is given, so that who stops here goes on here.
@@ -63,6 +68,8 @@ class TileFetcher:
         ----------
         tiles : iterable of Tile
         zoom : int
+        progress : Progress
+            Only asked whether to stop, also while the service keeps silent.
 
         Yields
         ------
@@ -75,21 +82,24 @@ class TileFetcher:
             The service does not answer, refuses, or sends something else than an image.
         StorageError
             The cache cannot be written.
+        Cancelled
         """
         todo = iter(tiles)
-        with closing(self._session), ThreadPoolExecutor(self._settings.parallel) as pool:
-            running: dict[Future[bytes | None], Tile] = {}
-            try:
-                while True:
-                    while len(running) < 2 * self._settings.parallel and (tile := next(todo, None)):
-                        running[pool.submit(self._tile, zoom, tile)] = tile
-                    if not running:
-                        return
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        yield running.pop(future), future.result()
-            finally:
-                for future in running:
-                    future.cancel()
+        pool = ThreadPoolExecutor(self._settings.parallel)
+        running: dict[Future[bytes | None], Tile] = {}
+        try:
+            while True:
+                while len(running) < 2 * self._settings.parallel and (tile := next(todo, None)):
+                    running[pool.submit(self._tile, zoom, tile)] = tile
+                if not running:
+                    return
+                for future in wait(running, timeout=_LISTEN_S, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
+                progress.check()
+        finally:
+            # requests on their way may take until their timeout: nobody waits for them
+            pool.shutdown(wait=False, cancel_futures=True)
+            self._session.close()
 
     def _tile(self, zoom: int, tile: Tile) -> bytes | None:
         cached = self._folder / f"{zoom}" / f"{tile.x}" / f"{tile.y}"

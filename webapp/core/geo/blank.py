@@ -102,6 +102,21 @@ def draw(plan: BlankPlan) -> NDArray[np.uint8]:
     return image
 
 
+def draw_sheet(width: int, height: int) -> NDArray[np.uint8]:
+    """Draw a plan that has no place on the Earth: light paper with a grid of pixels.
+
+    Returns
+    -------
+    (height, width, 3) uint8
+        Blue, green, red.
+    """
+    image = np.full((height, width, 3), _BACKGROUND, dtype=np.uint8)
+    step = int(round_up(max(width, height) / 20.0))
+    for k in range(math.ceil(max(width, height) / step)):
+        image[:, k * step : k * step + 1] = image[k * step : k * step + 1] = _STRONG if k % 5 == 0 else _LINE
+    return image
+
+
 def _scale_bar(image: NDArray[np.uint8], step_m: float, metres_per_pixel: float) -> None:
     left, bottom, length = 20, image.shape[0] - 20, round(step_m * 2.0 / metres_per_pixel)
     cv2.line(image, (left, bottom), (left + length, bottom), _INK, 2)
