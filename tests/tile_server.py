@@ -1,0 +1,116 @@
+"""A map tile service on this machine that draws crosses at known places on the Earth."""
+
+import io
+import math
+import threading
+import time
+from collections import Counter
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+from PIL import Image
+
+ARM = 3
+RED = (255, 0, 0)
+
+
+def global_pixel(lat, lon, zoom):
+    """The pixel of the whole Earth at a zoom, by the formula of slippy maps."""
+    size = 256 * 2**zoom
+    x = (lon + 180) / 360 * size
+    y = (1 - math.asinh(math.tan(math.radians(lat))) / math.pi) / 2 * size
+    return math.floor(x), math.floor(y)
+
+
+class TileServer:
+    """Serves `/{z}/{x}/{y}`; what it does wrong can be chosen.
+
+    `landmarks` are (lat, lon); each becomes a red cross whose middle is the pixel that holds the place.
+    """
+
+    def __init__(self):
+        self.landmarks = []
+        self.missing = set()
+        self.failing = Counter()
+        self.asked = Counter()
+        self.agents = set()
+        self.format = "PNG"
+        self.size = 256
+        self.delay_s = 0.0
+        self.body = None
+        self.status = 200
+        self.at_once, self.most_at_once = 0, 0
+        self.lock = threading.Lock()
+        self.port = None
+
+    @property
+    def url(self):
+        return f"http://127.0.0.1:{self.port}/{{z}}/{{x}}/{{y}}"
+
+    def draw(self, z, x, y):
+        """A tile with a tint of its own, and the crosses that fall into it."""
+        pixels = np.full((self.size, self.size, 3), (60 + 40 * (x % 3), 120, 60 + 40 * (y % 3)), np.uint8)
+        for lat, lon in self.landmarks:
+            column, row = (v - 256 * t for v, t in zip(global_pixel(lat, lon, z), (x, y), strict=True))
+            for dx, dy in [(d, 0) for d in range(-ARM, ARM + 1)] + [(0, d) for d in range(-ARM, ARM + 1)]:
+                if 0 <= column + dx < self.size and 0 <= row + dy < self.size:
+                    pixels[row + dy, column + dx] = RED
+        buffer = io.BytesIO()
+        Image.fromarray(pixels).save(buffer, format=self.format)
+        return buffer.getvalue()
+
+    def answer(self, path):
+        """Status and body for a path."""
+        with self.lock:
+            self.at_once += 1
+            self.most_at_once = max(self.most_at_once, self.at_once)
+            self.asked[path] += 1
+            fails = self.failing[path] > 0
+            self.failing[path] -= fails
+        try:
+            time.sleep(self.delay_s)
+            if fails:
+                return 503, b"busy"
+            z, x, y = (int(part) for part in path.strip("/").split("/"))
+            if (z, x, y) in self.missing:
+                return 404, b"none"
+            return self.status, self.draw(z, x, y) if self.body is None else self.body
+        finally:
+            with self.lock:
+                self.at_once -= 1
+
+
+@contextmanager
+def serving():
+    """A server that answers while the block runs."""
+    tiles = TileServer()
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_GET(self):
+            tiles.agents.add(self.headers["User-Agent"])
+            status, body = tiles.answer(self.path)
+            self.send_response(status)
+            if status in (301, 302):
+                self.send_header("Location", "http://127.0.0.1:1/elsewhere")
+            self.send_header("Access-Control-Allow-Origin", "*")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads = True
+    tiles.port = server.server_address[1]
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+    thread.start()
+    try:
+        yield tiles
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
