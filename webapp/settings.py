@@ -43,6 +43,20 @@ class UploadLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class ImportLimits:
+    """What a zip with a map may hold."""
+
+    max_mb: float = 20_000.0
+    """Its files together, unpacked, megabytes (10^6 bytes)."""
+
+    max_files: int = 50_000
+    """Files and folders."""
+
+    max_ratio: float = 200.0
+    """Bytes of a file for each byte that it has in the zip; photos have about one."""
+
+
+@dataclass(frozen=True, slots=True)
 class ExtractSettings:
     """What is computed from each photo. Part of the key of an index."""
 
@@ -150,6 +164,7 @@ class Settings:
 
     photo: PhotoLimits = field(default_factory=PhotoLimits)
     upload: UploadLimits = field(default_factory=UploadLimits)
+    imports: ImportLimits = field(default_factory=ImportLimits)
     extract: ExtractSettings = field(default_factory=ExtractSettings)
     web: WebSettings = field(default_factory=WebSettings)
     serve: ServeSettings = field(default_factory=ServeSettings)

@@ -1,0 +1,73 @@
+"""Copies are maps of their own, and what is deleted for good is gone."""
+
+import pytest
+
+from webapp.errors import Conflict, UsageError
+from webapp.files.mapfolder import read_map
+from webapp.store import maps
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks import delete_map, duplicate_map, library_export
+
+
+@pytest.fixture
+def id_of(library):
+    def find(slug):
+        with library.database.read() as session:
+            return session.query(MapRecord).where(MapRecord.slug == slug).one().id
+
+    return find
+
+
+def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
+    map_id = adopt()
+    edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}, "photo/0": {"x_px": None, "y_px": None}})
+    edit(map_id, {"photo/2": {"removed": True}})
+    library_export.run(library, map_id)
+    slug = duplicate_map.run(library, map_id, account_id=owner, name="Park copy")
+    first, second = read_map(library.cfg("park")), read_map(library.cfg(slug))
+    assert (second.experiences, second.placements, second.next_id) == (
+        first.experiences,
+        first.placements,
+        first.next_id,
+    )
+    found = rows(id_of(slug))
+    assert {id: row.x_px for id, row in found.items()} == {0: None, 1: 200}
+    assert (library.map_folder(slug) / found[0].path).is_file()
+    with library.database.read() as session:
+        assert not library_export.changed_outside(session.get(MapRecord, id_of(slug)), library.cfg(slug))
+
+
+def test_a_copy_goes_its_own_way(adopt, library, edit, owner, id_of):
+    map_id = adopt()
+    slug = duplicate_map.run(library, map_id, account_id=owner, name="Park")
+    assert slug == "park-2"
+    before = library.cfg("park").read_bytes()
+    edit(id_of(slug), {"photo/1": {"x_px": 1.0, "y_px": 2.0}})
+    library_export.run(library, id_of(slug))
+    assert library.cfg("park").read_bytes() == before != library.cfg(slug).read_bytes()
+
+
+def test_a_name_that_is_none_leaves_nothing(adopt, library, owner):
+    map_id = adopt()
+    with pytest.raises(UsageError):
+        duplicate_map.run(library, map_id, account_id=owner, name="\x07")
+    assert sorted(p.name for p in library.folder.iterdir()) == [".library", "park"]
+
+
+def test_only_the_bin_is_emptied(adopt, library):
+    map_id = adopt()
+    with pytest.raises(Conflict, match="only maps in the bin"):
+        delete_map.run(library, map_id)
+    assert library.cfg("park").is_file()
+
+
+def test_deleted_is_gone(adopt, library):
+    map_id = adopt()
+    with library.database.write() as session:
+        maps.put_into_bin(session.get(MapRecord, map_id))
+    delete_map.run(library, map_id)
+    assert not library.map_folder("park").exists()
+    assert list((library.inner / "deleted").iterdir()) == []
+    with library.database.read() as session:
+        assert session.get(MapRecord, map_id) is None
+        assert session.query(Photo).count() == 0

@@ -1,0 +1,251 @@
+"""A zip becomes a map, and a hostile one becomes nothing."""
+
+import io
+import stat
+import zipfile
+from dataclasses import replace
+
+import pytest
+
+from webapp.core.mapmodel.model import Placement
+from webapp.core.mapmodel.positions import MapPixel
+from webapp.errors import InputError
+from webapp.files.mapfolder import read_map, write_map
+from webapp.settings import ImportLimits, Settings
+from webapp.store.schema import MapRecord
+from webapp.tasks import export_zip, import_map, library_export
+
+
+@pytest.fixture
+def park(make_map, tmp_path):
+    """The files of a small map, by name."""
+    cfg = make_map(tmp_path / "original", 2)
+    return {
+        p.relative_to(cfg.parent).as_posix(): p.read_bytes() for p in cfg.parent.rglob("*") if p.is_file()
+    }
+
+
+@pytest.fixture
+def bring(library, owner, tmp_path):
+    """Zip files and import them."""
+
+    def run(files, *, name="Park", limits=None, method=zipfile.ZIP_STORED):
+        path = tmp_path / "map.zip"
+        with zipfile.ZipFile(path, "w", method) as archive:
+            for key, content in files.items():
+                archive.writestr(key, content)
+        settings = Settings(imports=limits or ImportLimits())
+        return import_map.run(library, path, account_id=owner, name=name, settings=settings)
+
+    return run
+
+
+@pytest.fixture
+def nothing_is_left(library):
+    """Afterwards the library has no map, no folder, nothing half-done."""
+    yield
+    assert [p.name for p in library.folder.iterdir()] == [".library"]
+    assert list((library.inner / "imports").iterdir()) == []
+    with library.database.read() as session:
+        assert session.query(MapRecord).count() == 0
+
+
+def in_folder(files, folder):
+    return {f"{folder}/{name}": content for name, content in files.items()}
+
+
+def test_what_was_exported_comes_back_as_it_was(adopt, library, bring, edit, tmp_path):
+    map_id = adopt()
+    edit(map_id, {"photo/1": {"x_px": 50.25, "y_px": 60.5, "heading_deg": 12.5}})
+    edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}})
+    with zipfile.ZipFile(io.BytesIO(b"".join(export_zip.run(library, map_id).pieces))) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    done = bring(files, name="Park again")
+    assert (done.slug, done.findings, done.left_out) == ("park-again", (), ())
+    assert library_export.run(library, done.map_id)
+    for name in ("map.cfg", "map.json", "clusters.cfg", "plan.png", "photos/0.jpg"):
+        assert (library.map_folder(done.slug) / name).read_bytes() == files[name]
+    assert read_map(library.cfg(done.slug)) == read_map(library.cfg("park"))
+
+
+@pytest.mark.parametrize("folder", ["Park", "a/b c/d"])
+def test_a_nested_folder(park, bring, library, folder):
+    around = {"readme.txt": b"hello", f"__MACOSX/{folder}/._map.cfg": b"\0", f"{folder}/.DS_Store": b"\0"}
+    done = bring({**in_folder(park, folder), **around, f"{folder}/derived/map.cfg": b"x"})
+    assert len(read_map(library.cfg(done.slug)).experiences) == 2
+    assert "readme.txt" in done.left_out and len(done.left_out) == 4
+
+
+def test_a_cfg_of_another_name_becomes_the_map(park, bring, library):
+    park["park.cfg"] = park.pop("map.cfg")
+    done = bring(park)
+    assert len(read_map(library.cfg(done.slug)).experiences) == 2
+
+
+def test_programs_are_left_out(park, bring, library):
+    done = bring({**park, "photos/run.exe": b"MZ", "index.html": b"<script>"})
+    assert done.left_out == ("photos/run.exe", "index.html")
+    assert not (library.map_folder(done.slug) / "index.html").exists()
+
+
+def test_backslashes_of_old_programs_are_folders(park, bring, library):
+    done = bring({name.replace("/", "\\"): content for name, content in park.items()})
+    assert done.findings == ()
+
+
+def test_another_cfg_with_the_same_photos_is_a_placement(park, bring, library):
+    done = bring({**park, "clusters.cfg": b"plan.png;300;200\n1;photos/1.jpg;5;6\n"})
+    assert read_map(library.cfg(done.slug)).placements == (Placement("clusters", {1: MapPixel(5, 6)}),)
+    assert (library.map_folder(done.slug) / "map.cfg").read_bytes() == park["map.cfg"]
+
+
+def test_placements_that_map_json_names_do_not_make_a_second_map(park, bring, library, tmp_path):
+    cfg = tmp_path / "original" / "map.cfg"
+    map_ = read_map(cfg)
+    write_map(cfg, replace(map_, placements=(Placement("rough", {0: MapPixel(1.5, 2)}),)))
+    files = {p.name: p.read_bytes() for p in cfg.parent.glob("*.*")}
+    done = bring({**park, **files})
+    assert read_map(library.cfg(done.slug)).placements[0].positions == {0: MapPixel(1.5, 2)}
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({"b.cfg": b"other.png;3;3\n"}, "no placements of map.cfg.*'b.cfg'"),
+        ({"b.cfg": b"plan.png;300;200\n0;photos/1.jpg;5;6\n"}, "no placements of map.cfg.*'b.cfg'"),
+        ({"other/map.cfg": b"plan.png;300;200\n"}, "several maps: 'map.cfg', 'other/map.cfg'"),
+        ({"other/b.cfg": b"plan.png;300;200\n"}, "other folders: 'other/b.cfg'"),
+    ],
+)
+def test_a_question_is_asked_by_name(park, bring, more, told):
+    with pytest.raises(InputError, match=told):
+        bring({**park, **more})
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_several_maps_without_a_main_one(park, bring):
+    park["a.cfg"] = park.pop("map.cfg")
+    with pytest.raises(InputError, match=r"several maps: 'a.cfg', 'b.cfg'"):
+        bring({**park, "b.cfg": park["a.cfg"]})
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../evil.jpg",
+        "photos/../../evil.jpg",
+        "/etc/evil.jpg",
+        "C:/evil.jpg",
+        "..\\evil.jpg",
+        "a\n.jpg",
+        "a;b.jpg",
+    ],
+)
+def test_no_path_leads_out(park, bring, tmp_path, name):
+    with pytest.raises(InputError):
+        bring({**park, name: b"evil"})
+    assert not list(tmp_path.rglob("evil*"))
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_links_are_refused(park, bring):
+    link = zipfile.ZipInfo("photos/link.jpg")
+    link.external_attr = (stat.S_IFLNK | 0o777) << 16
+    with pytest.raises(InputError, match="is a link"):
+        bring({**park, link: b"/etc/passwd"})
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+@pytest.mark.parametrize(
+    ("limits", "told"),
+    [
+        (ImportLimits(max_files=3), "more than the limit of 3"),
+        (ImportLimits(max_mb=0.001, max_ratio=1e9), "more than the limit of 0.001"),
+        (ImportLimits(max_ratio=50), "times as large"),
+    ],
+)
+def test_bombs(park, bring, limits, told):
+    with pytest.raises(InputError, match=told):
+        bring({**park, "bomb.bmp": bytes(3_000_000)}, limits=limits, method=zipfile.ZIP_DEFLATED)
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+@pytest.mark.parametrize(
+    "names", [("photos/A.jpg", "photos/a.JPG"), ("p/e\u0301.jpg", "p/\u00e9.jpg"), ("x.jpg", "x.jpg/y.jpg")]
+)
+def test_names_that_are_one_file_on_some_disks(park, bring, names):
+    with pytest.raises(InputError):
+        bring({**park, **dict.fromkeys(names, b"x")})
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_names_too_long_for_the_disk(park, bring):
+    with pytest.raises(InputError, match="too long"):
+        bring({**park, f"{'x' * 250}.jpg": b"x"})
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_a_zip_that_lies_about_sizes(park, bring, library, owner, tmp_path):
+    bring_nothing = tmp_path / "lies.zip"
+    with zipfile.ZipFile(bring_nothing, "w") as archive:
+        for name, content in park.items():
+            archive.writestr(name, content)
+    data = bytearray(bring_nothing.read_bytes())
+    directory = data.index(b"PK\x01\x02", data.rindex(b"PK\x03\x04"))
+    data[directory + 24 : directory + 28] = (5).to_bytes(4, "little")
+    bring_nothing.write_bytes(data)
+    with pytest.raises(InputError):
+        import_map.run(library, bring_nothing, account_id=owner, name="x", settings=Settings())
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+@pytest.mark.parametrize("content", [b"", b"no zip", b"PK\x03\x04" + bytes(100)])
+def test_what_is_no_zip(library, owner, tmp_path, content):
+    (library.inner / "imports").mkdir()
+    (tmp_path / "x.zip").write_bytes(content)
+    with pytest.raises(InputError, match="no zip"):
+        import_map.run(library, tmp_path / "x.zip", account_id=owner, name="x", settings=Settings())
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_a_cut_off_photo_of_the_zip_itself(park, library, owner, tmp_path):
+    path = tmp_path / "cut.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in park.items():
+            archive.writestr(name, content)
+    data = bytearray(path.read_bytes())
+    data[2000:2100] = bytes(100)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="damaged"):
+        import_map.run(library, path, account_id=owner, name="x", settings=Settings())
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_all_errors_of_a_map_are_told_at_once(park, bring):
+    park["map.cfg"] = b"plan.png;300;200\n0;photos/0.jpg;1,5;2\n0;photos/1.jpg;2;3\n1;photos/1.jpg;999;3\n"
+    with pytest.raises(import_map.MapRefused) as caught:
+        bring(park)
+    assert {f.code for f in caught.value.findings} >= {"not-an-integer", "position-outside-image"} or {
+        f.code for f in caught.value.findings
+    } >= {"decimal-comma", "position-outside-image"}
+    assert "map.cfg:2" in caught.value.message and "more error" in caught.value.message
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_without_its_image_a_map_is_refused(park, bring):
+    del park["plan.png"]
+    with pytest.raises(import_map.MapRefused, match="no satellite image"):
+        bring(park)
+
+
+def test_missing_photos_are_told_and_the_others_are_there(park, bring, rows):
+    del park["photos/0.jpg"]
+    done = bring(park)
+    assert [f.code for f in done.findings] == ["missing-photo"]
+    assert [row.width > 0 for row in rows(done.map_id).values()] == [False, True]
+
+
+def test_two_imports_of_one_name(park, bring):
+    assert [bring(park).slug, bring(park).slug] == ["park", "park-2"]

@@ -1,0 +1,131 @@
+"""Copies a map of the library: same photos, places and placements, under a name of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotFound, StorageError
+from webapp.files.listing import DERIVED
+from webapp.progress import Progress
+from webapp.store import maps
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
+from webapp.tasks import library_export
+
+_RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
+_NOT_COPIED = frozenset({"exports", "health.json"})
+"""In `derived`: made for the other map."""
+
+
+def run(
+    library: Library, map_id: int, *, account_id: int, name: str, progress: Progress | None = None
+) -> str:
+    """Duplicate a map; its history stays behind, and what was removed from it.
+
+    Photos, images and indexes are never changed in place, so that both maps can share them on the disk.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    account_id : int
+        Who owns the copy.
+    name : str
+        Of the copy.
+    progress : Progress, optional
+        One step a file.
+
+    Returns
+    -------
+    str
+        Slug of the copy.
+
+    Raises
+    ------
+    NotFound, UsageError
+        There is no such map; the name is none.
+    StorageError, Cancelled
+        There is no copy.
+    """
+    progress = progress or Progress()
+    folder: Path | None = None
+    kept = False
+    try:
+        with library.database.write() as session:
+            record = session.get(MapRecord, map_id)
+            if record is None:
+                raise NotFound("there is no such map")
+            folders = [path.name for path in library.folder.iterdir()]
+            copy = maps.create(session, maps.checked_name(name), account_id=account_id, folders=folders)
+            _copy_records(session, record, copy)
+            folder = library.map_folder(copy.slug)
+            _copy_files(library.map_folder(record.slug), folder, progress=progress)
+        kept = True
+    finally:
+        if folder is not None and not kept:
+            shutil.rmtree(folder, ignore_errors=True)
+    library_export.run(library, copy.id)
+    return copy.slug
+
+
+def _copy_records(session: Session, record: MapRecord, copy: MapRecord) -> None:
+    for field in _RECORD_FIELDS:
+        setattr(copy, field, getattr(record, field))
+    photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+    session.add_all(_same(photo, copy.id, revision=0) for photo in photos)
+    ids = {photo.id for photo in photos}
+    placed = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)).all()
+    session.add_all(_same(row, copy.id) for row in placed if row.photo_id in ids)
+
+
+def _same(row: Photo | PlacedElsewhere, map_id: int, **other: int) -> Photo | PlacedElsewhere:
+    """Make a record with the same values for another map."""
+    values = {column.key: getattr(row, column.key) for column in row.__table__.columns}
+    return type(row)(**{**values, "map_id": map_id, **other})
+
+
+def _copy_files(source: Path, target: Path, *, progress: Progress) -> None:
+    try:
+        target.mkdir()
+        files = list(_files(source)) if source.is_dir() else []
+        progress.size(len(files))
+        for file in files:
+            progress.check()
+            copy = target / file.relative_to(source)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            _link(file, copy)
+            progress.advance()
+    except OSError as error:
+        raise StorageError(
+            f"the map cannot be copied: {error.strerror or error}",
+            where=error.filename,
+            hint="is there room on the disk of the library?",
+        ) from error
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """List what belongs to a map; its texts are written anew, and links stay behind."""
+    for parent, folders, files in os.walk(folder):
+        here = Path(parent)
+        inside = here.relative_to(folder).parts
+        folders[:] = [name for name in folders if not (inside == (DERIVED,) and name in _NOT_COPIED)]
+        for name in sorted(files):
+            path = here / name
+            text = not inside and path.suffix.lower() in (".cfg", ".json")
+            ours = inside[:1] == (DERIVED,) and (name in _NOT_COPIED or name.endswith("lock"))
+            if not (text or ours or name.endswith((".tmp", ".part")) or path.is_symlink()):
+                yield path
+
+
+def _link(source: Path, target: Path) -> None:
+    """Give a file a second name; copy it where the disk knows no such thing."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)

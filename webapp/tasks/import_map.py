@@ -1,0 +1,160 @@
+"""Makes a map of the library from a zip with a `.cfg` and its folder."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.core.mapmodel.findings import Code, Finding
+from webapp.errors import MapError
+from webapp.files.mapzip import unpack
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store import maps
+from webapp.store.library import Library
+from webapp.tasks import adopt_map, check_map
+from webapp.tasks.import_choice import add_placements, choose_map
+
+_BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
+"""Errors of single photos: the map is imported, and they are told."""
+
+_STALE_S = 86_400
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """The new map.
+
+    Attributes
+    ----------
+    map_id : int
+    slug : str
+    findings : tuple of Finding
+        What the linter says about it.
+    left_out : tuple of str
+        Files of the zip that are no part of a map.
+    """
+
+    map_id: int
+    slug: str
+    findings: tuple[Finding, ...]
+    left_out: tuple[str, ...]
+
+
+class MapRefused(MapError):
+    """The linter found errors with which the map cannot be imported.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        All that it found, warnings included.
+    """
+
+    def __init__(self, message: str, *, findings: tuple[Finding, ...], hint: str | None = None) -> None:
+        super().__init__(message, hint=hint)
+        self.findings = findings
+
+
+def run(
+    library: Library,
+    archive: Path,
+    *,
+    account_id: int,
+    name: str,
+    settings: Settings,
+    progress: Progress | None = None,
+) -> Imported:
+    """Import a map; it appears whole or not at all.
+
+    Parameters
+    ----------
+    library : Library
+    archive : Path
+        The zip; stays as it is.
+    account_id : int
+        Who owns the map.
+    name : str
+        Of the map, for people.
+    settings : Settings
+        The limits of imports and photos.
+    progress : Progress, optional
+        One step a file, three times: unpacked, checked, read.
+
+    Returns
+    -------
+    Imported
+
+    Raises
+    ------
+    InputError
+        It is no zip, is not safe, or holds no map or several.
+    MapRefused
+        The map in it has errors; with what the linter found.
+    StorageError, UsageError, Cancelled
+    """
+    progress = progress or Progress()
+    name = maps.checked_name(name)
+    staging = _staging(library)
+    try:
+        progress.note("unpacking")
+        unpacked = unpack(archive, staging, limits=settings.imports, progress=progress)
+        cfg = choose_map(unpacked)
+        progress.note("checking")
+        findings = _checked(cfg, settings=settings, progress=progress)
+        add_placements(cfg)
+        progress.note("reading photos")
+        contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
+        map_id, slug = _register(library, cfg, contents, name=name, account_id=account_id)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return Imported(map_id, slug, findings, unpacked.left_out)
+
+
+def _register(
+    library: Library, cfg: Path, contents: adopt_map.Contents, *, name: str, account_id: int
+) -> tuple[int, str]:
+    """Move the folder to its place and make the record; where the record cannot be kept, neither is."""
+    folder: Path | None = None
+    kept = False
+    try:
+        with library.database.write() as session:
+            folders = [path.name for path in library.folder.iterdir()]
+            record = maps.create(session, name, account_id=account_id, folders=folders)
+            adopt_map.fill(session, record, contents)
+            session.flush()
+            folder = library.map_folder(record.slug)
+            cfg.parent.rename(folder)
+        kept = True
+    finally:
+        if folder is not None and not kept:
+            shutil.rmtree(folder, ignore_errors=True)
+    return record.id, record.slug
+
+
+def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
+    report = check_map.run(cfg, settings=settings, progress=progress)
+    errors = [f for f in report.findings if f.severity == "error" and f.code not in _BEARABLE]
+    if errors:
+        first = errors[0]
+        more = f", and {len(errors) - 1} more errors" if len(errors) > 1 else ""
+        raise MapRefused(
+            f"{first.file or cfg.name}:{first.line}:{first.column}: {first.message}{more}",
+            findings=report.findings,
+            hint=first.fix,
+        )
+    return report.findings
+
+
+def _staging(library: Library) -> Path:
+    """Make a folder to unpack in; delete those that killed imports have left."""
+    imports = library.inner / "imports"
+    imports.mkdir(parents=True, exist_ok=True)
+    for old in imports.iterdir():
+        if time.time() - old.stat().st_mtime > _STALE_S:
+            shutil.rmtree(old, ignore_errors=True)
+    staging = imports / secrets.token_hex(8)
+    staging.mkdir()
+    return staging
