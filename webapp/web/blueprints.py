@@ -4,10 +4,30 @@ from __future__ import annotations
 
 from flask import Blueprint
 
+from webapp.web.account_page import blueprint as account_page
+from webapp.web.api_jobs import blueprint as api_jobs
+from webapp.web.api_photos import blueprint as api_photos
+from webapp.web.api_placing import blueprint as api_placing
+from webapp.web.api_uploads import blueprint as api_uploads
+from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.health import blueprint as health
+from webapp.web.jobs_page import blueprint as jobs_page
+from webapp.web.map_settings import blueprint as map_settings
+from webapp.web.maps_page import blueprint as maps_page
+from webapp.web.people_page import blueprint as people_page
 from webapp.web.sign_in import blueprint as sign_in
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
+    account_page,
+    api_jobs,
+    api_maps,
+    api_photos,
+    api_placing,
+    api_uploads,
     health,
+    jobs_page,
+    map_settings,
+    maps_page,
+    people_page,
     sign_in,
-)  # fmt: skip
+)

@@ -66,6 +66,13 @@ def as_json(error: ExpMapError) -> dict[str, Any]:
     return _shape(_code(type(error).__name__), error.message, hint=error.hint, where=error.where)
 
 
+def extra_headers(error: ExpMapError) -> dict[str, str]:
+    """Give the headers that belong to the status of an error."""
+    if isinstance(error, TooMany):
+        return {"Retry-After": str(error.wait_s)}
+    return {"WWW-Authenticate": "Bearer"} if isinstance(error, NotSignedIn) else {}
+
+
 def init_app(app: Flask) -> None:
     """Have every error answered in one way."""
     app.register_error_handler(ExpMapError, _own)
@@ -80,10 +87,7 @@ def _own(error: ExpMapError) -> BaseResponse:
         there = request.full_path.rstrip("?") if request.method == "GET" else None
         return redirect(url_for("sign_in.form", next=there))
     response = _answer(as_json(error), status_of(error))
-    if isinstance(error, NotSignedIn):
-        response.headers["WWW-Authenticate"] = "Bearer"
-    if isinstance(error, TooMany):
-        response.headers["Retry-After"] = str(error.wait_s)
+    response.headers.update(extra_headers(error))
     return response
 
 

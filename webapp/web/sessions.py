@@ -64,6 +64,7 @@ def signed_in() -> Account | None:
         The token is not known.
     """
     if "expmap_account" not in g:
+        g.expmap_account = None  # also while the answer says that the token is not known
         token = bearer()
         g.expmap_account = _of_session() if token is None else _of_token(token)
     found: Account | None = g.expmap_account

@@ -1,0 +1,141 @@
+/**
+ * The only module that talks to the server.
+ */
+
+import { t } from "./i18n.js";
+
+const BASE = "/api/v1";
+const WAIT_MS = [300, 1000, 2000, 4000, 8000];
+const SAFE = new Set(["GET", "HEAD"]);
+
+/** A request that the server refused, or that did not reach it (`code` is `offline`, `status` 0). */
+export class ApiError extends Error {
+  /** @param {{status: number, code: string, message: string, hint: ?string, where: ?string}} told */
+  constructor({ status, code, message, hint = null, where = null }) {
+    super(message);
+    this.name = "ApiError";
+    Object.assign(this, { status, code, hint, where });
+  }
+}
+
+/**
+ * Send a request to the API.
+ * @param {string} path below /api/v1, as `/maps`
+ * @param {Object} [options]
+ * @param {string} [options.method]
+ * @param {*} [options.json] sent as JSON
+ * @param {BodyInit} [options.body] sent as it is: a FormData, a Blob
+ * @param {Object<string, string>} [options.headers]
+ * @param {AbortSignal} [options.signal]
+ * @returns {Promise<*>} the answer's JSON; null for an empty one
+ * @throws {ApiError}
+ */
+export async function api(path, { method = "GET", json, body, headers = {}, signal } = {}) {
+  const sent = { Accept: "application/json", ...headers };
+  if (json !== undefined) {
+    sent["Content-Type"] = "application/json";
+    body = JSON.stringify(json);
+  }
+  if (!SAFE.has(method)) sent["X-CSRFToken"] = csrfToken();
+  const options = { method, headers: sent, body, signal, credentials: "same-origin" };
+  return read(await (SAFE.has(method) ? patiently(path, options) : once(path, options)));
+}
+
+/** @see api */
+export const get = (path, options = {}) => api(path, options);
+/** @see api */
+export const post = (path, json, options = {}) => api(path, { ...options, method: "POST", json });
+/** @see api */
+export const put = (path, json, options = {}) => api(path, { ...options, method: "PUT", json });
+/** @see api */
+export const patch = (path, json, options = {}) => api(path, { ...options, method: "PATCH", json });
+/** @see api */
+export const del = (path, options = {}) => api(path, { ...options, method: "DELETE" });
+
+/**
+ * Send a file and hear how far it is; fetch cannot tell.
+ * @param {string} path
+ * @param {Object} options
+ * @param {string} [options.method]
+ * @param {FormData|Blob} options.body
+ * @param {Object<string, string>} [options.headers]
+ * @param {function(number, number): void} [options.onProgress] bytes sent, bytes in all
+ * @param {AbortSignal} [options.signal]
+ * @returns {Promise<*>}
+ * @throws {ApiError}
+ */
+export function upload(path, { method = "POST", body, headers = {}, onProgress, signal }) {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open(method, BASE + path);
+    const all = { Accept: "application/json", "X-CSRFToken": csrfToken(), ...headers };
+    for (const [name, value] of Object.entries(all)) request.setRequestHeader(name, value);
+    request.upload.onprogress = (event) => event.lengthComputable && onProgress?.(event.loaded, event.total);
+    request.onload = () => read(new Response(request.response || null, answerOf(request))).then(resolve, reject);
+    request.onerror = () => reject(offline());
+    request.onabort = () => reject(new DOMException("Aborted", "AbortError"));
+    signal?.addEventListener("abort", () => request.abort(), { once: true });
+    request.send(body);
+  });
+}
+
+function csrfToken() {
+  return document.querySelector('meta[name="csrf-token"]').content;
+}
+
+function answerOf(request) {
+  const type = request.getResponseHeader("Content-Type") || "";
+  return { status: request.status, headers: { "Content-Type": type } };
+}
+
+async function once(path, options) {
+  try {
+    const response = await fetch(BASE + path, options);
+    tell("online");
+    return response;
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    tell("offline");
+    throw offline();
+  }
+}
+
+/** What changes nothing can be asked again when the network fails. */
+async function patiently(path, options) {
+  for (const wait of WAIT_MS) {
+    try {
+      return await once(path, options);
+    } catch (error) {
+      if (error.code !== "offline") throw error;
+      await new Promise((resolve) => setTimeout(resolve, wait));
+      options.signal?.throwIfAborted();
+    }
+  }
+  return once(path, options);
+}
+
+async function read(response) {
+  const isJson = (response.headers.get("Content-Type") || "").includes("json");
+  if (response.ok) return isJson ? response.json() : null;
+  const told = isJson ? (await response.json()).error : null;
+  const error = new ApiError({ status: response.status, ...(told || unreadable(response)) });
+  if (error.status === 401) location.assign(`/sign-in?next=${encodeURIComponent(location.pathname)}`);
+  throw error;
+}
+
+function unreadable(response) {
+  return { code: "unreadable", message: t("The server gave no readable answer ({status}).", { status: response.status }) };
+}
+
+function offline() {
+  const message = t("The server cannot be reached.");
+  return new ApiError({ status: 0, code: "offline", message, hint: t("Check the network; nothing you did is lost.") });
+}
+
+/** Pages listen for these on `window`: `expmap:offline`, `expmap:online`. */
+function tell(state) {
+  if (tell.last !== state) {
+    tell.last = state;
+    window.dispatchEvent(new Event(`expmap:${state}`));
+  }
+}

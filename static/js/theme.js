@@ -1,0 +1,29 @@
+/** The switch between light, dark, and as the system is; a cookie remembers it, so that pages come right at once. */
+
+const YEAR_S = 31_536_000;
+
+/**
+ * Connect the buttons of the switch.
+ * @param {HTMLElement} root with buttons that have `data-theme-choice`
+ */
+export function connectTheme(root) {
+  const buttons = [...root.querySelectorAll("[data-theme-choice]")];
+  const show = () => {
+    const now = document.documentElement.dataset.theme || "system";
+    for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.themeChoice === now));
+  };
+  for (const button of buttons) {
+    button.addEventListener("click", () => {
+      choose(button.dataset.themeChoice);
+      show();
+    });
+  }
+  show();
+}
+
+function choose(theme) {
+  if (theme === "system") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = theme;
+  const age = theme === "system" ? 0 : YEAR_S;
+  document.cookie = `expmap-theme=${theme}; path=/; max-age=${age}; samesite=lax`;
+}
