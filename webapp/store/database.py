@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DataError, OperationalError
 from sqlalchemy.orm import Session
 
-from webapp.errors import StorageError
+from webapp.errors import NotFound, StorageError
 
 _WAIT_S = 30
 """How long a writer waits for the others."""
@@ -39,7 +39,7 @@ class Database:
         StorageError
             The database cannot be read.
         """
-        with _as_storage_error(self.url), Session(self.engine) as session:
+        with _errors_of_ours(self.url), Session(self.engine) as session:
             yield session
 
     @contextmanager
@@ -54,7 +54,7 @@ class Database:
         StorageError
             The database cannot be written.
         """
-        with _as_storage_error(self.url), Session(self._writing, expire_on_commit=False) as session:
+        with _errors_of_ours(self.url), Session(self._writing, expire_on_commit=False) as session:
             yield session
             session.commit()
 
@@ -84,9 +84,12 @@ def _begin_sqlite(connection: Connection) -> None:
 
 
 @contextmanager
-def _as_storage_error(url: str) -> Iterator[None]:
+def _errors_of_ours(url: str) -> Iterator[None]:
     try:
         yield
+    except (OverflowError, DataError) as error:
+        # Clients send ids of any size; one that no column can hold is one that nothing has.
+        raise NotFound("there is no such thing: a number is too large", hint="check the address") from error
     except OperationalError as error:
         raise StorageError(
             f"the database refused: {error.orig}",

@@ -6,10 +6,10 @@ from flask import Blueprint
 
 from webapp.web.account_page import blueprint as account_page
 from webapp.web.api_jobs import blueprint as api_jobs
+from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.api_photos import blueprint as api_photos
 from webapp.web.api_placing import blueprint as api_placing
 from webapp.web.api_uploads import blueprint as api_uploads
-from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.health import blueprint as health
 from webapp.web.jobs_page import blueprint as jobs_page
 from webapp.web.map_settings import blueprint as map_settings

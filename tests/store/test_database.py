@@ -1,0 +1,61 @@
+"""Sessions keep all or nothing, and tell what is wrong in words."""
+
+import sqlite3
+
+import pytest
+from sqlalchemy.exc import OperationalError
+
+from webapp.errors import NotFound, StorageError
+from webapp.store.database import Database
+from webapp.store.schema import Account, Photo
+
+
+def test_an_error_keeps_nothing(library, new_account):
+    with pytest.raises(ZeroDivisionError), library.database.write() as session:
+        session.add(Account(name="ana"))
+        session.flush()
+        raise ZeroDivisionError
+    with library.database.read() as session:
+        assert session.get(Account, 1) is None
+
+
+def test_a_number_that_no_column_can_hold_is_not_found(library):
+    with pytest.raises(NotFound, match="too large"), library.database.read() as session:
+        session.get(Photo, (1, 10**30))
+
+
+def test_a_writer_waits_for_the_others_and_sees_what_they_wrote(library, new_account):
+    ana = new_account("ana")
+    seen = []
+    with library.database.write() as session:
+        session.get(Account, ana.id).epoch = 5
+        with library.database.read() as reader:
+            seen.append(reader.get(Account, ana.id).epoch)
+    with library.database.read() as reader:
+        seen.append(reader.get(Account, ana.id).epoch)
+    assert seen == [0, 5]
+
+
+def test_it_is_written_through_to_the_disk(library):
+    with library.database.engine.connect() as connection:
+        modes = [
+            connection.exec_driver_sql(f"PRAGMA {name}").scalar() for name in ("journal_mode", "synchronous")
+        ]
+    assert modes == ["wal", 2]
+
+
+def test_a_database_that_cannot_be_opened_is_an_error_in_words(tmp_path):
+    database = Database(f"sqlite:///{tmp_path / 'none' / 'library.db'}")
+    with pytest.raises(StorageError, match="unable to open"), database.read() as session:
+        session.get(Account, 1)
+
+
+def test_a_full_disk_is_an_error_in_words(library):
+    def full():
+        raise sqlite3.OperationalError("database or disk is full")
+
+    with pytest.raises(StorageError, match="disk is full"), library.database.write():
+        try:
+            full()
+        except sqlite3.OperationalError as error:
+            raise OperationalError("INSERT", None, error) from error

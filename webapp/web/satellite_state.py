@@ -1,0 +1,33 @@
+"""What a page is told of a map's satellite image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from webapp.files.pyramid import max_zoom
+from webapp.store.schema import MapRecord
+from webapp.tasks import satellite_display
+from webapp.web.state import library
+
+
+def satellite_json(record: MapRecord) -> dict[str, Any] | None:
+    """Give address and size of a map's image; None without one.
+
+    Returns
+    -------
+    dict or None
+        `url`, `width`, `height`, and `tiles` (`url` with {z}, {x} and {y}, and `max_zoom`) or null. Another
+        content has another address, so that browsers may keep what they have.
+    """
+    key = satellite_display.key_of(library(), record)
+    width, height = record.satellite_width, record.satellite_height
+    if key is None or not width or not height:
+        return None
+    base = f"/api/v1/maps/{record.slug}/satellite"
+    tiles = None
+    if satellite_display.has_tiles(library(), record):
+        tiles = {
+            "url": f"{base}/tiles/{{z}}/{{x}}/{{y}}?v={key}",
+            "max_zoom": max_zoom(width=width, height=height),
+        }
+    return {"url": f"{base}?v={key}", "width": width, "height": height, "tiles": tiles}
