@@ -43,21 +43,18 @@ def read_gpx(path: Path) -> Track:
         The file cannot be read, is too large, is no GPX, declares a document type (which can blow up a
         reader's memory), or has fewer than two fixes with times.
     """
-    data = read_bytes(path, error=TrackError)
-    if len(data) > MAX_BYTES:
-        raise TrackError(
-            f"the file is larger than {MAX_BYTES // 10**6} MB",
-            where=str(path),
-            hint="export a part of the track",
-        )
     try:
-        return parse_gpx(data)
+        return parse_gpx(read_bytes(path, error=TrackError))
     except TrackError as error:
         raise TrackError(error.message, where=str(path), hint=error.hint) from error
 
 
 def parse_gpx(data: bytes) -> Track:
     """Read the content of a GPX file; see `read_gpx`."""
+    if len(data) > MAX_BYTES:
+        raise TrackError(
+            f"the file is larger than {MAX_BYTES // 10**6} MB", hint="export a part of the track"
+        )
     text = _text(data)
     if _NOT_GPX.search(text):
         raise TrackError("the file declares a document type, which no GPX needs", hint="export it again")

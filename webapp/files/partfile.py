@@ -189,13 +189,21 @@ def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
 
 
 @contextmanager
-def told_as(name: str, path: Path) -> Iterator[None]:
-    """Let errors name a file as its sender does, not as it is called here."""
+def told_as(name: str, path: Path | None = None) -> Iterator[None]:
+    """Let errors name a file as its sender does, not as it is called here.
+
+    Parameters
+    ----------
+    name : str
+    path : Path, optional
+        What it is called here; None for bytes without a name.
+    """
     try:
         yield
     except ExpMapError as error:
-        error.message = error.message.replace(str(path), name)
-        error.where = error.where.replace(str(path), name) if error.where else name
+        here = name if path is None else str(path)
+        error.message = error.message.replace(here, name)
+        error.where = error.where.replace(here, name) if error.where else name
         raise
 
 

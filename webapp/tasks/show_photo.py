@@ -1,0 +1,52 @@
+"""Finds the file of a photo, or of a preview, for those who may see it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from webapp.errors import NotFound
+from webapp.files.mapfolder import photo_path
+from webapp.files.partfile import told_as
+from webapp.files.preview import Kind, make_previews, preview_path, write_previews
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.schema import Photo
+
+
+def original(library: Library, slug: str, *, photo: Photo) -> Path:
+    """Find the file of a photo, as it came.
+
+    Raises
+    ------
+    NotFound
+        It is missing on the disk.
+    MapError
+        Its path, or a link on the way, leads out of the map's folder.
+    """
+    cfg = library.cfg(slug)
+    with told_as(photo.name, cfg):
+        path = photo_path(cfg, photo.path)
+    if not path.is_file():
+        raise NotFound("the file of this photo is missing", where=photo.name, hint="upload it again")
+    return path
+
+
+def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: Settings) -> Path:
+    """Find a preview of a photo, and make it where it is missing.
+
+    Raises
+    ------
+    NotFound, PhotoError
+        The photo is missing or damaged.
+    MapError
+        Its path, or a link on the way, leads out of the map's folder.
+    StorageError
+        The disk refused.
+    """
+    folder = library.map_folder(slug)
+    path = preview_path(folder, photo.id, kind=kind)
+    if not path.exists():
+        source = original(library, slug, photo=photo)
+        with told_as(photo.name, source):
+            write_previews(folder, photo.id, previews=make_previews(source, limits=settings.photo))
+    return path
