@@ -118,7 +118,7 @@ class JobSettings:
     """After so many seconds without a sign of life of its worker, another one takes a job over."""
 
     attempts: int = 5
-    """After so many workers that died on it, a job has failed."""
+    """After so many workers that died on it one after the other, without a step done, a job has failed."""
 
     stop_s: float = 4.0
     """A job has so many seconds to come to a good place when its worker has to stop."""

@@ -160,12 +160,25 @@ def test_a_job_on_which_workers_die_fails(do, take, at, seen):
     for fence in (1, 2, 3):
         held = take()
         assert held.fence == fence
-        do(jobs.beat, held, seconds=10.0, progress=(5, 5, ""))
+        do(jobs.beat, held, seconds=10.0, progress=(0, 0, ""))
         at(11)
     other = do(jobs.enqueue, "y").id
     assert take().job_id == other
     job = seen(id)
     assert (job["state"], job["error"]["message"]) == ("failed", "the worker died 3 times on this job")
+    assert job["done"] < job["total"]
+
+
+def test_a_job_that_gets_on_between_deaths_goes_on_but_not_for_ever(do, take, at, seen):
+    id = do(jobs.enqueue, "x").id
+    for fence in range(1, 31):
+        held = take()
+        assert held.fence == fence
+        do(jobs.beat, held, seconds=10.0, progress=(5, 5, ""))
+        at(11)
+    assert take() is None
+    job = seen(id)
+    assert (job["state"], job["error"]["message"]) == ("failed", "the worker died 30 times on this job")
     assert job["done"] < job["total"]
 
 
@@ -262,7 +275,6 @@ def test_time_left():
 
 def test_the_object_for_pages(do, take, park, seen):
     id = do(jobs.enqueue, "index", map_id=park).id
-    assert seen(id).keys() == {
-        "id", "kind", "map", "state", "done", "total", "note", "error", "result", "seconds_left", "created_at",
-    }  # fmt: skip
+    names = "id kind map state done total note error result created_at seconds_left"
+    assert seen(id).keys() == set(names.split())
     assert (seen(id)["map"], seen(id)["state"], seen(id)["seconds_left"]) == ("park", "queued", None)

@@ -15,8 +15,8 @@ from types import FrameType
 _log = logging.getLogger(__name__)
 
 _TICK_S = 0.1
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.25, 10.0
-_WELL_S = 20.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.25, 5.0
+_WELL_S = 5.0
 """A process that has lived so long counts as well started."""
 
 _STDERR = 2

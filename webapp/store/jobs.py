@@ -50,7 +50,8 @@ class Limits:
     seconds : float
         How long it lasts without being renewed.
     attempts : int
-        After so many workers that died on it, a job has failed.
+        After so many workers that died on it one after the other, without a step done, a job has failed; and
+        after ten times as many in all, as it will never come to its end.
     """
 
     seconds: float
@@ -186,7 +187,7 @@ def lease(
             continue
         if job.cancel_wanted:
             _end(job, "cancelled")
-        elif job.attempts >= limits.attempts:
+        elif _is_hopeless(job, limits):
             _end(job, "failed", error=_died(job))
         else:
             return _given(job, who, limits=limits)
@@ -320,6 +321,13 @@ def _is_held(job: Job, is_gone: Callable[[str], bool]) -> bool:
     return job.leased_until > now() and not is_gone(job.leased_by)
 
 
+def _is_hopeless(job: Job, limits: Limits) -> bool:
+    """Count the death of a worker; work that gets on between deaths comes to its end."""
+    if job.done > 0:
+        job.attempts = 0
+    return job.attempts >= limits.attempts or job.fence >= 10 * limits.attempts
+
+
 def _given(job: Job, who: str, *, limits: Limits) -> Job:
     job.state, job.leased_by = "running", who
     job.started_at = now()
@@ -346,7 +354,7 @@ def _end(job: Job, state: str, *, error: dict[str, Any] | None = None) -> None:
 
 def _died(job: Job) -> dict[str, Any]:
     return {
-        "message": f"the worker died {job.attempts} times on this job",
+        "message": f"the worker died {job.attempts or job.fence} times on this job",
         "where": None,
         "hint": "the log of the server says more; is there too little memory? Then try again",
     }

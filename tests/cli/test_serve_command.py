@@ -1,0 +1,224 @@
+"""`expmap serve` and `expmap worker` as processes: started, stopped and killed."""
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from webapp.jobs.webserver import gunicorn_options
+from webapp.settings import Settings
+from webapp.store import accounts, jobs, maps
+from webapp.store.library import open_library
+from webapp.store.schema import Job
+
+ROOT = Path(__file__).resolve().parents[2]
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run on Windows itself")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A library with an owner and a map, in which nothing has to be made first."""
+    library = open_library(tmp_path / "library")
+    with library.database.write() as session:
+        maps.create(session, "Park", account_id=accounts.ensure_owner(session).id)
+    library.database.close()
+    return library.folder
+
+
+@pytest.fixture
+def port():
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
+
+
+def command(folder, *options):
+    return [sys.executable, "-m", "webapp", "serve", "--library", str(folder), "--workers", "1", *options]
+
+
+@contextmanager
+def served(folder, port):
+    """Serve a library; gives the process, its address and the link to sign in."""
+    words = command(folder, "--port", str(port))
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=ROOT) as server:
+        try:
+            listening = re.fullmatch(r"listening on (http://\S+)\n", server.stdout.readline())
+            link = re.fullmatch(r"sign in: (http://\S+)\n", server.stdout.readline())
+            yield server, listening[1], link[1]
+        finally:
+            server.send_signal(signal.SIGTERM)
+            try:
+                server.wait(15)
+            finally:
+                for pid in processes(folder):
+                    with suppress(ProcessLookupError):
+                        os.kill(pid, signal.SIGKILL)
+
+
+def processes(folder, what=""):
+    """Ids of the processes that work with a library, by their parents."""
+    table = subprocess.run(
+        ["ps", "-A", "-ww", "-o", "pid=,ppid=,stat=,args="], capture_output=True, text=True
+    )
+    rows = [line.split(maxsplit=3) for line in table.stdout.splitlines()]
+    return {
+        int(pid): int(parent)
+        for pid, parent, state, args in rows
+        if str(folder) in args and what in args and not state.startswith("Z")
+    }
+
+
+def web(folder):
+    """Ids of gunicorn's master, and of its workers."""
+    all_ = processes(folder, "webapp.jobs.webserver")
+    masters = [pid for pid, parent in all_.items() if parent not in all_]
+    return masters[0] if masters else None, [pid for pid in all_ if pid not in masters]
+
+
+def answers(url):
+    try:
+        with urllib.request.urlopen(url + "/healthz", timeout=5) as response:
+            return response.status == 200
+    except (OSError, urllib.error.URLError):
+        return False
+
+
+def wait_for(happened, *, seconds=15.0):
+    until = time.monotonic() + seconds
+    while not (found := happened()):
+        assert time.monotonic() < until, "it did not happen"
+        time.sleep(0.05)
+    return found
+
+
+def test_it_says_where_it_is_and_stops_on_ctrl_c(folder, port):
+    with served(folder, port) as (server, url, link):
+        assert url == f"http://127.0.0.1:{port}"
+        assert link.startswith(f"{url}/sign-in/")
+        assert answers(url)
+        assert urllib.request.urlopen(link, timeout=5).status == 200
+        assert len(processes(folder)) == 4
+        asked = time.monotonic()
+        server.send_signal(signal.SIGINT)
+        assert server.wait(15) == 0
+        assert time.monotonic() - asked < 8
+        assert server.stdout.read() == ""
+        assert not processes(folder)
+        assert not answers(url)
+
+
+def test_killed_processes_are_replaced(folder, port):
+    with served(folder, port) as (server, url, _):
+        master, (worker,) = web(folder)
+        (background,) = processes(folder, "webapp worker")
+        os.kill(worker, signal.SIGKILL)
+        wait_for(lambda: web(folder)[1] not in ([], [worker]))
+        wait_for(lambda: answers(url))
+        assert web(folder)[0] == master
+        os.kill(background, signal.SIGKILL)
+        wait_for(lambda: processes(folder, "webapp worker").keys() - {background})
+        os.kill(master, signal.SIGKILL)
+        # The socket is the supervisor's: whoever asks now has to wait, and is not refused.
+        assert answers(url)
+        wait_for(lambda: web(folder)[0] not in (None, master))
+        assert server.poll() is None
+
+
+def test_without_the_supervisor_all_end_and_the_next_can_start(folder, port):
+    with served(folder, port) as (server, _, _):
+        server.kill()
+        server.wait()
+        with served(folder, port) as (_, url, _):
+            assert answers(url)
+            wait_for(lambda: len(processes(folder)) == 4, seconds=3.0)
+
+
+def test_a_port_in_use(folder, port):
+    with socket.create_server(("127.0.0.1", port)):
+        done = subprocess.run(
+            command(folder, "--port", str(port)), capture_output=True, text=True, cwd=ROOT, timeout=30
+        )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.splitlines() == [
+        f"expmap: 127.0.0.1:{port}: another program uses this port "
+        f"(stop it, or choose another port: --port {port + 1})"
+    ]
+
+
+def test_an_unknown_host(folder):
+    done = subprocess.run(
+        command(folder, "--host", "256.0.0.1"), capture_output=True, text=True, cwd=ROOT, timeout=30
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "cannot listen there" in done.stderr.splitlines()[-1]
+
+
+def test_an_application_that_does_not_start_is_given_up(folder):
+    text = (
+        "import sys; from pathlib import Path\n"
+        "from webapp.jobs import serving; from webapp.settings import Settings\n"
+        "site = serving.Site('webapp.nowhere:create_app', '127.0.0.1', 0, 1)\n"
+        "serving.serve(site, settings=Settings(library=Path(sys.argv[1])), tell=print)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", text, folder], capture_output=True, text=True, cwd=ROOT, timeout=60
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "No module named 'webapp.nowhere'" in done.stderr
+    assert "the web server does not start" in done.stderr.splitlines()[-1]
+    assert not processes(folder)
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/maps").exists(), reason="what a process has loaded is told on Linux only"
+)
+def test_who_forks_has_not_loaded_opencv(folder, port):
+    def loaded(pid):
+        return {
+            name for name in ("cv2", "faiss", "numpy") if f"/{name}" in Path(f"/proc/{pid}/maps").read_text()
+        }
+
+    with served(folder, port) as (server, _, _):
+        master, (worker,) = web(folder)
+        assert "cv2" in loaded(worker)
+        assert loaded(master) == loaded(server.pid) == set()
+
+
+def test_the_first_start_has_a_sample_map(tmp_path, port, sample_folder):
+    shutil.copytree(sample_folder, tmp_path / "maps" / "sample")  # making it takes long
+    with served(tmp_path / "maps", port) as (_, _, _):
+        library = open_library(tmp_path / "maps")
+        with library.database.read() as session:
+            (account,) = accounts.listed(session)
+            (record,) = maps.listed(session, account)
+            assert (record.slug, maps.counts(session, record)) == ("sample", (60, 60))
+            assert account.is_owner
+        library.database.close()
+
+
+def test_the_worker_alone_does_what_waits(folder):
+    library = open_library(folder)
+    with library.database.write() as session:
+        id = jobs.enqueue(session, "index", map_id=1).id
+    words = [sys.executable, "-m", "webapp", "worker", "--library", str(folder), "--once"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "")
+    with library.database.read() as session:
+        assert session.get(Job, id).state == "failed"  # the map has no image
+    library.database.close()
+
+
+def test_gunicorn_has_no_control_socket_and_forks_before_it_loads():
+    options = gunicorn_options(Settings(), fd=3, workers=2)
+    assert options["control_socket_disable"] is True
+    assert options["preload_app"] is False

@@ -1,0 +1,100 @@
+"""A library, and kinds of jobs made for the tests."""
+
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from webapp.jobs import kinds
+from webapp.settings import JobSettings, Settings
+from webapp.store import accounts, jobs, maps
+from webapp.store.library import open_library
+
+ROOT = Path(__file__).resolve().parents[2]
+KINDS = {
+    name: f"kinds_for_tests:{name}" for name in ("count", "fine", "refuse", "mistake", "stubborn", "write")
+}
+
+
+@pytest.fixture
+def library(tmp_path):
+    library = open_library(tmp_path / "library")
+    yield library
+    library.database.close()
+
+
+@pytest.fixture
+def settings(library):
+    """Settings with short times."""
+    return replace(Settings(), library=library.folder, jobs=JobSettings(lease_s=2.0, stop_s=0.5, sweep_s=0.2))
+
+
+@pytest.fixture
+def test_kinds(monkeypatch):
+    """Have the kinds of `kinds_for_tests.py` in this process."""
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    monkeypatch.setattr(kinds, "KINDS", kinds.KINDS | KINDS)
+
+
+@pytest.fixture
+def park(library):
+    """Id of a map."""
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session)
+        return maps.create(session, "Park", account_id=owner.id).id
+
+
+@pytest.fixture
+def queue(library):
+    """Queue a job; gives its id."""
+
+    def put(kind, **named):
+        with library.database.write() as session:
+            return jobs.enqueue(session, kind, **named).id
+
+    return put
+
+
+@pytest.fixture
+def seen(library):
+    """The job as pages get it."""
+
+    def look(id):
+        with library.database.read() as session:
+            return jobs.to_json(session, jobs.find(session, id))
+
+    return look
+
+
+@pytest.fixture
+def start(settings):
+    """Start a worker process that knows the kinds of the tests."""
+    started = []
+
+    def run():
+        command = [sys.executable, Path(__file__).with_name("kinds_for_tests.py"), settings.library]
+        process = subprocess.Popen(command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)})
+        started.append(process)
+        return process
+
+    yield run
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def wait_for(happened, *, seconds=15.0):
+    until = time.monotonic() + seconds
+    while not (found := happened()):
+        assert time.monotonic() < until, "it did not happen"
+        time.sleep(0.02)
+    return found
+
+
+@pytest.fixture(name="wait_for")
+def _wait_for():
+    """Wait until something holds."""
+    return wait_for

@@ -1,0 +1,66 @@
+"""Kinds of jobs for tests; as a program, a worker that knows them."""
+
+import logging
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from webapp.errors import StorageError
+from webapp.jobs import kinds
+from webapp.jobs.worker import Worker
+from webapp.settings import JobSettings, Settings
+from webapp.store.library import open_library
+from webapp.store.schema import MapRecord
+
+
+def count(context):
+    """Leave a file a step behind, and do no step twice."""
+    steps = context.arguments["steps"]
+    todo = [context.library.inner / f"step-{n}" for n in range(steps)]
+    todo = [path for path in todo if not path.exists()]
+    context.progress.size(len(todo))
+    for path in todo:
+        context.progress.check()
+        time.sleep(context.arguments.get("seconds", 0.1))
+        path.touch()
+        context.progress.note(path.name)
+        context.progress.advance()
+    return {"steps": len(todo)}
+
+
+def fine(context):
+    return {"map": context.map_id}
+
+
+def refuse(context):
+    context.progress.size(2)
+    context.progress.advance(2)
+    raise StorageError("the disk is full", where="here", hint="free some space")
+
+
+def mistake(context):
+    return {"never": 1 // 0}
+
+
+def stubborn(context):
+    """Hear nothing for longer than a worker waits."""
+    (context.library.inner / "begun").touch()
+    time.sleep(context.arguments["seconds"])
+
+
+def write(context):
+    """Change the map's name, after having waited."""
+    time.sleep(context.arguments["seconds"])
+    with context.write() as session:
+        session.get_one(MapRecord, context.map_id).name = "Written"
+
+
+if __name__ == "__main__":
+    logging.basicConfig(level=logging.INFO)
+    kinds.KINDS |= {name: f"kinds_for_tests:{name}" for name in ("count", "stubborn", "write")}
+    folder = Path(sys.argv[1])
+    settings = replace(Settings(), library=folder, jobs=JobSettings(lease_s=2.0, stop_s=0.5, sweep_s=0.2))
+    working = Worker(open_library(folder), settings)
+    working.stop_on_signals()
+    working.run()

@@ -1,0 +1,75 @@
+"""The jobs that are part of the program, from the queue to their results."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from webapp.jobs.worker import Worker
+from webapp.settings import ExtractSettings
+from webapp.store import accounts
+from webapp.store.schema import MapRecord
+from webapp.tasks import adopt_map
+
+
+@pytest.fixture
+def row(library, make_map):
+    """Id of a map with photos."""
+    make_map(library.map_folder("row"), 4)
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session)
+    return adopt_map.run(library, "row", account_id=owner.id)
+
+
+@pytest.fixture
+def quick(settings):
+    return replace(settings, extract=ExtractSettings(max_side_px=320, keypoints=120))
+
+
+def test_index(library, quick, queue, seen, row):
+    id = queue("index", map_id=row)
+    Worker(library, quick).run(once=True)
+    job = seen(id)
+    assert (job["state"], job["error"]) == ("done", None)
+    assert (job["result"]["photos"], job["result"]["computed"], job["result"]["failed"]) == (4, 4, [])
+    assert job["done"] == job["total"] == 8
+    assert list(library.map_folder("row").glob("derived/**/manifest.json"))
+    again = queue("index", map_id=row)
+    Worker(library, quick).run(once=True)
+    assert seen(again)["result"]["computed"] == 0
+
+
+def test_evaluate(library, quick, queue, seen, row):
+    id = queue("evaluate", map_id=row, arguments={"limit": 2})
+    Worker(library, quick).run(once=True)
+    job = seen(id)
+    assert (job["state"], job["error"]) == ("done", None)
+    assert {scheme: figures["queries"] for scheme, figures in job["result"].items()} == {
+        "leave-one-out": 2,
+        "leave-one-place-out": 2,
+    }
+    report = json.loads((library.map_folder("row") / "derived" / "evaluation.json").read_text())
+    assert [len(part["per_query"]) for part in report] == [2, 2]
+
+
+def test_a_map_without_image_has_no_index_and_says_so(library, quick, queue, seen, park):
+    id = queue("index", map_id=park)
+    Worker(library, quick).run(once=True)
+    assert seen(id)["state"] == "failed"
+    assert seen(id)["error"]["hint"]
+
+
+def test_the_sample_of_a_new_library_is_made_once(library, settings, queue, seen, monkeypatch, make_map):
+    made = []
+    monkeypatch.setattr(
+        "webapp.tasks.make_sample.run",
+        lambda _folder, *, settings, progress: made or made.append(make_map(settings.library / "sample", 2)),
+    )
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session)
+    for _ in range(2):
+        id = queue("sample", account_id=owner.id)
+        Worker(library, settings).run(once=True)
+        assert (seen(id)["state"], seen(id)["error"]) == ("done", None)
+    with library.database.read() as session:
+        assert [r.slug for r in session.query(MapRecord)] == ["sample"]

@@ -1,0 +1,48 @@
+"""Files of a map that are older than its records are written by the worker."""
+
+import logging
+
+import cv2
+import numpy as np
+import pytest
+
+from webapp.errors import StorageError
+from webapp.jobs import sweep
+from webapp.jobs.worker import Worker
+from webapp.store.schema import MapRecord, Photo
+
+
+@pytest.fixture
+def late(library, park):
+    """A map whose record has an image and a photo, and whose files nobody has written."""
+    folder = library.map_folder("park")
+    folder.mkdir()
+    cv2.imwrite(str(folder / "plan.png"), np.zeros((20, 30), np.uint8))
+    with library.database.write() as session:
+        record = session.get(MapRecord, park)
+        record.satellite_path, record.satellite_width, record.satellite_height = "plan.png", 30, 20
+        record.revision, record.next_id = 3, 1
+        session.add(
+            Photo(
+                map_id=park, id=0, name="a.jpg", path="photos/a.jpg", sha256="0" * 64, size_bytes=1,
+                width=4, height=3, x_px=5.0, y_px=6.0,
+            )
+        )  # fmt: skip
+    return library.cfg("park")
+
+
+def test_the_worker_writes_what_a_killed_request_has_not(library, settings, late):
+    Worker(library, settings).run(once=True)
+    assert late.read_text() == "plan.png;30;20\n0;photos/a.jpg;5;6\n"
+    with library.database.read() as session:
+        assert session.get(MapRecord, 1).exported_revision == 3
+
+
+def test_what_cannot_be_written_is_told_and_stops_nothing(library, settings, late, monkeypatch, caplog):
+    def refuse(_library, _id):
+        raise StorageError("the disk is full")
+
+    monkeypatch.setattr(sweep.library_export, "run", refuse)
+    with caplog.at_level(logging.WARNING):
+        Worker(library, settings).run(once=True)
+    assert "the disk is full" in caplog.text

@@ -1,0 +1,152 @@
+"""The worker does jobs, says how they ended, and loses none when it is stopped or killed."""
+
+import logging
+import signal
+import time
+
+import pytest
+
+from webapp.jobs.worker import Worker
+from webapp.store import jobs
+from webapp.store.jobs import Limits
+from webapp.store.schema import MapRecord
+
+
+@pytest.fixture
+def work(library, settings, test_kinds):
+    """Do all that waits, in this process."""
+    return lambda: Worker(library, settings).run(once=True)
+
+
+def steps(library):
+    return len(list(library.inner.glob("step-*")))
+
+
+def test_jobs_are_done_in_turn(work, queue, seen, park):
+    ids = [queue("fine", map_id=park), queue("fine")]
+    work()
+    assert [seen(id)["state"] for id in ids] == ["done", "done"]
+    assert [seen(id)["result"] for id in ids] == [{"map": park}, {"map": None}]
+
+
+def test_a_job_that_cannot_be_done_says_why(work, queue, seen, caplog):
+    refused, wrong, unknown, last = (queue(kind) for kind in ("refuse", "mistake", "unheard-of", "fine"))
+    with caplog.at_level(logging.INFO):
+        work()
+    assert seen(refused)["error"] == {
+        "message": "the disk is full",
+        "where": "here",
+        "hint": "free some space",
+    }
+    assert seen(wrong)["error"]["message"] == "the program made a mistake, and could not do this"
+    assert "ZeroDivisionError" in caplog.text
+    assert "unheard-of" in seen(unknown)["error"]["message"]
+    for id in (refused, wrong, unknown):
+        assert seen(id)["state"] == "failed"
+        assert seen(id)["done"] < seen(id)["total"]
+    assert seen(last)["state"] == "done"
+
+
+def test_progress_is_seen_and_cancel_heard(library, start, queue, seen, wait_for):
+    id = queue("count", arguments={"steps": 100, "seconds": 0.05})
+    start()
+    wait_for(lambda: seen(id)["done"] >= 3)
+    running = seen(id)
+    assert (running["state"], running["total"]) == ("running", 100)
+    assert running["note"].startswith("step-")
+    assert 0 < running["seconds_left"] < 60
+    with library.database.write() as session:
+        jobs.cancel(session, jobs.find(session, id))
+    wait_for(lambda: seen(id)["state"] == "cancelled")
+    assert 3 <= seen(id)["done"] < 100
+    kept = steps(library)
+    assert 3 <= kept < 100
+    with library.database.write() as session:
+        jobs.retry(session, jobs.find(session, id)).arguments = {"steps": kept + 2, "seconds": 0.0}
+    wait_for(lambda: seen(id)["state"] == "done")
+    assert seen(id)["result"] == {"steps": 2}
+
+
+def test_after_kill_9_another_worker_goes_on_at_once(library, start, queue, seen, wait_for):
+    id = queue("count", arguments={"steps": 12})
+    first, second = start(), start()
+    wait_for(lambda: steps(library) >= 2)
+    with library.database.read() as session:
+        holder = jobs.find(session, id).leased_by
+    killed = first if f":{first.pid}:" in holder else second
+    killed.kill()
+    died = time.monotonic()
+    wait_for(lambda: seen(id)["state"] == "running" and seen(id)["total"] < 12)
+    assert time.monotonic() - died < 1.8, "it waited for the lease to run out"
+    wait_for(lambda: seen(id)["state"] == "done")
+    assert seen(id)["result"]["steps"] < 12
+    assert steps(library) == 12
+
+
+def test_two_workers_do_each_step_once(library, start, queue, seen, wait_for):
+    ids = [queue("count", key=str(n), arguments={"steps": 0}) for n in range(6)]
+    start(), start()
+    wait_for(lambda: all(seen(id)["state"] == "done" for id in ids))
+    with library.database.read() as session:
+        assert [jobs.find(session, id).attempts for id in ids] == [1] * 6
+
+
+def test_told_to_stop_it_gives_the_job_back(library, start, queue, seen, wait_for):
+    id = queue("count", arguments={"steps": 200, "seconds": 0.02})
+    worker = start()
+    wait_for(lambda: steps(library) >= 2)
+    worker.send_signal(signal.SIGTERM)
+    assert worker.wait(5) == 0
+    assert seen(id)["state"] == "queued"
+    with library.database.read() as session:
+        assert jobs.find(session, id).attempts == 0
+    assert not list((library.inner / "workers").iterdir())
+
+
+def test_told_to_stop_in_a_long_step_it_ends_all_the_same(library, start, queue, seen, wait_for):
+    id = queue("stubborn", arguments={"seconds": 20})
+    worker = start()
+    wait_for((library.inner / "begun").exists)
+    asked = time.monotonic()
+    worker.send_signal(signal.SIGINT)
+    assert worker.wait(5) == 0
+    assert time.monotonic() - asked < 3
+    assert seen(id)["state"] == "queued"
+
+
+def test_who_is_stopped_for_long_keeps_nothing_of_what_it_does_then(
+    library, start, queue, seen, park, wait_for
+):
+    id = queue("write", map_id=park, arguments={"seconds": 0.6})
+    worker = start()
+    wait_for(lambda: seen(id)["state"] == "running")
+    worker.send_signal(signal.SIGSTOP)
+    limits = Limits(seconds=60.0, attempts=5)
+
+    def taken():
+        with library.database.write() as session:
+            return jobs.lease(session, "elsewhere:1:1", limits=limits)
+
+    wait_for(taken)
+    worker.send_signal(signal.SIGCONT)
+    time.sleep(1.2)
+    assert seen(id)["state"] == "running"
+    with library.database.read() as session:
+        assert session.get(MapRecord, park).name == "Park"
+        assert jobs.find(session, id).leased_by == "elsewhere:1:1"
+
+
+def test_a_deleted_map_ends_its_job(library, start, queue, park, wait_for):
+    queue("count", map_id=park, arguments={"steps": 500, "seconds": 0.02})
+    start()
+    wait_for(lambda: steps(library) >= 1)
+    with library.database.write() as session:
+        session.delete(session.get(MapRecord, park))
+    next_one = queue("count", key="next", arguments={"steps": 0})
+    wait_for(lambda: _state(library, next_one) == "done")
+    assert steps(library) < 500
+
+
+def _state(library, id):
+    with library.database.read() as session:
+        return jobs.find(session, id).state
