@@ -61,8 +61,8 @@ def parse_gpx(data: bytes) -> Track:
     if text.count("trkpt ") > MAX_FIXES:
         raise TrackError(f"the track has more than {MAX_FIXES} points", hint="export a part of it")
     try:
-        gpx = gpxpy.parse(_DECLARATION.sub("", text))
-    except (GPXException, ValueError, AttributeError, TypeError, RecursionError) as error:
+        return _track(gpxpy.parse(_DECLARATION.sub("", text)))
+    except (GPXException, ValueError, AttributeError, TypeError, ArithmeticError, RecursionError) as error:
         raise TrackError(
             f"the file is no GPX: {_first_line(error)}", hint="export it again as GPX"
         ) from error
