@@ -17,6 +17,7 @@ from webapp.store import maps
 from webapp.store.library import Library
 from webapp.tasks import adopt_map, check_map
 from webapp.tasks.import_choice import add_placements, choose_map
+from webapp.tasks.told_below import finding_below, told_below
 
 _BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 """Errors of single photos: the map is imported, and they are told."""
@@ -102,11 +103,12 @@ def run(
         progress.note("unpacking")
         unpacked = unpack(archive, staging, limits=settings.imports, progress=progress)
         cfg = choose_map(unpacked)
-        progress.note("checking")
-        findings = _checked(cfg, settings=settings, progress=progress)
-        add_placements(cfg)
-        progress.note("reading photos")
-        contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
+        with told_below(cfg.parent):
+            progress.note("checking")
+            findings = _checked(cfg, settings=settings, progress=progress)
+            add_placements(cfg)
+            progress.note("reading photos")
+            contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
         map_id, slug = _register(library, cfg, contents, name=name, account_id=account_id)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -136,16 +138,17 @@ def _register(
 
 def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
     report = check_map.run(cfg, settings=settings, progress=progress)
-    errors = [f for f in report.findings if f.severity == "error" and f.code not in _BEARABLE]
+    findings = tuple(finding_below(f, cfg.parent) for f in report.findings)
+    errors = [f for f in findings if f.severity == "error" and f.code not in _BEARABLE]
     if errors:
         first = errors[0]
         more = f", and {len(errors) - 1} more errors" if len(errors) > 1 else ""
         raise MapRefused(
             f"{first.file or cfg.name}:{first.line}:{first.column}: {first.message}{more}",
-            findings=report.findings,
+            findings=findings,
             hint=first.fix,
         )
-    return report.findings
+    return findings
 
 
 def _staging(library: Library) -> Path:
