@@ -56,6 +56,17 @@ map_group = LazyGroup(
     },
 )
 
+account_group = LazyGroup(
+    name="account",
+    help="Who may sign in, and with what.",
+    where={
+        "link": "webapp.cli.account:link",
+        "token": "webapp.cli.account:token",
+        "add": "webapp.cli.account:add",
+        "list": "webapp.cli.account:list_accounts",
+    },
+)
+
 root = LazyGroup(
     name="expmap",
     help="Where was this photo taken? Answers on a map that people make themselves.",
@@ -67,6 +78,7 @@ root = LazyGroup(
         "evaluate": "webapp.cli.evaluate:evaluate",
         "serve": "webapp.cli.serve:serve",
         "worker": "webapp.cli.worker:worker",
+        "account": "webapp.cli.main:account_group",
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[

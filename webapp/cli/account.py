@@ -1,0 +1,114 @@
+"""`expmap account`: who may sign in, and with what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from sqlalchemy.orm import Session
+
+from webapp.settings import from_environment
+from webapp.store import accounts, signin
+from webapp.store.library import open_library
+from webapp.store.schema import Account
+
+_ADDRESS = "http://127.0.0.1:8000"
+
+
+def _library_option(command: Callable[..., None]) -> Callable[..., None]:
+    return click.option(
+        "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+        help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+    )(command)  # fmt: skip
+
+
+def _url_option(command: Callable[..., None]) -> Callable[..., None]:
+    return click.option(
+        "--url", default=_ADDRESS, show_default=True, metavar="URL", help="Where the pages are."
+    )(command)
+
+
+def _account_option(command: Callable[..., None]) -> Callable[..., None]:
+    return click.option("--account", metavar="NAME", help="Whose.  [default: the owner of the library]")(
+        command
+    )
+
+
+@click.command()
+@_account_option
+@_url_option
+@_library_option
+def link(account: str | None, url: str, library: Path | None) -> None:
+    """Print a link that signs in once.
+
+    For a new person, or for one who cannot sign in any more.
+    """
+    settings = from_environment()
+    with _writing(library) as session:
+        token = signin.new_link(session, _whose(session, account), hours=settings.web.link_hours)
+    click.echo(_link(url, token))
+
+
+@click.command()
+@click.option("--name", required=True, metavar="NAME", help="Of the program that is going to use it.")
+@click.option("--replace", "again", is_flag=True, help="Revoke one of the same name first.")
+@_account_option
+@_library_option
+def token(name: str, again: bool, account: str | None, library: Path | None) -> None:
+    """Print a token for a program: `Authorization: Bearer TOKEN`."""
+    with _writing(library) as session:
+        whose = _whose(session, account)
+        for known in accounts.tokens(session, whose):
+            if again and known.name == name:
+                accounts.revoke_token(session, whose, token_id=known.id)
+                session.flush()
+        made = accounts.new_token(session, whose, name=name)
+    click.echo(made)
+
+
+@click.command()
+@click.argument("name")
+@click.option("--owner", is_flag=True, help="Of the whole library: may do everything.")
+@_url_option
+@_library_option
+def add(name: str, owner: bool, url: str, library: Path | None) -> None:
+    """Make an account, and print a link that signs in to it once."""
+    settings = from_environment()
+    with _writing(library) as session:
+        made = accounts.create(session, name, is_owner=owner)
+        token = signin.new_link(session, made, hours=settings.web.link_hours)
+    click.echo(_link(url, token))
+
+
+@click.command("list")
+@_library_option
+def list_accounts(library: Path | None) -> None:
+    """Print all accounts: name, whether the owner of the library, and since when."""
+    with _writing(library) as session:
+        for account in accounts.listed(session):
+            what = "owner" if account.is_owner else "-"
+            click.echo(f"{account.name}\t{what}\t{account.created_at:%Y-%m-%d}")
+
+
+@contextmanager
+def _writing(folder: Path | None) -> Iterator[Session]:
+    settings = from_environment()
+    if folder is not None:
+        settings = replace(settings, library=folder)
+    library = open_library(settings.library)
+    try:
+        with library.database.write() as session:
+            yield session
+    finally:
+        library.database.close()
+
+
+def _whose(session: Session, name: str | None) -> Account:
+    return accounts.ensure_owner(session) if name is None else accounts.named(session, name)
+
+
+def _link(url: str, token: str) -> str:
+    return f"{url.rstrip('/')}/sign-in/{token}"
