@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from webapp.errors import StorageError
+from webapp.files.atomic import storage_error
 from webapp.files.raster import Pixels, Raster
 from webapp.progress import Progress
 
@@ -41,7 +41,7 @@ def write_pyramid(raster: Raster, folder: Path, *, progress: Progress) -> None:
 
     Raises
     ------
-    StorageError
+    DiskFull, StorageError
         The disk refused.
     PhotoError
         The image is damaged.
@@ -62,9 +62,7 @@ def write_pyramid(raster: Raster, folder: Path, *, progress: Progress) -> None:
         level.finish()
         unfinished.rename(folder)
     except OSError as error:
-        raise StorageError(
-            f"the tiles cannot be written: {error.strerror}", where=str(folder), hint="is the disk full?"
-        ) from error
+        raise storage_error(error, where=folder.name) from error
 
 
 class _Level:

@@ -119,7 +119,7 @@ class TileFetcher:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise StorageError(f"a tile cannot be read: {error.strerror}", where=str(path)) from error
+            raise StorageError(f"a tile cannot be read: {error.strerror}", where="cache of tiles") from error
 
     def _ask(self, address: str) -> bytes | None:
         """Ask the service for one tile; what it says besides images is never passed on."""
@@ -173,5 +173,5 @@ def _keep(path: Path, data: bytes) -> None:
         temporary.replace(path)
     except OSError as error:
         raise StorageError(
-            f"a tile cannot be kept: {error.strerror}", where=str(path), hint="is the disk full?"
+            f"a tile cannot be kept: {error.strerror}", where="cache of tiles", hint="is the disk full?"
         ) from error

@@ -17,7 +17,7 @@ from webapp.files.mapjson import georeference_fields
 from webapp.store import edits, jobs, maps
 from webapp.store.schema import MapRecord, PlacedElsewhere
 from webapp.tasks.place_photos import MapImage
-from webapp.tasks.placing import image_of
+from webapp.tasks.placing import image_of, queue_index
 from webapp.tasks.satellite_moves import TRAY, ImageChange
 
 PYRAMID_JOB = "satellite-pyramid"
@@ -175,6 +175,8 @@ def _apply(
         kind="satellite" if "satellite_path" in fields else "georeference",
         account_id=choice.account_id,
     )
+    if from_tray:
+        queue_index(session, record)
     done = [] if edit is None else [step["target"] for step in edit.changes]
     ids = sorted({int(target.rsplit("/", 1)[1]) for target in done if target != "map"})
     return Applied(tuple(ids), outside, from_tray)

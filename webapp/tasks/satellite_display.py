@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.errors import NotFound, StorageError
-from webapp.files.atomic import write_bytes
+from webapp.errors import NotFound
+from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import decode, opened
 from webapp.files.mapfolder import photo_path
 from webapp.files.pyramid import write_pyramid
@@ -210,5 +210,5 @@ def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+        raise storage_error(error, where=path.name) from error
     write_bytes(path, cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from PIL import ImageOps
 from rasterio.windows import Window
 
-from webapp.errors import PhotoError, StorageError
-from webapp.files.atomic import write_bytes, write_text
+from webapp.errors import PhotoError
+from webapp.files.atomic import storage_error, write_bytes, write_text
 from webapp.files.decode import opened
+from webapp.files.partfile import move_in
 from webapp.files.raster import Raster, opened_raster
 from webapp.settings import PhotoLimits, Settings
 
@@ -53,9 +54,7 @@ def keep_file(source: Path, folder: Path) -> str:
         file.seek(0)
         suffix = ".png" if file.read(4) == b"\x89PNG" else ".jpg"
     name = f"satellite-{digest[:8]}{suffix}"
-    with _writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        source.replace(folder / name)
+    move_in(source, folder / name)
     return name
 
 
@@ -180,10 +179,4 @@ def _writing(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise _refused(error, folder) from error
-
-
-def _refused(error: OSError, folder: Path) -> StorageError:
-    return StorageError(
-        f"the image cannot be kept: {error.strerror or error}", where=str(folder), hint="is the disk full?"
-    )
+        raise storage_error(error, where=folder.name) from error

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from webapp.core.geo.controlpoints import ControlPoint, Model, from_control_points
-from webapp.core.geo.corners import from_corners
+from webapp.core.geo.corners import Corners, from_corners
 from webapp.core.geo.fit import Fit
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.errors import UsageError
-from webapp.files.corners import parse_corners
 from webapp.files.mapjson import georeference_fields
 from webapp.files.worldfile import parse_worldfile
 
@@ -30,8 +28,7 @@ class GeoWish:
     Attributes
     ----------
     kind : {"corners", "control-points", "worldfile"}
-    corners : mapping or None
-        As in a corners file.
+    corners : Corners or None
     points : sequence of ControlPoint
     model : {"similarity", "affine", "projective"} or None
         For control points.
@@ -42,7 +39,7 @@ class GeoWish:
     """
 
     kind: Kind
-    corners: Mapping[str, Any] | None = None
+    corners: Corners | None = None
     points: Sequence[ControlPoint] = ()
     model: Model | None = None
     worldfile: str | None = None
@@ -64,8 +61,7 @@ def fit(wish: GeoWish, *, width: int, height: int) -> Fit:
             raise UsageError(
                 "the corners are missing", where="corners", hint="give top_left and bottom_right"
             )
-        corners = parse_corners(json.dumps(wish.corners).encode(), where="corners")
-        return from_corners(corners, width=width, height=height)
+        return from_corners(wish.corners, width=width, height=height)
     if wish.kind == "worldfile":
         if wish.worldfile is None:
             raise UsageError("the world file is missing", where="worldfile", hint="give its six lines")

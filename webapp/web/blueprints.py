@@ -5,10 +5,12 @@ from __future__ import annotations
 from flask import Blueprint
 
 from webapp.web.account_page import blueprint as account_page
+from webapp.web.api_georeference import blueprint as api_georeference
 from webapp.web.api_jobs import blueprint as api_jobs
 from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.api_photos import blueprint as api_photos
 from webapp.web.api_placing import blueprint as api_placing
+from webapp.web.api_satellite import blueprint as api_satellite
 from webapp.web.api_uploads import blueprint as api_uploads
 from webapp.web.health import blueprint as health
 from webapp.web.jobs_page import blueprint as jobs_page
@@ -19,10 +21,12 @@ from webapp.web.sign_in import blueprint as sign_in
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
     account_page,
+    api_georeference,
     api_jobs,
     api_maps,
     api_photos,
     api_placing,
+    api_satellite,
     api_uploads,
     health,
     jobs_page,

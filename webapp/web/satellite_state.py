@@ -7,6 +7,7 @@ from typing import Any
 from webapp.files.pyramid import max_zoom
 from webapp.store.schema import MapRecord
 from webapp.tasks import satellite_display
+from webapp.tasks.satellite_files import source_of
 from webapp.web.state import library
 
 
@@ -16,8 +17,9 @@ def satellite_json(record: MapRecord) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        `url`, `width`, `height`, and `tiles` (`url` with {z}, {x} and {y}, and `max_zoom`) or null. Another
-        content has another address, so that browsers may keep what they have.
+        `url`, `width`, `height`, `tiles` (`url` with {z}, {x} and {y}, and `max_zoom`) or null, and
+        `attribution`: who is to be named where the image is shown, or null. Another content has another
+        address, so that browsers may keep what they have.
     """
     key = satellite_display.key_of(library(), record)
     width, height = record.satellite_width, record.satellite_height
@@ -30,4 +32,11 @@ def satellite_json(record: MapRecord) -> dict[str, Any] | None:
             "url": f"{base}/tiles/{{z}}/{{x}}/{{y}}?v={key}",
             "max_zoom": max_zoom(width=width, height=height),
         }
-    return {"url": f"{base}?v={key}", "width": width, "height": height, "tiles": tiles}
+    source = source_of(library().map_folder(record.slug), record.satellite_path or "")
+    return {
+        "url": f"{base}?v={key}",
+        "width": width,
+        "height": height,
+        "tiles": tiles,
+        "attribution": source.get("attribution"),
+    }

@@ -1,0 +1,47 @@
+"""What is answered to an edit of a map's image or georeference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from apiflask import Schema
+from apiflask.fields import Dict, Integer, List, String
+
+from webapp.store.schema import MapRecord
+from webapp.tasks.satellite_apply import Applied
+from webapp.web import map_state
+from webapp.web.context import account, library
+
+
+class ImageAnswer(Schema):
+    """The map's new image, and the photos that changed with it."""
+
+    revision = Integer()
+    satellite = Dict(allow_none=True)
+    georeference = Dict(allow_none=True)
+    photos = List(Dict())
+    placements = List(Dict())
+    undo = Dict(allow_none=True)
+    redo = Dict(allow_none=True)
+    to_tray = Integer(metadata={"description": "Photos that went back to the tray."})
+    from_tray = Integer(metadata={"description": "Photos that were placed by their GPS."})
+    warnings = List(String())
+
+
+def answer(record: MapRecord, applied: Applied, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
+    """Tell what is new.
+
+    Parameters
+    ----------
+    record : MapRecord
+        As it was before.
+    applied : Applied
+    warnings : sequence of str
+    """
+    who = account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        changed = map_state.changes(session, row, account=who, since=record.revision)
+    told = {"to_tray": applied.to_tray, "from_tray": applied.from_tray, "warnings": list(warnings)}
+    return {**changed, **told}
