@@ -12,6 +12,7 @@ from webapp.web.api_photos import blueprint as api_photos
 from webapp.web.api_placing import blueprint as api_placing
 from webapp.web.api_satellite import blueprint as api_satellite
 from webapp.web.api_uploads import blueprint as api_uploads
+from webapp.web.editor import blueprint as editor
 from webapp.web.health import blueprint as health
 from webapp.web.jobs_page import blueprint as jobs_page
 from webapp.web.map_settings import blueprint as map_settings
@@ -28,6 +29,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_placing,
     api_satellite,
     api_uploads,
+    editor,
     health,
     jobs_page,
     map_settings,

@@ -1,0 +1,179 @@
+/** What is going on, in a corner of the image: files on their way, and jobs of the server. */
+
+import { h, icon } from "../dom.js";
+import { t, tn } from "../i18n.js";
+import { sentence, toastError } from "../toast.js";
+import { leftText } from "./format.js";
+import { byId, eachFrame } from "./page.js";
+
+const JOBS = {
+  index: () => t("Preparing the photos for finding places"),
+  evaluate: () => t("Testing how well places are found"),
+  sample: () => t("Making the sample map"),
+  tiles: () => t("Preparing the image for display"),
+  satellite: () => t("Fetching the satellite image"),
+  import: () => t("Importing"),
+  export: () => t("Exporting"),
+};
+const FAILURES_SHOWN = 100;
+
+/** The card of uploads and jobs; hidden when there is nothing to tell. */
+export class Activity {
+  /**
+   * @param {import("./store.js").Store} store
+   * @param {import("./uploads.js").Uploads} uploads
+   * @param {{server: Object, refresh: function(): Promise<void>, say: function(string): void}} page
+   */
+  constructor(store, uploads, { server, refresh, say }) {
+    Object.assign(this, { store, uploads, server, refresh, say });
+    this.hiddenJobs = new Set();
+    this.filesBox = h("div", { class: "ed-files", hidden: true });
+    this.jobsBox = h("div", { class: "ed-jobs" });
+    byId("activity").append(this.filesBox, this.jobsBox);
+    const files = eachFrame(() => this._files());
+    uploads.addEventListener("progress", files);
+    uploads.addEventListener("finished", () => {
+      this.say(this._summary().join(" "));
+      this.refresh().catch(() => {});
+    });
+    store.on("jobs", () => this._jobs());
+  }
+
+  _frame() {
+    byId("activity").hidden = this.filesBox.hidden && !this.jobsBox.children.length;
+  }
+
+  _files() {
+    const { entries, busy } = this.uploads;
+    this.filesBox.hidden = !entries.length;
+    if (entries.length) this.filesBox.replaceChildren(...(busy ? this._sending(entries) : this._sent()));
+    this._frame();
+  }
+
+  _sending(entries) {
+    const ended = entries.filter(({ state }) => state !== "waiting" && state !== "sending").length;
+    const all = entries.reduce((sum, { file }) => sum + file.size, 0);
+    const sent = entries.reduce((sum, { sent: bytes, state, file }) => sum + (state === "failed" ? file.size : bytes), 0);
+    const seconds = (performance.now() - this.uploads.begunAt) / 1000;
+    const left = sent && seconds > 2 ? leftText((seconds * (all - sent)) / sent) : "";
+    const title = t("Adding photos: {done} of {all}", { done: ended, all: entries.length });
+    return [
+      h("div", { class: "ed-activity__head" },
+        h("strong", {}, title),
+        h("span", { class: "small soft" }, left),
+        h("button", { class: "button button--quiet", type: "button", onclick: () => this.uploads.cancel() }, t("Cancel"))),
+      h("progress", { class: "progress", max: Math.max(all, 1), value: sent, "aria-label": title }),
+      h("ul", { class: "ed-files__list small" },
+        ...entries.filter(({ state }) => state === "sending").map(sendingRow),
+        ...failedRows(entries)),
+    ];
+  }
+
+  _sent() {
+    const { entries } = this.uploads;
+    const again = entries.some(({ state }) => state === "failed" || state === "cancelled");
+    return [
+      h("div", { class: "ed-activity__head" },
+        h("strong", { dataset: { testid: "upload-summary" } }, this._summary().join(" ")),
+        h("button", { class: "icon-button", type: "button", "aria-label": t("Close"), onclick: () => this._close() }, icon("close"))),
+      h("ul", { class: "ed-files__list small" }, ...failedRows(entries)),
+      again && h("button", { class: "button", type: "button", onclick: () => this.uploads.retry() }, icon("retry"), t("Try these again")),
+    ].filter(Boolean);
+  }
+
+  /** What became of the files, in sentences. */
+  _summary() {
+    const { entries } = this.uploads;
+    const results = entries.filter(({ state }) => state === "done").map(({ result }) => result);
+    const count = (test) => results.filter(test).length;
+    const failed = entries.filter(({ state }) => state === "failed").length;
+    const cancelled = entries.filter(({ state }) => state === "cancelled").length;
+    const [known, placed] = [count((r) => r.duplicate), count((r) => r.placed && !r.duplicate)];
+    const waiting = results.length - known - placed;
+    return [
+      placed && tn("{n} photo placed by its GPS.", "{n} photos placed by their GPS.", placed),
+      waiting && tn("{n} photo waits in the tray.", "{n} photos wait in the tray.", waiting),
+      known && tn("{n} photo was here already.", "{n} photos were here already.", known),
+      failed && tn("{n} file failed.", "{n} files failed.", failed),
+      cancelled && tn("{n} file was not sent.", "{n} files were not sent.", cancelled),
+    ].filter(Boolean);
+  }
+
+  _close() {
+    this.uploads.entries = [];
+    this._files();
+  }
+
+  _jobs() {
+    const shown = this.store.jobs.filter(({ id }) => !this.hiddenJobs.has(id));
+    const signature = JSON.stringify(shown);
+    if (signature === this._shownJobs) return;
+    this._shownJobs = signature;
+    const focused = document.activeElement?.dataset?.job;
+    this.jobsBox.replaceChildren(...shown.map((job) => this._job(job)));
+    if (focused) this.jobsBox.querySelector(`[data-job="${focused}"]`)?.focus();
+    this._frame();
+  }
+
+  _job(job) {
+    const { id, kind, state, done, total, note, error } = job;
+    const name = (JOBS[kind] || (() => sentence(kind)))();
+    const going = state === "queued" || state === "running";
+    const words = {
+      queued: () => t("waiting"),
+      running: () => [note, job.seconds_left !== null && leftText(job.seconds_left)].filter(Boolean).join(" · "),
+      done: () => t("done"),
+      failed: () => t("failed"),
+      cancelled: () => t("cancelled"),
+    };
+    const value = total ? { value: Math.min(done, total), max: total } : {};
+    return h("div", { class: `ed-job ed-job--${state}`, dataset: { testid: "job-progress", state, kind, done, total } },
+      h("div", { class: "ed-activity__head" },
+        h("strong", {}, name),
+        h("span", { class: "small soft" }, words[state]()),
+        this._jobButton(job, going)),
+      going && h("progress", { class: "progress", "aria-label": name, ...(state === "running" ? value : { value: 0, max: 1 }) }),
+      error && h("p", { class: "small ed-job__error" }, [error.message, error.hint].filter(Boolean).map(sentence).join(". ")),
+      state === "failed" && this._hide(id));
+  }
+
+  _jobButton({ id, state }, going) {
+    if (!this.store.canEdit || state === "done") return null;
+    const [words, ask] = going ? [t("Cancel"), "cancelJob"] : [t("Try again"), "retryJob"];
+    const run = async (event) => {
+      event.currentTarget.disabled = true;
+      try {
+        await this.server[ask](id);
+        if (!going) this.hiddenJobs.add(id);
+        await this.refresh();
+      } catch (problem) {
+        toastError(problem);
+      }
+    };
+    return h("button", { class: "button button--quiet", type: "button", onclick: run, dataset: { job: id } }, words);
+  }
+
+  _hide(id) {
+    const hide = () => {
+      this.hiddenJobs.add(id);
+      this._jobs();
+    };
+    return h("button", { class: "button button--quiet", type: "button", onclick: hide }, t("Hide"));
+  }
+}
+
+function sendingRow({ file, sent }) {
+  return h("li", { class: "ed-file-row" },
+    h("span", { class: "ed-file-row__name" }, file.name),
+    h("progress", { class: "progress", max: Math.max(file.size, 1), value: sent, "aria-label": file.name }));
+}
+
+function failedRows(entries) {
+  const failed = entries.filter(({ state }) => state === "failed");
+  const rows = failed.slice(0, FAILURES_SHOWN).map(({ file, error }) =>
+    h("li", { class: "ed-file-row ed-file-row--failed", dataset: { testid: "error-message" } },
+      h("span", { class: "ed-file-row__name" }, file.name),
+      h("span", {}, [error.message, error.hint].filter(Boolean).map(sentence).join(". "))));
+  const more = failed.length - rows.length;
+  return more > 0 ? [...rows, h("li", {}, tn("and {n} more", "and {n} more", more))] : rows;
+}

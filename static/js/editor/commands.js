@@ -1,0 +1,133 @@
+/** What a person can do with the photos, for buttons, keys, clicks and hands alike. */
+
+import { clamped, wholeTurn } from "./coords.js";
+import { t, tn } from "../i18n.js";
+
+/** The actions of the page. */
+export class Commands {
+  /**
+   * @param {import("./store.js").Store} store
+   * @param {import("./edits.js").Edits} edits
+   * @param {function(string): void} say tells a screen reader
+   */
+  constructor(store, edits, say) {
+    Object.assign(this, { store, edits, say });
+    edits.addEventListener("saved", (event) => this._follow(event.detail));
+  }
+
+  /** Put the current photo there, and go on with the next one of the tray. */
+  placeCurrent(pixel) {
+    const { store } = this;
+    const photo = store.current;
+    if (!photo || !store.canEdit || !store.satellite) return;
+    const wasPlaced = store.isPlaced(photo.id);
+    const [x, y] = clamped(pixel, store.satellite);
+    this.edits.edit(wasPlaced ? "move" : "place", [{ id: photo.id, x_px: x, y_px: y }]);
+    if (wasPlaced) {
+      this.say(t("{name} moved to {x}, {y}", { name: photo.name, x: Math.round(x), y: Math.round(y) }));
+      return;
+    }
+    const next = this._nextUnplaced(photo.id);
+    const left = store.unplaced().length;
+    if (next !== null) store.setCurrent(next);
+    else store.setTool("select");
+    this.say(
+      next === null
+        ? t("{name} placed. All photos are placed.", { name: photo.name })
+        : tn("{name} placed. {n} photo is left, now {next}.", "{name} placed. {n} photos are left, now {next}.", left, {
+            name: photo.name,
+            next: store.current.name,
+          }),
+    );
+  }
+
+  /** Put photos elsewhere. @param {Map<number, [number, number]>} positions */
+  move(positions) {
+    const { satellite } = this.store;
+    const changes = [...positions].map(([id, pixel]) => {
+      const [x_px, y_px] = clamped(pixel, satellite);
+      return { id, x_px, y_px };
+    });
+    if (changes.length) this.edits.edit("move", changes);
+  }
+
+  /** Set where a photo looks. @param {?number} degrees clockwise from north */
+  turn(id, degrees) {
+    const heading_deg = degrees === null ? null : wholeTurn(degrees);
+    this.edits.edit("turn", [{ id, heading_deg }]);
+    if (heading_deg !== null) this.say(t("Heading {degrees}°", { degrees: heading_deg }));
+  }
+
+  /** Turn the current photo by some degrees; one without a heading starts at north. */
+  turnBy(degrees) {
+    const { current, canEdit } = this.store;
+    if (current && canEdit) this.turn(current.id, (this.store.heading(current.id) ?? 0) + degrees);
+  }
+
+  /** Take photos off the image. */
+  toTray(ids) {
+    const placed = ids.filter((id) => this.store.isPlaced(id));
+    if (!placed.length) return;
+    this.edits.edit("unplace", placed.map((id) => ({ id, x_px: null, y_px: null })));
+    if (placed.includes(this.store.currentId)) this.store.setCurrent(this.store.currentId);
+    this.say(tn("{n} photo is back in the tray", "{n} photos are back in the tray", placed.length));
+  }
+
+  /** Take photos out of the map. */
+  remove(ids) {
+    if (!ids.length) return;
+    const next = ids.includes(this.store.currentId) ? this._neighbour(1, (id) => !ids.includes(id)) : undefined;
+    this.edits.remove(ids);
+    this.store.setSelection([...this.store.selection].filter((id) => !ids.includes(id)));
+    if (next !== undefined) this.store.setCurrent(next);
+    this.say(tn("{n} photo removed", "{n} photos removed", ids.length));
+  }
+
+  /** What Delete means: the selection, else the current photo. */
+  chosen() {
+    const { selection, currentId } = this.store;
+    if (selection.size) return [...selection];
+    return currentId === null ? [] : [currentId];
+  }
+
+  /** Go to the next or previous photo: among those of the tray while placing, else among all. */
+  step(direction) {
+    const { store } = this;
+    const placing = store.currentId === null || !store.isPlaced(store.currentId);
+    const keep = placing && store.unplaced().length ? (id) => !store.isPlaced(id) : () => true;
+    const id = this._neighbour(direction, keep);
+    if (id === null || id === store.currentId) return;
+    store.setCurrent(id);
+    const told = store.isPlaced(id) ? t("{name}, placed", { name: store.current.name }) : store.current.name;
+    this.say(told);
+  }
+
+  /** @param {"undo"|"redo"} action */
+  history(action) {
+    if (this.store.history[action] || (action === "undo" && this.edits.waiting)) this.edits.step(action);
+  }
+
+  /** After undo and redo, show what they touched. */
+  _follow({ item, answer }) {
+    if (item.action !== "undo" && item.action !== "redo") return;
+    const touched = (answer.photos || []).filter((photo) => !photo.removed);
+    if (touched.length === 1) this.store.setCurrent(touched[0].id);
+    this.say(item.action === "undo" ? t("Undone") : t("Done again"));
+  }
+
+  _nextUnplaced(after) {
+    const id = this._neighbour(1, (other) => !this.store.isPlaced(other), after);
+    return id === after ? null : id;
+  }
+
+  _neighbour(direction, keep, from = this.store.currentId) {
+    const { order } = this.store;
+    const start = order.indexOf(from);
+    for (let n = 1; n <= order.length; n += 1) {
+      const at = start < 0 && direction < 0 ? order.length - n : start + direction * n;
+      const id = order[((at % order.length) + order.length) % order.length];
+      if (keep(id)) return id;
+    }
+    return null;
+  }
+}

@@ -1,0 +1,42 @@
+/** What the editor asks of the server, by name. */
+
+import { api, del, get, patch, post, upload } from "../api.js";
+
+/**
+ * The requests about one map.
+ * @param {string} slug
+ */
+export function endpointsOf(slug) {
+  const map = `/maps/${encodeURIComponent(slug)}`;
+  const form = (fields) => {
+    const made = new FormData();
+    for (const [name, value] of Object.entries(fields)) if (value !== null && value !== undefined) made.append(name, value);
+    return made;
+  };
+  return {
+    changes: (since) => get(`${map}/changes?since=${since}`),
+    edit: (edits) => patch(`${map}/experiences`, edits),
+    remove: (photos) => del(`${map}/experiences`, { json: photos }),
+    undo: () => post(`${map}/undo`, {}),
+    redo: () => post(`${map}/redo`, {}),
+
+    setSatellite: (file, onProgress, signal) =>
+      upload(`${map}/satellite`, { method: "PUT", body: form({ file }), onProgress, signal }),
+
+    beginUpload: (about) => post(`${map}/uploads`, about),
+    sendPiece: (id, piece, options) =>
+      upload(`${map}/uploads/${id}`, { method: "PATCH", body: piece, ...options }),
+
+    placeByGps: () => post(`${map}/photos/place-by-gps`, {}),
+    positionsFromFile: (file) => api(`${map}/positions`, { method: "POST", body: form({ file }) }),
+    matchTrack: (fields, { preview }) =>
+      api(`${map}/gpx?preview=${preview}`, { method: "POST", body: form(fields) }),
+
+    findings: () => get(`${map}/findings`),
+    fix: (code, ids) => post(`${map}/findings/fix`, { code, ids }),
+    health: () => get(`${map}/health`),
+
+    cancelJob: (id) => post(`/jobs/${id}/cancel`, {}),
+    retryJob: (id) => post(`/jobs/${id}/retry`, {}),
+  };
+}

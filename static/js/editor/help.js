@@ -1,0 +1,51 @@
+/** The keys of the editor, and a switch for those that are single letters. */
+
+import { h } from "../dom.js";
+import { t } from "../i18n.js";
+import { openDialog } from "./dialogs.js";
+import { singleKeys } from "./keys.js";
+
+/** Show how everything is done. */
+export function showHelp() {
+  const single = h("input", { type: "checkbox", checked: singleKeys.on });
+  single.addEventListener("change", () => (singleKeys.on = single.checked));
+  openDialog(t("Help"), [
+    h("p", {}, t("Click on the image where the current photo was taken; the next one comes by itself. Drag a dot to move it, and its arrow to say where the camera looked.")),
+    group(t("Anywhere"), [
+      ["N, P", t("next, previous photo")],
+      ["[, ]", t("turn the current photo by 5°")],
+      ["+, −, 0", t("zoom in, zoom out, whole image")],
+      ["C", t("show the current photo on the image")],
+      ["M", t("go to the image")],
+      ["Delete", t("remove from the map")],
+      ["Backspace", t("back to the tray")],
+      ["Ctrl + Z", t("undo")],
+      ["Ctrl + Shift + Z, Ctrl + Y", t("redo")],
+      ["Esc", t("select nothing; stop placing")],
+    ]),
+    group(t("On the image"), [
+      ["← ↑ → ↓", t("move the crosshair; with Shift faster")],
+      ["Enter", t("place the current photo, or choose the dot")],
+      [t("Space"), t("select the dot")],
+      [t("Shift + click, Shift + drag"), t("select one, select a box")],
+      [t("Long press"), t("select, on a touch screen")],
+    ]),
+    group(t("In the list"), [
+      ["↑ ↓", t("go through the photos")],
+      ["Enter", t("make it the current photo")],
+      [t("Space"), t("select it")],
+      ["Ctrl + A", t("select all")],
+    ]),
+    h("label", { class: "check" }, single, t("Single letters are keys")),
+  ]);
+}
+
+function group(title, rows) {
+  return h("section", { class: "ed-keys" },
+    h("h3", {}, title),
+    h("dl", { class: "ed-keys__list" },
+      ...rows.flatMap(([keys, what]) => [
+        h("dt", {}, ...keys.split(", ").flatMap((key, n) => [n ? " " : "", h("kbd", {}, key)])),
+        h("dd", {}, what),
+      ])));
+}

@@ -1,0 +1,102 @@
+/** The page on which photos are put on the image of a map: makes the parts and connects them. */
+
+import { Activity } from "./activity.js";
+import { bulkPlacing } from "./bulkplace.js";
+import { Check } from "./check.js";
+import { Commands } from "./commands.js";
+import { CurrentPhoto } from "./current.js";
+import { Dots } from "./dots.js";
+import { listenToDrops, usable } from "./dropfiles.js";
+import { Edits } from "./edits.js";
+import { endpointsOf } from "./endpoints.js";
+import { Crosshair, Hands } from "./hands.js";
+import { showHelp } from "./help.js";
+import { showHistory } from "./history.js";
+import { listenToKeys } from "./keys.js";
+import { Live } from "./live.js";
+import { MapView } from "./mapview.js";
+import { byId } from "./page.js";
+import { choosePlacement } from "./placements.js";
+import { satelliteInput } from "./satellite.js";
+import { sidePanel } from "./side.js";
+import { Store } from "./store.js";
+import { Tray } from "./tray.js";
+import { Uploads } from "./uploads.js";
+
+const store = new Store(JSON.parse(byId("state").textContent));
+const server = endpointsOf(store.slug);
+const live = new Live(store, server.changes);
+const refresh = () => live.refresh();
+const edits = new Edits(store, server, refresh);
+const commands = new Commands(store, edits, say);
+
+const view = new MapView(byId("map-canvas"), store);
+const dots = new Dots(store).addTo(view.map);
+const hands = new Hands(view, dots, commands);
+const crosshair = new Crosshair(view, say);
+const page = { store, server, refresh, view, dots, hands, crosshair, commands, say, help: showHelp };
+
+new CurrentPhoto(commands, view);
+new Tray(commands);
+new Check(store, server, page);
+showHistory(commands);
+choosePlacement(store, edits);
+satelliteInput(store, server, refresh);
+sidePanel(store);
+listenToKeys(page);
+chooseFirst();
+takeFiles();
+zoomButtons();
+byId("help").addEventListener("click", showHelp);
+live.start();
+
+/** Tell a screen reader. */
+function say(text) {
+  byId("announcer").textContent = text;
+}
+
+/** There is a current photo whenever there can be one; placing ends for one that somebody else has placed. */
+function chooseFirst() {
+  const choose = () => {
+    const gone = store.currentId === null || !store.photos.has(store.currentId);
+    if (gone && store.order.length) store.setCurrent(store.unplaced()[0] ?? store.order[0]);
+    else if (store.tool === "place" && store.isPlaced(store.currentId)) store.setTool("select");
+  };
+  store.on("photos", choose);
+  store.on("current", () => {
+    const position = store.currentId === null ? null : store.position(store.currentId);
+    if (position && !hands.gesture) view.reveal(position);
+  });
+  choose();
+}
+
+/** Photos are uploaded; lists of positions and tracks open what they are for. */
+function takeFiles() {
+  const uploads = new Uploads(server, store);
+  new Activity(store, uploads, page);
+  if (!store.canEdit) return;
+  const bulk = bulkPlacing(page);
+  const take = (files) => {
+    const named = (pattern) => files.filter(({ name }) => pattern.test(name));
+    const [lists, tracks] = [named(/\.(cfg|csv)$/i), named(/\.gpx$/i)];
+    const photos = files.filter((file) => !lists.includes(file) && !tracks.includes(file));
+    if (photos.length) uploads.add(photos);
+    else if (lists.length) bulk.positions(lists[0]);
+    else if (tracks.length) bulk.track(tracks[0]);
+  };
+  listenToDrops(byId("drop"), take);
+  for (const id of ["photo-input", "folder-input"]) {
+    byId(id).addEventListener("change", (event) => {
+      const files = usable(event.target.files);
+      event.target.value = "";
+      take(files);
+    });
+  }
+  byId("folder-button").addEventListener("click", () => byId("folder-input").click());
+}
+
+function zoomButtons() {
+  byId("zoom-in").addEventListener("click", () => view.zoom(1));
+  byId("zoom-out").addEventListener("click", () => view.zoom(-1));
+  byId("zoom-fit").addEventListener("click", () => view.fit());
+}

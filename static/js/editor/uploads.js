@@ -1,0 +1,176 @@
+/**
+ * Files on their way to the server: a few at a time, in pieces, going on where they stopped.
+ *
+ * The server finds a half-done file by its fingerprint, so after a reload the same files are chosen again and go
+ * on. What is in the map already is not sent twice.
+ */
+
+const PARALLEL = 3;
+const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
+const REMEMBERED = 5000;
+
+/**
+ * @typedef {Object} Entry
+ * @property {File} file
+ * @property {"waiting"|"sending"|"done"|"failed"|"cancelled"} state
+ * @property {number} sent bytes that have arrived or are under way
+ * @property {?{message: string, hint: ?string}} error
+ * @property {?{id: number, placed: boolean, duplicate: boolean, gps_problem: ?string}} result
+ */
+
+/** The files of this visit; fires `progress` often and `finished` when all are through. */
+export class Uploads extends EventTarget {
+  /**
+   * @param {Object} server endpoints
+   * @param {import("./store.js").Store} store
+   */
+  constructor(server, store) {
+    super();
+    Object.assign(this, { server, store });
+    this.entries = [];
+    this.begunAt = 0;
+    this._running = 0;
+    this._stop = new AbortController();
+    this._known = new Known(store.slug);
+    addEventListener("beforeunload", (event) => this.busy && event.preventDefault());
+  }
+
+  get busy() {
+    return this._running > 0;
+  }
+
+  /** @param {File[]} files */
+  add(files) {
+    if (!this.busy) {
+      this.entries = [];
+      this.begunAt = performance.now();
+      this._stop = new AbortController();
+    }
+    const there = new Set(this.entries.map(({ file }) => fingerprint(file)));
+    const fresh = files.filter((file) => !there.has(fingerprint(file)));
+    this.entries.push(...fresh.map((file) => ({ file, state: "waiting", sent: 0, error: null, result: null })));
+    this._fill();
+    this._tell();
+  }
+
+  /** Stop; what has arrived stays, and files that are chosen again go on. */
+  cancel() {
+    for (const entry of this.entries) if (entry.state === "waiting") entry.state = "cancelled";
+    this._stop.abort();
+    this._tell();
+  }
+
+  /** Send again what failed. */
+  retry() {
+    const files = this.entries.filter(({ state }) => state === "failed" || state === "cancelled").map(({ file }) => file);
+    this.entries = this.entries.filter(({ state }) => state !== "failed" && state !== "cancelled");
+    this.add(files);
+  }
+
+  _tell() {
+    this.dispatchEvent(new Event("progress"));
+  }
+
+  _fill() {
+    while (this._running < PARALLEL) {
+      const entry = this.entries.find(({ state }) => state === "waiting");
+      if (!entry) return;
+      this._running += 1;
+      entry.state = "sending";
+      this._one(entry).finally(() => {
+        this._running -= 1;
+        this._fill();
+        this._tell();
+        if (!this._running) this.dispatchEvent(new Event("finished"));
+      });
+    }
+  }
+
+  async _one(entry) {
+    const known = this._known.photo(entry.file);
+    if (known !== null && this.store.photos.has(known)) {
+      const placed = this.store.isPlaced(known);
+      return Object.assign(entry, { state: "done", sent: entry.file.size, result: { id: known, placed, duplicate: true } });
+    }
+    try {
+      entry.result = await this._patiently(entry, this._stop.signal);
+      entry.state = "done";
+      entry.sent = entry.file.size;
+      this._known.remember(entry.file, entry.result.id);
+    } catch (error) {
+      entry.state = error.name === "AbortError" ? "cancelled" : "failed";
+      entry.error = error;
+    }
+    return entry;
+  }
+
+  /** Send a file, and go on where it stopped as often as the connection breaks. */
+  async _patiently(entry, signal) {
+    for (let failures = 0; ; failures += 1) {
+      const before = entry.sent;
+      try {
+        return await this._send(entry, signal);
+      } catch (error) {
+        const { status } = error;
+        const passing = status === 0 || status === 409 || status === 429 || (status >= 500 && status !== 507);
+        if (!passing || (status !== 0 && failures >= 5)) throw error;
+        if (entry.sent > before) failures = 0;
+        await pause(RETRY_MS[Math.min(failures, RETRY_MS.length - 1)], signal);
+      }
+    }
+  }
+
+  async _send(entry, signal) {
+    const { file } = entry;
+    const about = { name: file.name, size_bytes: file.size, fingerprint: fingerprint(file) };
+    const begun = await this.server.beginUpload(about);
+    let { offset } = begun;
+    for (;;) {
+      signal.throwIfAborted();
+      const piece = file.slice(offset, offset + begun.chunk_bytes);
+      const answer = await this.server.sendPiece(begun.id, piece, {
+        headers: { "Upload-Offset": String(offset), "Content-Type": "application/octet-stream" },
+        signal,
+        onProgress: (sent) => {
+          entry.sent = Math.min(offset + sent, file.size);
+          this._tell();
+        },
+      });
+      if (answer.error) throw Object.assign(new Error(answer.error.message), { status: 422, ...answer.error });
+      if (answer.id !== undefined) return answer;
+      offset = answer.offset;
+    }
+  }
+}
+
+/** By what a file is found again after a reload. */
+function fingerprint({ name, size, lastModified }) {
+  return `${name.slice(-300)}|${size}|${lastModified}`;
+}
+
+function pause(milliseconds, signal) {
+  return new Promise((resolve, reject) => {
+    const timer = setTimeout(resolve, milliseconds);
+    signal.addEventListener("abort", () => {
+      clearTimeout(timer);
+      reject(signal.reason);
+    }, { once: true });
+  });
+}
+
+/** Which photo a file of this computer has become, kept in the browser. */
+class Known {
+  constructor(slug) {
+    this.key = `expmap.uploaded.${slug}`;
+    this.ids = new Map(JSON.parse(localStorage.getItem(this.key) || "[]"));
+  }
+
+  photo(file) {
+    return this.ids.get(fingerprint(file)) ?? null;
+  }
+
+  remember(file, id) {
+    this.ids.set(fingerprint(file), id);
+    localStorage.setItem(this.key, JSON.stringify([...this.ids].slice(-REMEMBERED)));
+  }
+}
