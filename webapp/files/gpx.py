@@ -66,7 +66,6 @@ def parse_gpx(data: bytes) -> Track:
         raise TrackError(
             f"the file is no GPX: {_first_line(error)}", hint="export it again as GPX"
         ) from error
-    return _track(gpx)
 
 
 def _track(gpx: GPX) -> Track:
