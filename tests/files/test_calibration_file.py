@@ -6,18 +6,14 @@ import pytest
 
 from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.files import calibrationfile
-from webapp.files.calibrationfile import StoredCalibration, prefixes
+from webapp.files.calibrationfile import StoredCalibration
 
-STORED = StoredCalibration(DEFAULT, 61.5, prefixes(["ab" * 32, "cd" * 32]), 2.5)
+STORED = StoredCalibration(DEFAULT, 61.5, 20.0, frozenset({"abababab@1,2", "cdcdcdcd@3,4"}), 2.5)
 
 
 def test_it_comes_back(tmp_path):
     calibrationfile.write(tmp_path / "c.json", STORED)
     assert calibrationfile.read(tmp_path / "c.json") == STORED
-
-
-def test_contents_are_shortened(tmp_path):
-    assert prefixes(["ab" * 32]) == {"ab" * 4}
 
 
 def test_a_missing_one_is_none(tmp_path):
@@ -34,7 +30,7 @@ def test_another_file_is_none(tmp_path, text):
     "change",
     [
         lambda raw: raw.update(format=99),
-        lambda raw: raw.pop("contents"),
+        lambda raw: raw.pop("photos"),
         lambda raw: raw.update(calibration=None),
         lambda raw: raw["calibration"].update(slope=[1.0]),
         lambda raw: raw["calibration"].update(colour=1),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -11,10 +10,8 @@ from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.errors import StorageError
 from webapp.files import atomic
 
-FORMAT = 1
-
-_PREFIX = 8
-"""Characters of a content hash that are enough to tell whether a map has changed much."""
+FORMAT = 2
+"""Another one where the evidence that the slopes belong to means something else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,21 +23,19 @@ class StoredCalibration:
     calibration : Calibration
     map_fov_deg : float or None
         The option for photos without a known field of view.
-    contents : frozenset of str
-        First characters of the SHA-256 of the map's photos.
+    place_radius_px : float
+        What counted as right.
+    photos : frozenset of str
+        For each photo a word that changes with its content and, roughly, its place.
     seconds : float
         It took.
     """
 
     calibration: Calibration
     map_fov_deg: float | None
-    contents: frozenset[str]
+    place_radius_px: float
+    photos: frozenset[str]
     seconds: float
-
-
-def prefixes(contents: Collection[str]) -> frozenset[str]:
-    """Shorten content hashes to what is stored."""
-    return frozenset(c[:_PREFIX] for c in contents)
 
 
 def write(path: Path, stored: StoredCalibration) -> None:
@@ -54,7 +49,7 @@ def write(path: Path, stored: StoredCalibration) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
-    raw = {"format": FORMAT, **asdict(stored), "contents": sorted(stored.contents)}
+    raw = {"format": FORMAT, **asdict(stored), "photos": sorted(stored.photos)}
     atomic.write_text(path, json.dumps(raw, sort_keys=True))
 
 
@@ -66,7 +61,11 @@ def read(path: Path) -> StoredCalibration | None:
             return None
         fitted = {**raw["calibration"], "slope": tuple(map(float, raw["calibration"]["slope"]))}
         return StoredCalibration(
-            Calibration(**fitted), raw["map_fov_deg"], frozenset(raw["contents"]), float(raw["seconds"])
+            calibration=Calibration(**fitted),
+            map_fov_deg=raw["map_fov_deg"],
+            place_radius_px=float(raw["place_radius_px"]),
+            photos=frozenset(raw["photos"]),
+            seconds=float(raw["seconds"]),
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None

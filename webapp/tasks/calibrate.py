@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +34,10 @@ _ELSEWHERE = 4.0
 """Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere."""
 
 _CHANGED_SHARE = 0.1
-"""A map that changed by less keeps its calibration."""
+"""A map that changed by less, in its photos and their places or its place radius, keeps its calibration."""
+
+_PREFIX = 8
+"""Characters of a content hash that are enough to tell whether a map has changed much."""
 
 _FEWEST_RADII = 10
 _COVERAGE = 0.68
@@ -62,15 +66,16 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
     Cancelled, StorageError
     """
     name = f"calibration-{opened.method}-{opened.choice.matcher}.json"
-    contents = calibrationfile.prefixes([p.content for p in opened.manifest.photos.values() if p.content])
+    photos = _photos(opened)
+    radius = opened.indexed.place_radius_px
     for folder in (opened.folder.folder, opened.writable):
         known = calibrationfile.read(folder / name)
-        if known is not None and known.map_fov_deg == map_fov_deg and not _changed(known.contents, contents):
+        if known is not None and known.map_fov_deg == map_fov_deg and _still_fits(known, photos, radius):
             return known
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
     calibration = calibrate(opened.indexed, progress)
-    stored = StoredCalibration(calibration, map_fov_deg, contents, time.perf_counter() - started)
+    stored = StoredCalibration(calibration, map_fov_deg, radius, photos, time.perf_counter() - started)
     calibrationfile.write(opened.writable / name, stored)
     return stored
 
@@ -131,5 +136,13 @@ def _with_radius(fitted: Calibration, trials: Sequence[_Trial]) -> Calibration:
     return Calibration(fitted.slope, fitted.offset, max(scale, 1.0), fitted.cases)
 
 
-def _changed(before: frozenset[str], now: frozenset[str]) -> bool:
-    return len(before ^ now) > _CHANGED_SHARE * max(len(before), 1)
+def _photos(opened: OpenMap) -> frozenset[str]:
+    """Describe each photo by its content and the cell, about a place radius wide, that it stands in."""
+    cell = 2.0 ** round(math.log2(opened.indexed.place_radius_px))
+    cells = np.floor(opened.indexed.position / cell).astype(int).tolist()
+    return frozenset(f"{c[:_PREFIX]}@{x},{y}" for c, (x, y) in zip(opened.contents, cells, strict=True) if c)
+
+
+def _still_fits(known: StoredCalibration, photos: frozenset[str], radius: float) -> bool:
+    changed = len(known.photos ^ photos) > _CHANGED_SHARE * max(len(known.photos), 1)
+    return not changed and abs(math.log(radius / known.place_radius_px)) <= _CHANGED_SHARE

@@ -100,10 +100,14 @@ class OpenMap:
     built: BuildReport | None
 
     @property
+    def contents(self) -> list[str]:
+        """SHA-256 of each experience's photo, in the map's order; empty where the index has none of it."""
+        return _contents(self.map, self.manifest)
+
+    @property
     def map_hash(self) -> str:
         """Stands for the map's photos and positions, 16 hexadecimal characters."""
-        contents = _contents(self.map, self.manifest)
-        photos = [[e.id, c, *e.position] for e, c in zip(self.map.experiences, contents, strict=True)]
+        photos = [[e.id, c, *e.position] for e, c in zip(self.map.experiences, self.contents, strict=True)]
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
 
 

@@ -1,0 +1,65 @@
+"""A calibration is kept as long as the map is about the same, and made anew when it is not."""
+
+from dataclasses import replace
+
+import pytest
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.files.mapfolder import read_map, write_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks import calibrate, open_map
+from webapp.tasks.open_map import OpenOptions
+
+
+@pytest.fixture
+def cfg(make_map, tmp_path):
+    return make_map(tmp_path / "map", 12)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Count calibrations; none is really made."""
+    count = []
+    monkeypatch.setattr(calibrate, "calibrate", lambda indexed, progress: count.append(1) or DEFAULT)
+    return count
+
+
+def open_and_calibrate(cfg, **options):
+    opened = open_map.run(
+        cfg, OpenOptions(features="orb", **options), settings=Settings(), progress=Progress()
+    )
+    calibrate.run(opened, map_fov_deg=options.get("map_fov_deg"), progress=Progress())
+
+
+def move(cfg, *, by, photos):
+    the_map = read_map(cfg)
+    moved = [
+        replace(e, position=MapPixel(e.position.x + by, e.position.y)) if e.id < photos else e
+        for e in the_map.experiences
+    ]
+    write_map(cfg, replace(the_map, experiences=tuple(moved)))
+
+
+def test_the_same_map_keeps_it(cfg, made):
+    for _ in range(3):
+        open_and_calibrate(cfg)
+    assert len(made) == 1
+
+
+def test_a_few_moved_photos_keep_it_and_many_do_not(cfg, made):
+    open_and_calibrate(cfg)
+    move(cfg, by=1.0, photos=12)
+    open_and_calibrate(cfg)
+    assert len(made) == 1
+    move(cfg, by=400.0, photos=6)
+    open_and_calibrate(cfg)
+    assert len(made) == 2
+
+
+@pytest.mark.parametrize("options", [{"right_within_px": 50.0}, {"map_fov_deg": 40.0}])
+def test_other_options_need_another(cfg, made, options):
+    open_and_calibrate(cfg)
+    open_and_calibrate(cfg, **options)
+    assert len(made) == 2
