@@ -1,4 +1,4 @@
-"""The API as the signed-in person of a browser context: to set up what a test is not about, and to look after."""
+"""The API as the signed-in person of a browser context: to set up a test, and to look what came of it."""
 
 import re
 import time
@@ -72,7 +72,7 @@ class Api:
         """Wait until no job of a map is at work; gives those that ended lately."""
         until = time.monotonic() + PATIENCE_S
         while time.monotonic() < until:
-            jobs = self.ask("GET", f"/maps/{slug}/changes?since=0")["jobs"]
+            jobs = self.ask("GET", f"/jobs?map={slug}")["jobs"]
             if not any(job["state"] in BUSY for job in jobs):
                 return jobs
             time.sleep(0.3)

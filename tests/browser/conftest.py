@@ -1,7 +1,9 @@
 """One running program and one browser for all tests of the pages."""
 
 import os
+import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,13 +12,14 @@ from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from tests.browser.api import Api
-from tests.browser.app import App
+from tests.browser.app import App, expmap
 from tests.browser.edit_page import EditPage, spots
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS, Watch
 
 HERE = Path(__file__).resolve().parent
 WIDE = {"width": 1280, "height": 800}
+SAMPLE_WITHIN_S = 60
 PATIENCE_MS = 20_000 if os.environ.get("CI") == "true" else 15_000
 
 
@@ -64,6 +67,17 @@ def owner(app: App, browser: Browser) -> dict:
     state = context.storage_state()
     context.close()
     return state
+
+
+@pytest.fixture(scope="session")
+def sample_map(owner: dict, app: App, browser: Browser) -> str:
+    """Slug of the sample map, which the first start made in the background."""
+    context = browser.new_context(base_url=app.url, storage_state=owner)
+    until = time.monotonic() + SAMPLE_WITHIN_S
+    while context.request.get("/api/v1/maps/sample").status == 404 and time.monotonic() < until:
+        time.sleep(0.3)
+    context.close()
+    return "sample"
 
 
 @pytest.fixture
@@ -136,3 +150,18 @@ def make_page(
         return EditPage(page, slug).open()
 
     return make
+
+
+@pytest.fixture
+def link(app: App) -> str:
+    """A fresh link that signs the owner in once."""
+    printed = expmap("account", "link", "owner", library=app.library)
+    return app.url + re.search(r"/sign-in/\S+", printed)[0]
+
+
+@pytest.fixture
+def fresh_owner(open_context: Callable[..., BrowserContext], link: str) -> Page:
+    """A page with a session of its own."""
+    page = open_context().new_page()
+    sign_in(page, link)
+    return page

@@ -1,0 +1,77 @@
+"""Every page: nothing serious for axe-core, nothing beside a phone's screen, light and dark, in Czech too."""
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser import axe
+
+PHONE = {"width": 390, "height": 844}
+PAGES = {
+    "maps": "/",
+    "bin": "/bin",
+    "account": "/account",
+    "people": "/people",
+    "edit": "/maps/sample/edit",
+    "image": "/maps/sample/image",
+    "jobs": "/maps/sample/jobs",
+    "settings": "/maps/sample/settings",
+    "nowhere": "/nowhere",
+}
+LOOKS = {
+    "wide": {},
+    "dark": {"color_scheme": "dark"},
+    "phone": {"viewport": PHONE, "has_touch": True, "is_mobile": True, "device_scale_factor": 2},
+}
+CALM = """
+() => document.getAnimations().every(a => a.playState !== "running" || !isFinite(a.effect.getTiming().iterations))
+"""
+
+
+@pytest.fixture(scope="module", params=LOOKS)
+def look(request):
+    """How the browser shows pages."""
+    return LOOKS[request.param]
+
+
+@pytest.fixture
+def visit(open_context, owner, look, sample_map):
+    """Open a page in a look; it is checked when it has come to rest."""
+
+    def visit(path, *, signed_in=True):
+        context = open_context(storage_state=owner if signed_in else None, reduced_motion="reduce", **look)
+        context.watch.expect(404)
+        page = context.new_page()
+        page.goto(path)
+        page.wait_for_load_state("networkidle") if "edit" not in path else page.wait_for_timeout(700)
+        page.wait_for_function(CALM)
+        return page
+
+    return visit
+
+
+def check(page):
+    """Look for what people would stumble over."""
+    assert axe.findings(page) == []
+    beside = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+    assert beside <= 0, f"{beside} pixels are beside the screen"
+    assert page.title().strip(" ·") and page.locator("h1").count() == 1
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_page(visit, name):
+    check(visit(PAGES[name]))
+
+
+def test_sign_in_page(visit):
+    check(visit("/sign-in", signed_in=False))
+
+
+def test_the_menu_and_a_dialog(visit):
+    page = visit("/")
+    page.locator("header summary").click()
+    check(page)
+    page.keyboard.press("Escape")
+    page.goto("/")
+    page.get_by_test_id("new-map").click()
+    expect(page.get_by_role("dialog")).to_be_visible()
+    check(page)

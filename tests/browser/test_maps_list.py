@@ -1,0 +1,75 @@
+"""The list of maps: make, rename, copy, bin and restore, delete for good."""
+
+import re
+
+from playwright.sync_api import expect
+
+
+def card(page, name):
+    """A map of the list."""
+    return page.locator("[data-slug]").filter(has_text=name)
+
+
+def choose(page, name, action):
+    """Choose from the menu of a map."""
+    card(page, name).locator("summary").click()
+    card(page, name).get_by_role("button", name=action).click()
+
+
+def test_a_map_is_made_by_its_name(page, api):
+    page.goto("/")
+    page.get_by_test_id("new-map").click()
+    page.get_by_test_id("map-name").fill("Zámecký park")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/maps/*/edit")
+    slug = page.url.split("/")[-2]
+    assert re.fullmatch(r"[a-z0-9-]+", slug)
+    assert api.state(slug)["name"] == "Zámecký park"
+
+
+def test_a_map_without_a_name_is_not_made(page):
+    page.goto("/")
+    page.get_by_test_id("new-map").click()
+    page.get_by_test_id("map-name").fill("   ")
+    page.context.watch.expect(400, 422)
+    page.get_by_role("button", name="Create").click()
+    expect(page.get_by_test_id("error-message")).to_be_visible()
+
+
+def test_a_map_goes_to_the_bin_and_comes_back(page, api, sample_folder):
+    slug = api.make_map("Goes and comes", satellite=sample_folder / "satellite.png")
+    page.goto("/")
+    choose(page, "Goes and comes", "Put into the bin")
+    page.get_by_role("dialog").get_by_role("button", name="Put into the bin").click()
+    expect(card(page, "Goes and comes")).to_have_count(0)
+    page.goto("/bin")
+    card(page, "Goes and comes").get_by_role("button", name="Restore").click()
+    expect(card(page, "Goes and comes")).to_have_count(0)
+    page.goto("/")
+    expect(card(page, "Goes and comes")).to_have_count(1)
+    assert api.state(slug)["satellite"] is not None
+
+
+def test_a_map_is_deleted_for_good(page, api, app):
+    slug = api.make_map("Goes for good", satellite=None)
+    api.ask("DELETE", f"/maps/{slug}")
+    page.goto("/bin")
+    card(page, "Goes for good").get_by_role("button", name="Delete for good").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete for good").click()
+    expect(card(page, "Goes for good")).to_have_count(0)
+    assert not (app.library / slug).exists()
+
+
+def test_a_map_is_renamed_and_copied(page, api, small_photos, sample_folder):
+    slug = api.make_map("Old name", satellite=sample_folder / "satellite.png", photos=small_photos[:2])
+    page.goto("/")
+    choose(page, "Old name", "Rename")
+    page.get_by_label("Name", exact=True).fill("New name")
+    page.keyboard.press("Enter")
+    expect(card(page, "New name")).to_have_count(1)
+    choose(page, "New name", "Duplicate")
+    page.wait_for_url(re.compile(r"/maps/.+/(jobs|edit)"))
+    copy = page.url.split("/")[-2]
+    assert copy != slug
+    api.wait_for_jobs(copy)
+    assert len(api.state(copy)["photos"]) == 2
