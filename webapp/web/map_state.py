@@ -105,7 +105,6 @@ def _photos(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 
 
 def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> dict[str, Any]:
-    at = {"slug": record.slug, "id": photo.id}
     return {
         "id": photo.id,
         "name": photo.name,
@@ -119,8 +118,8 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "gps": gps,
         "gps_problem": photo.gps_problem,
         "revision": photo.revision,
-        "preview": url_for("api_photos.preview", **at),
-        "thumb": url_for("api_photos.thumb", **at),
+        "preview": url_for("api_photos.preview", slug=record.slug, id=photo.id),
+        "thumb": url_for("api_photos.thumb", slug=record.slug, id=photo.id),
     }
 
 
