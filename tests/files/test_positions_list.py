@@ -59,3 +59,18 @@ def test_bad_tables_are_refused(tmp_path, text, part):
 def test_a_bad_map_file_is_refused(tmp_path):
     with pytest.raises(CfgError):
         read_positions(listing(tmp_path, "plan.png;100\n", "other.cfg"))
+
+
+def test_headings_may_come_along(tmp_path):
+    found = read_positions(
+        listing(tmp_path, "name;x;y;heading_deg\na/1.jpg;1;1;90.5\n2.jpg;2;2;\n3.jpg;3;3;360\n")
+    )
+    assert [found.heading_of(name) for name in ("1.jpg", "2.jpg", "3.jpg", "4.jpg")] == [
+        90.5,
+        None,
+        0.0,
+        None,
+    ]
+    with pytest.raises(TableError, match="not from 0 to 360") as caught:
+        read_positions(listing(tmp_path, "name;lat;lon;heading_deg\n1.jpg;1;1;361\n"))
+    assert caught.value.where.endswith(":2")

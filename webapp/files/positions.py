@@ -52,10 +52,18 @@ class Positions:
         name : str
             Path with forward slashes.
         """
+        entry = self._entry(name)
+        return None if entry is None else self.by_name[entry]
+
+    def heading_of(self, name: str) -> float | None:
+        """Find where a photo looks, as `find` does; None where the list does not tell."""
+        return self.headings_deg.get(self._entry(name) or "")
+
+    def _entry(self, name: str) -> str | None:
         if name in self.by_name:
-            return self.by_name[name]
+            return name
         last = PurePosixPath(name).name
-        same = [position for key, position in self.by_name.items() if PurePosixPath(key).name == last]
+        same = [key for key in self.by_name if PurePosixPath(key).name == last]
         return same[0] if len(same) == 1 else None
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import PhotoError
-from webapp.files.exifgps import Gps
+from webapp.files.exifgps import Gps, Heading
 from webapp.files.imageprobe import PHOTO_SUFFIXES, check_decodes
 from webapp.files.photo import PhotoFacts, read_facts
 from webapp.files.positions import Positions
@@ -116,4 +116,7 @@ def _look(path: Path, name: str, *, positions: Positions | None, limits: PhotoLi
     position = positions.find(name)
     if position is None:
         return Surveyed(name, facts, state=State.NO_POSITION, reason="the list of positions does not name it")
+    heading = positions.heading_of(name)
+    if heading is not None:
+        facts = replace(facts, heading=Heading(heading, "T"))
     return Surveyed(name, facts, position)
