@@ -55,10 +55,10 @@ let timer = 0;
 function saved(edits) {
   const line = byId("saved");
   clearTimeout(timer);
+  line.dataset.waiting = edits.waiting;
   const show = () => {
     const waiting = edits.waiting > 0;
     line.classList.toggle("is-waiting", waiting);
-    line.dataset.waiting = edits.waiting;
     line.textContent = waiting ? t("Not saved yet: {n}", { n: edits.waiting }) : "";
   };
   if (!edits.waiting || edits.failures || line.textContent) show();
