@@ -104,12 +104,13 @@ class TestRefused:
 
     @pytest.mark.parametrize("kind", ["PNG", "JPEG", "TIFF"])
     @pytest.mark.parametrize("kept", [0.02, 0.5, 0.98])
-    def test_cut_off(self, read, kind, kept):
+    @pytest.mark.parametrize("rows", [64, 1000])
+    def test_cut_off(self, read, kind, kept, rows):
         buffer = io.BytesIO()
         noise = np.random.default_rng(1).integers(0, 256, (300, 400, 3), dtype=np.uint8)
         Image.fromarray(noise).save(buffer, format=kind)
         with pytest.raises(PhotoError, match=r"cut off|damaged"):
-            read(buffer.getvalue()[: int(len(buffer.getvalue()) * kept)])
+            read(buffer.getvalue()[: int(len(buffer.getvalue()) * kept)], rows=rows)
 
     def test_larger_than_the_limits(self, read):
         image = Image.fromarray(gradient(1100, 1000))

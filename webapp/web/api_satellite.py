@@ -236,7 +236,11 @@ def _choice(given: dict[str, Any]) -> Choice:
 
 def _sent(shown: Shown) -> Response:
     """Send a file; who asks by its key may keep it for good."""
-    response = send_file(shown.path, mimetype=shown.mime, etag=shown.key, conditional=True)
+    if request.if_none_match.contains_weak(shown.key):
+        response = Response(status=304)
+        response.set_etag(shown.key)
+    else:
+        response = send_file(shown.path, mimetype=shown.mime, etag=shown.key, conditional=True)
     if request.args.get("v") == shown.key:
         response.headers["Cache-Control"] = f"private, max-age={int(_KEPT.total_seconds())}, immutable"
     return response

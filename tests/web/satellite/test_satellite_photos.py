@@ -1,0 +1,60 @@
+"""What becomes of the photos of a map that gets another image."""
+
+import pytest
+
+from tests.web.satellite.images import CORNERS, LARGER, message, png
+from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.types import LatLon
+from webapp.files.mapjson import parse_georeference
+from webapp.store.schema import Job, PlacedElsewhere
+
+
+def _corners(corners):
+    return Corners(*(LatLon(**corners[name]) for name in ("top_left", "bottom_right")))
+
+
+class TestPhotosOnANewImage:
+    def test_they_keep_their_place_on_the_earth(self, put, add_photos, photo, library, record, client, base):
+        put(png(400, 200), corners=CORNERS)
+        add_photos({"x_px": 100.0, "y_px": 50.0, "heading_deg": 30.0}, {"x_px": 0.0, "y_px": 200.0})
+        with library.database.write() as session:
+            session.add(
+                PlacedElsewhere(map_id=record().id, placement="clusters", photo_id=0, x_px=200.0, y_px=100.0)
+            )
+        where = from_corners(_corners(CORNERS), width=400, height=200).georeference
+        answer = put(png(800, 600), corners=LARGER)
+        assert {p["id"] for p in answer.json["photos"]} == {0, 1}
+        now = parse_georeference(record().georeference)
+        for id, before in ((0, (100.0, 50.0)), (1, (0.0, 200.0))):
+            at = now.latlon_from_pixel([(photo(id).x_px, photo(id).y_px)])
+            assert at == pytest.approx(where.latlon_from_pixel([before]), abs=1e-9)
+        assert photo(0).heading_deg == 30.0
+        assert answer.json["placements"][0]["positions"]["0"] == pytest.approx([400.0, 300.0])
+        client.post(f"{base}/undo")
+        assert (photo(0).x_px, photo(0).y_px, record().satellite_width) == (100.0, 50.0, 400)
+
+    def test_outside_it_is_refused_or_they_go_to_the_tray(self, put, add_photos, photo, record):
+        put(png(400, 200))
+        add_photos({"x_px": 390.0, "y_px": 190.0}, {"x_px": 10.0, "y_px": 10.0})
+        answer = put(png(200, 100, shade=3))
+        assert "1 placed photos would lie outside" in message(answer, 400)
+        assert "scale=1" in answer.json["error"]["hint"]
+        assert record().satellite_width == 400
+        assert put(png(200, 100, shade=3), tray=1).json["to_tray"] == 1
+        assert photo(0).x_px is None
+        assert photo(1).x_px == 10.0
+
+    def test_they_are_scaled_where_that_is_wished(self, put, add_photos, photo):
+        put(png(400, 200))
+        add_photos({"x_px": 390.0, "y_px": 190.0})
+        assert put(png(200, 400, shade=3), scale=1).status_code == 200
+        assert (photo(0).x_px, photo(0).y_px) == (195.0, 380.0)
+
+    def test_the_first_georeference_places_photos_by_their_gps(self, put, add_photos, photo, library):
+        add_photos({"gps_lat": 50.0005, "gps_lon": 14.001}, {"gps_lat": 51.0, "gps_lon": 14.0}, {})
+        answer = put(png(400, 200), corners=CORNERS)
+        assert answer.json["from_tray"] == 1
+        assert (photo(0).x_px, photo(0).y_px) == pytest.approx((200.0, 100.0))
+        assert photo(1).x_px is None
+        with library.database.read() as session:
+            assert [job.kind for job in session.query(Job)] == ["index"]

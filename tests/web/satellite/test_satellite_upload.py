@@ -1,0 +1,140 @@
+"""A satellite image is uploaded, kept and given to browsers; what is no image changes nothing."""
+
+import io
+import json
+
+import pytest
+from PIL import Image
+
+from tests.web.satellite.images import CORNERS, geotiff, message, png
+from webapp.files.mapjson import parse_georeference
+from webapp.progress import Progress
+from webapp.settings import SatelliteLimits, Settings
+from webapp.store.schema import Job
+from webapp.tasks import satellite_display
+
+
+class TestUpload:
+    def test_an_image_is_set_kept_and_exported(self, put, client, base, library, park, record):
+        answer = put(png(300, 200), corners=CORNERS)
+        assert answer.status_code == 200, answer.text
+        satellite = answer.json["satellite"]
+        assert (satellite["width"], satellite["height"], satellite["tiles"]) == (300, 200, None)
+        assert answer.json["georeference"]["method"] == "corners"
+        assert answer.json["undo"] == {"kind": "satellite", "count": 1}
+        name = record().satellite_path
+        assert name.startswith("satellite-")
+        assert (library.map_folder(park) / name).read_bytes() == png(300, 200)
+        assert library.cfg(park).read_text().startswith(f"{name};300;200")
+        assert not [p for p in library.uploads.iterdir() if p.suffix != ".lock"]
+
+        shown = client.get(satellite["url"], buffered=True)
+        assert shown.data == png(300, 200)
+        assert shown.mimetype == "image/png"
+        assert "immutable" in shown.headers["Cache-Control"]
+        assert (
+            client.get(satellite["url"], headers={"If-None-Match": shown.headers["ETag"]}).status_code == 304
+        )
+        small = client.get(f"{base}/thumbnail", buffered=True)
+        assert Image.open(io.BytesIO(small.data)).size == (300, 200)
+
+    def test_it_can_be_undone_and_done_again(self, put, client, base, record):
+        put(png(300, 200), corners=CORNERS)
+        put(png(310, 200, shade=9))
+        client.post(f"{base}/undo")
+        assert (record().satellite_width, record().georeference["method"]) == (300, "corners")
+        client.post(f"{base}/undo")
+        assert record().satellite_path is None
+        client.post(f"{base}/redo")
+        assert client.get(f"{base}/satellite", buffered=True).data == png(300, 200)
+
+    def test_a_geotiff_brings_its_place(self, put, record):
+        answer = put(geotiff(), name="photo.jpg")
+        assert answer.status_code == 200, answer.text
+        assert parse_georeference(record().georeference).plane == "EPSG:32633"
+        assert record().satellite_path.endswith(".png")
+        assert answer.json["warnings"] == []
+
+    def test_a_tiff_of_no_use_for_that_is_still_an_image(self, put, record):
+        answer = put(png(30, 20, kind="TIFF"), name="plain.tif")
+        assert answer.json["warnings"] == ["the TIFF has no georeference"]
+        assert record().georeference is None
+
+    def test_an_image_on_its_side_is_turned(self, put, record):
+        exif = Image.Exif()
+        exif[0x0112] = 6
+        assert put(png(300, 200, kind="JPEG", exif=exif)).status_code == 200
+        assert (record().satellite_width, record().satellite_height) == (200, 300)
+
+    def test_a_world_file_says_where(self, put, record):
+        text = b"0.5\n0\n0\n-0.5\n500000.25\n5539999.75\n"
+        answer = put(png(60, 40), worldfile=text.decode())
+        assert answer.status_code == 422, "a world file is a file"
+
+    @pytest.mark.parametrize(
+        ("data", "why"),
+        [
+            (b"", "empty"),
+            (b"<svg/>", "no PNG, JPEG or TIFF"),
+            (png(20, 20, kind="GIF"), "no PNG, JPEG or TIFF"),
+            (png(300, 200)[:400], "damaged, cut off"),
+            (png(300, 200, kind="JPEG")[:3000], "damaged, cut off"),
+            (png(300, 200, kind="TIFF")[:9000], "damaged, cut off"),
+            (b"\x89PNG\r\n\x1a\n" + b"\0\0\0\rIHDR\0\1\0\0\0\1\0\0" + bytes(40), ""),
+        ],
+    )
+    def test_what_is_no_image_changes_nothing(self, put, record, library, park, data, why):
+        assert why in message(put(data), 422)
+        assert record().revision == 0
+        assert not library.map_folder(park).exists()
+        assert not [p for p in library.uploads.iterdir() if p.suffix != ".lock"]
+
+    @pytest.mark.parametrize(
+        "corners",
+        ["no json", "[]", '{"top_left": 3, "bottom_right": 4}', json.dumps({"top_left": {"lat": 1}})],
+    )
+    def test_wrong_corners_change_nothing(self, put, record, corners):
+        assert put(png(30, 20), corners=corners).status_code == 422
+        assert record().revision == 0
+
+    def test_no_path_from_the_client_counts(self, put, record, library):
+        for name in ("../../evil.png", "/etc/passwd", "a\0b.png", "x" * 5000):
+            assert put(png(30, 20), name=name).status_code == 200
+        assert record().satellite_path.startswith("satellite-")
+        assert not (library.folder.parent / "evil.png").exists()
+
+    def test_who_may_only_look_cannot_set_it(
+        self, put, new_account, sign_in, library, record, stranger, base
+    ):
+        assert put(png(30, 20), who=sign_in(new_account("Jan"))).status_code == 404
+        assert stranger.get(f"{base}/satellite").status_code == 401
+
+    def test_nothing_where_there_is_none(self, client, base):
+        for what in ("satellite", "thumbnail", "satellite/tiles/0/0/0"):
+            assert client.get(f"{base}/{what}").status_code == 404
+
+
+class TestLargeImages:
+    def test_they_get_tiles(self, put, client, base, library, record):
+        answer = put(png(4200, 300))
+        satellite = answer.json["satellite"]
+        assert satellite["tiles"] is None, "not before the job has run"
+        shown = Image.open(io.BytesIO(client.get(satellite["url"], buffered=True).data))
+        assert shown.format == "JPEG"
+        assert shown.width <= 2048
+        with library.database.read() as session:
+            assert [job.kind for job in session.query(Job)] == ["satellite-pyramid"]
+        satellite_display.make_tiles(library, record().id, settings=Settings(), progress=Progress())
+        tiles = client.get(base).json["satellite"]["tiles"]
+        assert tiles["max_zoom"] == 5
+        tile = client.get(tiles["url"].format(z=5, x=3, y=0), buffered=True)
+        assert tile.mimetype == "image/jpeg"
+        edge = client.get(tiles["url"].format(z=5, x=16, y=1), buffered=True)
+        assert edge.mimetype == "image/webp"
+        assert client.get(tiles["url"].format(z=5, x=17, y=0), buffered=True).status_code == 404
+
+    def test_the_limits_count(self, put, app, library, settings):
+        app.extensions["expmap"] = type(app.extensions["expmap"])(
+            library, Settings(library=settings.library, satellite=SatelliteLimits(max_megapixels=0.05))
+        )
+        assert "megapixels, more than the limit" in message(put(png(300, 200)), 422)
