@@ -93,7 +93,8 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
             hint=f"send 1 to {most}, or one by one",
         )
     results = [_take_in(record, file) for file in given["file"]]
-    after_change(record)
+    if any(result["placed"] for result in results):  # the files of a map hold no other photos
+        after_change(record)
     return results
 
 

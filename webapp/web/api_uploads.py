@@ -117,7 +117,8 @@ def send(slug: str, id: str) -> dict[str, Any]:
             _give_up(upload)
             raise
         _give_up(upload)
-    after_change(record)
+    if intake.placed:  # the files of a map hold no other photos
+        after_change(record)
     return {"offset": there, **intake_json(intake)}
 
 
