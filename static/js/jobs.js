@@ -64,7 +64,7 @@ function draw(job) {
     h(
       "div",
       { class: "job__head" },
-      h("h2", { class: "h3" }, kindName(job.kind)),
+      h("h2", {}, kindName(job.kind)),
       badge(job.state),
       h("span", { class: "small soft" }, moment(job.created_at)),
     ),

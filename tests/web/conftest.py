@@ -1,5 +1,7 @@
 """The application on a library in a temporary folder, and browsers that are signed in."""
 
+import shutil
+
 import pytest
 from flask.testing import FlaskClient
 from itsdangerous import URLSafeTimedSerializer
@@ -32,8 +34,17 @@ def settings(tmp_path):
     return Settings(library=tmp_path / "library")
 
 
+@pytest.fixture(scope="session")
+def new_library(tmp_path_factory):
+    """The folder of a library as it is made, for copies: its tables take a while."""
+    folder = tmp_path_factory.mktemp("new") / "library"
+    open_library(folder).database.close()
+    return folder
+
+
 @pytest.fixture
-def library(settings):
+def library(settings, new_library):
+    shutil.copytree(new_library, settings.library)
     library = open_library(settings.library)
     yield library
     library.database.close()

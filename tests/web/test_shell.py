@@ -1,12 +1,233 @@
-"""Errors, headers and who gets in."""
+"""Errors, headers, CSRF, and who gets in."""
+
+import stat
+import sys
+from dataclasses import replace
+
+import pytest
+
+from webapp import errors as own_errors
+from webapp.settings import WebSettings
+from webapp.store import maps
+from webapp.store.library import open_library
+from webapp.web import create_app
+from webapp.web.errors import status_of
+from webapp.web.secretkey import secret_key
+
+PAGES = ["/", "/bin", "/account", "/people", "/maps/park/jobs", "/maps/park/settings"]
+
+
+def shape(answer):
+    """The error of an answer, whose shape is checked."""
+    assert set(answer.json) == {"error"}
+    assert set(answer.json["error"]) == {"code", "message", "hint", "where"}
+    return answer.json["error"]
 
 
 def test_health_needs_no_sign_in(stranger):
-    assert stranger.get("/healthz").json["status"] == "ok"
+    answer = stranger.get("/healthz")
+    assert answer.status_code == 200
+    assert answer.json["status"] == "ok"
 
 
-def test_an_unknown_address_of_the_api_is_told_in_the_one_shape(client):
-    answer = client.get("/api/v1/nothing")
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_leads_a_stranger_to_the_sign_in_and_back(stranger, park, page):
+    answer = stranger.get(page)
+    assert answer.status_code == 302
+    assert answer.headers["Location"] == f"/sign-in?next={page}"
+
+
+def test_the_api_tells_a_stranger_in_json(stranger, park):
+    answer = stranger.get("/api/v1/jobs?map=park")
+    assert answer.status_code == 401
+    assert shape(answer)["code"] == "not_signed_in"
+    assert answer.headers["WWW-Authenticate"] == "Bearer"
+
+
+def test_a_stranger_is_refused_before_the_body_is_looked_at(stranger):
+    stranger.csrf = False
+    assert stranger.post("/api/v1/maps", data=b"{nonsense").status_code == 401
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_page_shows_in_both_languages(client, park, page):
+    seen = set()
+    for language in ("en", "cs"):
+        answer = client.get(page, headers={"Accept-Language": language})
+        assert answer.status_code == 200
+        assert f'<html lang="{language}"' in answer.text
+        seen.add(answer.text.split("<body")[1])
+    assert len(seen) == 2, "the same words in both languages"
+
+
+def test_answers_carry_the_headers_that_protect(client, stranger):
+    for answer in (
+        client.get("/"),
+        stranger.get("/sign-in"),
+        client.get("/nothing"),
+        client.get("/api/v1/no"),
+    ):
+        policy = answer.headers["Content-Security-Policy"]
+        assert "default-src 'self'" in policy
+        assert "object-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "base-uri 'none'" in policy
+        assert "unsafe" not in policy
+        assert answer.headers["X-Content-Type-Options"] == "nosniff"
+        assert answer.headers["Referrer-Policy"] == "same-origin"
+        assert "camera=(self)" in answer.headers["Permissions-Policy"]
+
+
+@pytest.mark.parametrize("page", [*PAGES, "/nothing"])
+def test_pages_have_nothing_inline_that_the_policy_forbids(client, park, page):
+    text = client.get(page).text
+    assert " style=" not in text
+    assert "<style" not in text
+    assert " onclick" not in text
+    scripts = [part.split(">")[0] for part in text.split("<script")[1:]]
+    assert all(" src=" in script or "application/json" in script for script in scripts)
+
+
+def test_the_cookie_is_out_of_reach_for_scripts_and_other_sites(app, owner, sign_in):
+    cookie = sign_in(owner).get("/").headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Lax" in cookie
+    assert "Expires=" in cookie
+    assert "Secure" not in cookie
+    assert "Secure" in sign_in(owner).get("/", base_url="https://localhost").headers["Set-Cookie"]
+
+
+@pytest.mark.parametrize("path", ["/account/name", "/people", "/sign-out", "/language"])
+def test_a_form_without_its_token_is_refused(client, path):
+    client.csrf = False
+    answer = client.post(path, data={"name": "mallory", "language": "cs"})
+    assert answer.status_code == 400
+    assert "text/html" in answer.content_type
+
+
+def test_json_without_the_token_is_refused(client, owner):
+    client.csrf = False
+    answer = client.post("/api/v1/jobs/1/cancel", json={})
+    assert answer.status_code == 400
+    assert shape(answer)["code"] == "csrf"
+
+
+def test_unknown_addresses_are_told_in_the_way_of_who_asks(client):
+    assert shape(client.get("/api/v1/nothing"))["code"] == "not_found"
+    page = client.get("/nothing")
+    assert page.status_code == 404
+    assert 'data-testid="error-message"' in page.text
+
+
+def test_a_wrong_method_is_told_in_json_too(client):
+    answer = client.delete("/api/v1/jobs/1")
+    assert answer.status_code == 405
+    assert shape(answer)["code"] == "method_not_allowed"
+    assert "GET" in answer.headers["Allow"]
+
+
+def test_a_field_that_is_missing_is_named(client):
+    answer = client.get("/api/v1/jobs")
+    assert answer.status_code == 422
+    assert shape(answer)["where"] == "query.map"
+
+
+def test_an_unexpected_exception_is_logged_and_told(app, client, caplog):
+    app.add_url_rule("/api/v1/broken", view_func=lambda: 1 // 0)
+    app.testing = False
+    answer = client.get("/api/v1/broken")
+    assert answer.status_code == 500
+    assert shape(answer)["code"] == "internal_server_error"
+    assert "ZeroDivisionError" in caplog.text
+    assert "ZeroDivision" not in answer.text
+
+
+def test_every_error_has_a_status_of_its_own(app):
+    kinds = [
+        kind
+        for kind in vars(own_errors).values()
+        if isinstance(kind, type) and issubclass(kind, own_errors.ExpMapError)
+    ]
+    with app.test_request_context():
+        told = {kind: status_of(kind.__new__(kind)) for kind in kinds}
+    assert [kind for kind, status in told.items() if status == 500] == [own_errors.ExpMapError]
+    assert told[own_errors.PhotoError] == 422
+    assert told[own_errors.StorageError] == 507
+
+
+def test_a_conflict_is_412_for_who_sent_a_revision(app):
+    conflict = own_errors.Conflict("changed")
+    with app.test_request_context():
+        assert status_of(conflict) == 409
+    with app.test_request_context(headers={"If-Match": "3"}):
+        assert status_of(conflict) == 412
+
+
+def test_a_map_of_others_is_as_unknown_as_none(new_account, sign_in, park):
+    client = sign_in(new_account("eve"))
+    for path in ("/maps/{}/settings", "/maps/{}/jobs", "/api/v1/jobs?map={}"):
+        foreign, missing = (client.get(path.format(slug)) for slug in (park, "none"))
+        assert foreign.status_code == missing.status_code == 404
+        assert foreign.text.replace(park, "none") == missing.text
+
+
+def test_a_map_in_the_bin_has_no_pages(client, library, owner, park):
+    with library.database.write() as session:
+        maps.put_into_bin(maps.find(session, park, account=owner))
+    answer = client.get(f"/maps/{park}/settings")
     assert answer.status_code == 404
-    assert set(answer.json["error"]) == {"code", "message", "hint", "where"}
-    assert answer.json["error"]["code"] == "not_found"
+    assert "This map is in the bin" in answer.text
+    assert "Park" in client.get("/bin").text
+    assert "Park" not in client.get("/").text
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such permissions")
+def test_the_secret_key_is_made_once_and_for_nobody_else(library):
+    key = secret_key(library.inner)
+    assert len(key) == 64
+    assert secret_key(library.inner) == key
+    assert stat.S_IMODE((library.inner / "secret-key").stat().st_mode) == 0o600
+
+
+def test_a_damaged_secret_key_is_told(library):
+    secret_key(library.inner)
+    (library.inner / "secret-key").write_text("short")
+    with pytest.raises(own_errors.StorageError, match="no secret key"):
+        secret_key(library.inner)
+
+
+def test_too_many_requests_have_to_wait(settings, library):
+    few = replace(settings, web=WebSettings(requests_per_minute=2))
+    client = create_app(few, library=library).test_client()
+    codes = [client.get("/api/v1/jobs").status_code for _ in range(3)]
+    assert codes == [401, 401, 429]
+    answer = client.get("/api/v1/jobs")
+    assert shape(answer)["code"] == "too_many"
+    assert int(answer.headers["Retry-After"]) > 0
+    assert client.get("/healthz").status_code == 200
+
+
+def test_what_a_proxy_says_is_believed_only_when_there_is_one(settings, library):
+    said = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "203.0.113.9"}
+    for proxies, secure in ((0, False), (1, True)):
+        app = create_app(replace(settings, web=WebSettings(proxies=proxies)), library=library)
+        answer = app.test_client().get("/sign-in", headers=said)
+        assert ("Secure" in answer.headers["Set-Cookie"]) is secure
+
+
+def test_a_library_is_opened_where_none_is_given(settings):
+    app = create_app(settings)
+    assert app.test_client().get("/healthz").status_code == 200
+    app.extensions["expmap"].library.database.close()
+    open_library(settings.library).database.close()
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_the_chosen_colours_are_there_from_the_start(client, theme):
+    client.set_cookie("expmap-theme", theme)
+    assert f'data-theme="{theme}"' in client.get("/").text
+
+
+def test_a_cookie_cannot_write_into_the_page(client):
+    client.set_cookie("expmap-theme", '"><script>')
+    assert "data-theme=" not in client.get("/").text.split("<head")[0]

@@ -15,7 +15,7 @@ from webapp.store.schema import Account, MapRecord, Member
 def listed(session: Session, record: MapRecord) -> list[tuple[Account, Role]]:
     """List who may use a map, by name, with the role of each."""
     found = select(Account, Member).join(Member).where(Member.map_id == record.id).order_by(Account.name)
-    return [(account, _role(member)) for account, member in session.execute(found).tuples()]
+    return [(account, _role(member)) for account, member in session.execute(found)]
 
 
 def set_role(session: Session, record: MapRecord, *, account: Account, role: str) -> None:

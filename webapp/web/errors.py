@@ -34,6 +34,7 @@ from webapp.errors import (
     TooMany,
     UsageError,
 )
+from webapp.web import language
 from webapp.web.sessions import is_api
 
 _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
@@ -63,7 +64,8 @@ def status_of(error: ExpMapError) -> HTTPStatus:
 
 def as_json(error: ExpMapError) -> dict[str, Any]:
     """Give an error in the shape that all of the API uses, without the outer `error`."""
-    return _shape(_code(type(error).__name__), error.message, hint=error.hint, where=error.where)
+    told = _shape(_code(type(error).__name__), language.told(error.message), where=error.where)
+    return told | {"hint": None if error.hint is None else language.told(error.hint)}
 
 
 def extra_headers(error: ExpMapError) -> dict[str, str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flask import Flask, request, session
-from flask_babel import Babel, get_locale
+from flask_babel import Babel, get_locale, gettext
 
 from webapp.errors import NotSignedIn
 from webapp.web import sessions
@@ -29,6 +29,11 @@ def init_app(app: Flask) -> None:
 def current() -> str:
     """Tell the language of this request: `en` or `cs`."""
     return str(get_locale())
+
+
+def told(message: str) -> str:
+    """Translate what an error says, where the catalogue has it; numbers and names in it keep it English."""
+    return str(gettext(message)) if message else message
 
 
 def script_catalogue() -> dict[str, Any]:

@@ -1,0 +1,123 @@
+"""Bring the translations up to date: `python docs/make_translations.py`.
+
+Gathers every text from the pages, the scripts, and the errors of the program, adds the new ones to the
+`.po` files below `webapp/web/translations`, and makes the `.mo` files. Then fill in what the `.po` files
+lack (a text editor or Poedit does) and run it again: it tells how many are still without a translation.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+from babel.messages.catalog import Catalog
+from babel.messages.extract import extract_from_dir
+from babel.messages.mofile import write_mo
+from babel.messages.pofile import read_po, write_po
+
+from webapp import errors
+
+ROOT = Path(__file__).resolve().parents[1]
+TRANSLATIONS = ROOT / "webapp" / "web" / "translations"
+DOMAINS = ("messages", "scripts")
+
+_PAGES = {"webapp/web": [("**.py", "python")], "templates": [("**.html", "jinja2")]}
+_SCRIPTS = {"static/js": [("**.js", "javascript")]}
+_KEYWORDS: dict[str, tuple[int, ...] | None] = {"_": None, "gettext": None, "ngettext": (1, 2)}
+_SCRIPT_KEYWORDS: dict[str, tuple[int, ...] | None] = {"t": None, "tn": (1, 2)}
+_HEADER = "# Texts are gathered by docs/make_translations.py; translations are written by hand."
+_CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last-Tr", "Language-T")
+"""Fields of the header that say nothing, or another thing each time."""
+
+_WITH_ERRORS = ("store", "web")
+"""Layers whose errors have texts that are translated when they are shown."""
+
+
+def gathered(domain: str) -> Catalog:
+    """Gather the texts of a domain: `messages` of pages and errors, or `scripts`."""
+    pages = domain == "messages"
+    catalog = Catalog(domain=domain, fuzzy=False)
+    for folder, methods in (_PAGES if pages else _SCRIPTS).items():
+        keywords = _KEYWORDS if pages else _SCRIPT_KEYWORDS
+        options = {"**.html": {"trimmed": "true", "silent": "false"}}
+        found = extract_from_dir(ROOT / folder, methods, options, keywords, comment_tags=())
+        for file, _line, message, _comments, context in found:
+            catalog.add(message, locations=[(f"{folder}/{file}", 1)], context=context)
+    if pages:
+        for text, place in sorted(_of_errors()):
+            catalog.add(text, locations=[(place, 1)])
+    return catalog
+
+
+def merged(domain: str, language: str) -> Catalog:
+    """Give the translations of a domain: those there are, and the new texts without one."""
+    path = _path(domain, language)
+    known = read_po(io.BytesIO(path.read_bytes() if path.exists() else b""), locale=language, domain=domain)
+    known.update(gathered(domain), no_fuzzy_matching=True)
+    known.obsolete.clear()
+    known.fuzzy = False
+    known.header_comment = _HEADER
+    return known
+
+
+def po_text(catalog: Catalog) -> bytes:
+    """Write a `.po` file that is the same for the same texts: no dates, no line numbers, sorted."""
+    out = io.BytesIO()
+    write_po(out, catalog, sort_output=True, omit_header=False, width=110, include_lineno=False)
+    lines = out.getvalue().decode().splitlines()
+    kept = [line for line in lines if not line.startswith(tuple(f'"{field}' for field in _CHANGING))]
+    return ("\n".join(kept) + "\n").encode()
+
+
+def mo_bytes(po: bytes, language: str) -> bytes:
+    """Compile a `.po` file."""
+    out = io.BytesIO()
+    catalog = read_po(io.BytesIO(po), locale=language)
+    write_mo(out, catalog)
+    return out.getvalue()
+
+
+def untranslated(catalog: Catalog) -> list[str]:
+    """List the texts that lack a translation, or one of its plural forms."""
+    return [
+        str(message.id)
+        for message in catalog
+        if message.id and not all(message.string if isinstance(message.string, tuple) else (message.string,))
+    ]
+
+
+def _of_errors() -> Iterator[tuple[str, str]]:
+    """Find what errors are raised with: constant messages and hints."""
+    kinds = {name for name, kind in vars(errors).items() if isinstance(kind, type)}
+    for layer in _WITH_ERRORS:
+        for path in sorted((ROOT / "webapp" / layer).rglob("*.py")):
+            place = path.relative_to(ROOT).as_posix()
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in kinds:
+                    told = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "hint")]
+                    for part in told:
+                        if isinstance(part, ast.Constant) and isinstance(part.value, str):
+                            yield part.value, place
+
+
+def _path(domain: str, language: str) -> Path:
+    return TRANSLATIONS / language / "LC_MESSAGES" / f"{domain}.po"
+
+
+def main() -> None:
+    """Bring all languages up to date."""
+    for folder in sorted(path for path in TRANSLATIONS.iterdir() if path.is_dir()):
+        for domain in DOMAINS:
+            catalog = merged(domain, folder.name)
+            po = po_text(catalog)
+            _path(domain, folder.name).write_bytes(po)
+            _path(domain, folder.name).with_suffix(".mo").write_bytes(mo_bytes(po, folder.name))
+            missing = len(untranslated(catalog))
+            click.echo(f"{folder.name} {domain}: {len(catalog)} texts, {missing} without a translation")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,60 @@
+"""Jobs as pages and programs see them."""
+
+import pytest
+
+from webapp.store import jobs, maps
+
+
+@pytest.fixture
+def people(new_account):
+    """Accounts by the role that they get, and one without any."""
+    return {role: new_account(role) for role in ("owner", "editor", "viewer", "stranger")}
+
+
+@pytest.fixture
+def slug(people, new_map):
+    """A map that the first three share."""
+    return new_map(people["owner"], shared={people[role]: role for role in ("editor", "viewer")})
+
+
+@pytest.fixture
+def job(library, people, slug):
+    """The id of a job that waits."""
+    with library.database.write() as session:
+        record = maps.find(session, slug, account=people["owner"])
+        return jobs.enqueue(session, "index", map_id=record.id, account_id=people["owner"].id).id
+
+
+def test_the_jobs_of_a_map_are_listed(people, sign_in, slug, job):
+    answer = sign_in(people["viewer"]).get(f"/api/v1/jobs?map={slug}")
+    assert [(j["id"], j["kind"], j["state"]) for j in answer.json["jobs"]] == [(job, "index", "queued")]
+    assert sign_in(people["viewer"]).get(f"/api/v1/jobs/{job}").json == answer.json["jobs"][0]
+
+
+def test_who_does_not_see_the_map_does_not_see_its_jobs(people, sign_in, slug, job):
+    client = sign_in(people["stranger"])
+    assert client.get(f"/api/v1/jobs?map={slug}").status_code == 404
+    foreign, missing = (client.get(f"/api/v1/jobs/{id}") for id in (job, 999))
+    assert foreign.status_code == missing.status_code == 404
+    assert foreign.text.replace(str(job), "999") == missing.text
+    assert client.post(f"/api/v1/jobs/{job}/cancel").status_code == 404
+
+
+def test_viewers_cancel_nothing_and_editors_do(people, sign_in, job):
+    assert sign_in(people["viewer"]).post(f"/api/v1/jobs/{job}/cancel").status_code == 403
+    client = sign_in(people["editor"])
+    assert client.post(f"/api/v1/jobs/{job}/retry").status_code == 409
+    assert client.post(f"/api/v1/jobs/{job}/cancel").json["state"] == "cancelled"
+    assert client.post(f"/api/v1/jobs/{job}/retry").json["state"] == "queued"
+
+
+def test_a_job_without_a_map_is_its_account_s(library, people, sign_in):
+    with library.database.write() as session:
+        own = jobs.enqueue(session, "sample", account_id=people["editor"].id).id
+    assert sign_in(people["editor"]).get(f"/api/v1/jobs/{own}").status_code == 200
+    assert sign_in(people["owner"]).get(f"/api/v1/jobs/{own}").status_code == 404
+
+
+@pytest.mark.parametrize("id", ["0", "x", "-1", "9" * 30])
+def test_a_job_that_cannot_be_is_404(people, sign_in, id):
+    assert sign_in(people["owner"]).get(f"/api/v1/jobs/{id}").status_code == 404

@@ -1,0 +1,89 @@
+"""Sharing a map, and what each role may do there."""
+
+import pytest
+
+from webapp.store import maps, members
+
+
+@pytest.fixture
+def people(new_account):
+    """Three accounts by the role that they get."""
+    return {role: new_account(role.title()) for role in ("owner", "editor", "viewer")}
+
+
+@pytest.fixture
+def shared(people, new_map):
+    """The slug of a map that they share."""
+    others = {people[role]: role for role in ("editor", "viewer")}
+    return new_map(people["owner"], name="Shared", shared=others)
+
+
+def roles(library, slug, account):
+    """Who may use the map: name to role."""
+    with library.database.read() as session:
+        record = maps.find(session, slug, account=account)
+        return {person.name: role for person, role in members.listed(session, record)}
+
+
+def test_an_owner_shares_and_takes_back(library, people, shared, sign_in, new_account):
+    client, eve = sign_in(people["owner"]), new_account("Eve")
+    where = f"/maps/{shared}/settings"
+    assert client.post(f"{where}/members", data={"name": "eve", "role": "viewer"}).status_code == 303
+    assert roles(library, shared, people["owner"])["Eve"] == "viewer"
+    assert sign_in(eve).get(where).status_code == 200
+    assert client.post(f"{where}/members", data={"name": "Eve", "role": "editor"}).status_code == 303
+    assert roles(library, shared, people["owner"])["Eve"] == "editor"
+    assert client.post(f"{where}/members/{eve.id}/remove").status_code == 303
+    assert sign_in(eve).get(where).status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("data", "status"),
+    [
+        ({"name": "nobody", "role": "viewer"}, 404),
+        ({"name": "Viewer", "role": "king"}, 400),
+        ({"name": "Viewer"}, 400),
+        ({"name": "Owner", "role": "viewer"}, 400),
+    ],
+)
+def test_what_cannot_be_is_told_and_changes_nothing(library, people, shared, sign_in, data, status):
+    before = roles(library, shared, people["owner"])
+    answer = sign_in(people["owner"]).post(f"/maps/{shared}/settings/members", data=data)
+    assert answer.status_code == status
+    assert 'data-testid="error-message"' in answer.text
+    assert roles(library, shared, people["owner"]) == before
+
+
+@pytest.mark.parametrize("role", ["editor", "viewer"])
+def test_only_owners_change_settings(library, people, shared, sign_in, role):
+    client, where = sign_in(people[role]), f"/maps/{shared}/settings"
+    assert client.get(where).status_code == 200
+    assert client.post(f"{where}/name", data={"name": "Mine"}).status_code == 403
+    assert client.post(f"{where}/members", data={"name": "Viewer", "role": "owner"}).status_code == 403
+    assert client.post(f"{where}/members/{people['owner'].id}/remove").status_code == 403
+    assert roles(library, shared, people["owner"]) == {
+        "Owner": "owner",
+        "Editor": "editor",
+        "Viewer": "viewer",
+    }
+
+
+def test_everybody_may_leave_but_the_last_owner(people, shared, sign_in):
+    for role, status in (("viewer", 303), ("owner", 400)):
+        client = sign_in(people[role])
+        answer = client.post(f"/maps/{shared}/settings/members/{people[role].id}/remove")
+        assert answer.status_code == status
+
+
+def test_a_map_gets_another_name(people, shared, sign_in):
+    client, where = sign_in(people["owner"]), f"/maps/{shared}/settings"
+    assert client.post(f"{where}/name", data={"name": "  New   name "}).status_code == 303
+    assert "New name" in client.get("/").text
+    assert client.post(f"{where}/name", data={"name": " "}).status_code == 400
+
+
+def test_names_are_text_and_no_markup(people, new_map, sign_in):
+    new_map(people["owner"], name="<img src=x onerror=alert(1)>")
+    text = sign_in(people["owner"]).get("/").text
+    assert "<img src=x" not in text
+    assert "&lt;img src=x" in text

@@ -1,0 +1,221 @@
+"""Links, passwords, sessions, tokens, and the pages around them."""
+
+import re
+from datetime import timedelta
+
+import pytest
+from sqlalchemy import update
+
+from webapp.store import accounts, signin
+from webapp.store.clock import now
+from webapp.store.schema import Account, FailedSignIn, SignInLink
+
+PASSWORD = "correct horse battery"
+
+
+@pytest.fixture
+def link(library, owner):
+    """The path of a link for the owner."""
+    with library.database.write() as session:
+        return f"/sign-in/{signin.new_link(session, owner, hours=1)}"
+
+
+@pytest.fixture
+def jana(library):
+    """An account with a password."""
+    with library.database.write() as session:
+        account = accounts.create(session, "Jana")
+        account.password_hash = signin.password_hash(PASSWORD, minimum=10)
+    return account
+
+
+def enter(client, *, name="Jana", password=PASSWORD, **more):
+    """Send the form."""
+    return client.post("/sign-in", data={"name": name, "password": password, **more})
+
+
+def is_in(client):
+    """Tell whether somebody is signed in."""
+    return client.get("/account").status_code == 200
+
+
+def test_a_link_signs_in_once(app, stranger, link):
+    assert "Welcome, owner" in stranger.get(link).text
+    assert "Welcome, owner" in stranger.get(link).text, "looking at it does not use it up"
+    assert not is_in(stranger)
+    assert stranger.post(link).headers["Location"] == "/"
+    assert is_in(stranger)
+    other = app.test_client()
+    assert other.post(link).status_code == other.get(link).status_code == 401
+    assert not is_in(other)
+
+
+def test_a_link_that_is_too_old_does_nothing(library, stranger, link):
+    with library.database.write() as session:
+        session.execute(update(SignInLink).values(expires_at=now() - timedelta(seconds=1)))
+    assert stranger.post(link).status_code == 401
+    assert not is_in(stranger)
+
+
+def test_only_the_hash_of_a_link_is_kept(library, link):
+    with library.database.read() as session:
+        kept = session.query(SignInLink).one().token_hash
+    assert kept not in link
+
+
+def test_name_and_password_sign_in_and_lead_on(stranger, jana):
+    answer = enter(stranger, name=" jana ", next="/maps/park/jobs?x=1")
+    assert answer.headers["Location"] == "/maps/park/jobs?x=1"
+    assert is_in(stranger)
+
+
+@pytest.mark.parametrize(
+    "there", ["https://evil.example/", "//evil.example", "/\\evil.example", "javascript:1"]
+)
+def test_a_sign_in_leads_to_no_other_site(stranger, jana, there):
+    assert enter(stranger, next=there).headers["Location"] == "/"
+
+
+@pytest.mark.parametrize(
+    "given", [{"password": "wrong"}, {"name": "nobody"}, {"name": "owner"}, {"password": ""}]
+)
+def test_what_is_wrong_is_not_told(stranger, owner, jana, given):
+    answer = enter(stranger, **given)
+    assert answer.status_code == 401
+    assert "Name and password do not go together" in answer.text
+    assert not is_in(stranger)
+
+
+def test_failures_of_a_name_make_it_wait_wherever_they_came_from(library, stranger, jana):
+    with library.database.write() as session:
+        session.add_all(FailedSignIn(who="name:jana") for _ in range(10))
+    assert enter(stranger, name="JANA").status_code == 429
+
+
+def test_many_failures_from_one_address_are_429(library, stranger, jana):
+    with library.database.write() as session:
+        session.add_all(FailedSignIn(who="address:127.0.0.1") for _ in range(8))
+    codes = [enter(stranger, name=f"guess{n}").status_code for n in range(3)]
+    assert codes == [401, 401, 429]
+    answer = enter(stranger)
+    assert answer.status_code == 429, "the right password has to wait too"
+    assert 0 < int(answer.headers["Retry-After"]) <= 15 * 60
+
+
+def test_failures_are_forgotten(library, stranger, jana):
+    with library.database.write() as session:
+        session.add_all(FailedSignIn(who="name:jana", at=now() - timedelta(minutes=16)) for _ in range(20))
+    assert enter(stranger).status_code == 303
+
+
+def test_signing_out_ends_the_session(client):
+    assert is_in(client)
+    client.post("/sign-out")
+    assert not is_in(client)
+
+
+def test_a_password_is_set_and_signs_out_elsewhere(client, sign_in, owner, stranger):
+    elsewhere = sign_in(owner)
+    assert client.post("/account/password", data={"password": "short"}).status_code == 400
+    assert is_in(elsewhere)
+    assert client.post("/account/password", data={"password": PASSWORD}).status_code == 303
+    assert is_in(client)
+    assert not is_in(elsewhere)
+    assert enter(stranger, name="owner").status_code == 303
+
+
+def test_a_password_is_changed_only_by_who_knows_it(jana, sign_in):
+    client = sign_in(jana)
+    new = "another good password"
+    assert client.post("/account/password", data={"password": new, "current": "wrong"}).status_code == 401
+    assert client.post("/account/password", data={"password": new, "current": PASSWORD}).status_code == 303
+
+
+def test_sessions_end_everywhere_else(client, sign_in, owner):
+    elsewhere = sign_in(owner)
+    client.post("/account/end-sessions")
+    assert is_in(client)
+    assert not is_in(elsewhere)
+
+
+@pytest.mark.parametrize("user_id", ["", "1", "x.y", "1.99", "99.0", "1.0.0", "².0"])
+def test_a_session_that_names_nobody_is_none(stranger, owner, user_id):
+    with stranger.session_transaction() as session:
+        session["_user_id"] = user_id
+    assert stranger.get("/account").status_code == 302
+
+
+def test_a_token_is_shown_once_and_works_without_csrf(app, client, park):
+    page = client.post("/account/tokens", data={"name": "robot"}).text
+    token = re.search(r'value="(expmap_[^"]+)"', page)[1]
+    assert token not in client.get("/account").text
+    program = app.test_client()
+    program.csrf = False
+    headers = {"Authorization": f"Bearer {token}"}
+    assert program.get(f"/api/v1/jobs?map={park}", headers=headers).status_code == 200
+    assert program.post("/api/v1/jobs/1/cancel", headers=headers).status_code == 404
+    assert program.get("/account", headers=headers).status_code == 302, "it counts for the API alone"
+
+
+def test_a_token_that_is_revoked_or_unknown_is_refused(app, client, library, owner, park):
+    with library.database.write() as session:
+        token = accounts.new_token(session, owner, name="robot")
+    path, program = f"/api/v1/jobs?map={park}", app.test_client()
+    assert program.get(path, headers={"Authorization": f"Bearer {token}"}).status_code == 200
+    client.post("/account/tokens/1/revoke")
+    for sent in (token, "expmap_guess"):
+        answer = program.get(path, headers={"Authorization": f"Bearer {sent}"})
+        assert answer.status_code == 401
+        assert answer.json["error"]["message"] == "the token is not known"
+    # A wrong token is not made up for by a session.
+    assert client.get(path, headers={"Authorization": "Bearer expmap_guess"}).status_code == 401
+
+
+def test_nobody_revokes_the_token_of_another(library, sign_in, owner, jana):
+    with library.database.write() as session:
+        accounts.new_token(session, owner, name="robot")
+    assert sign_in(jana).post("/account/tokens/1/revoke").status_code == 404
+    with library.database.read() as session:
+        assert len(accounts.tokens(session, owner)) == 1
+
+
+def test_the_owner_gives_accounts_to_others(app, client):
+    page = client.post("/people", data={"name": "Petr"}).text
+    path = re.search(r'value="http://localhost(/sign-in/[^"]+)"', page)[1]
+    petr = app.test_client()
+    assert petr.post(path).status_code == 303
+    assert "Petr" in petr.get("/account").text
+    assert client.post("/people", data={"name": "petr"}).status_code == 409
+    assert client.post("/people/2/remove").status_code == 303
+    assert not is_in(petr)
+
+
+def test_the_last_owner_cannot_remove_the_own_account(client, owner):
+    assert client.post(f"/people/{owner.id}/remove").status_code == 400
+    assert is_in(client)
+
+
+def test_people_are_for_the_owner_of_the_library(jana, sign_in):
+    client = sign_in(jana)
+    assert client.get("/people").status_code == 403
+    assert client.post("/people", data={"name": "x"}).status_code == 403
+
+
+def test_the_language_is_the_account_s(client, library, owner):
+    client.post("/language", data={"language": "cs"}, headers={"Referer": "http://localhost/account"})
+    assert '<html lang="cs"' in client.get("/", headers={"Accept-Language": "en"}).text
+    with library.database.read() as session:
+        assert session.get(Account, owner.id).language == "cs"
+    assert client.post("/language", data={"language": "xx"}).status_code == 404
+
+
+def test_the_language_of_a_stranger_is_of_the_browser(stranger):
+    stranger.post("/language", data={"language": "cs"})
+    assert '<html lang="cs"' in stranger.get("/sign-in").text
+
+
+def test_a_name_is_changed_unless_somebody_has_it(client, jana):
+    assert client.post("/account/name", data={"name": "JANA"}).status_code == 409
+    assert client.post("/account/name", data={"name": ""}).status_code == 400
+    assert client.post("/account/name", data={"name": "Boss"}).status_code == 303
+    assert "Boss" in client.get("/account").text
