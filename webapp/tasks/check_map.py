@@ -52,7 +52,7 @@ class Report:
         return len(self.findings) - self.errors
 
 
-def run(cfg_path: Path, *, settings: Settings, progress: Progress) -> Report:
+def run(cfg_path: Path, *, settings: Settings, progress: Progress, content: bytes | None = None) -> Report:
     """Check a map file, the files beside it and the photos it names.
 
     Parameters
@@ -62,6 +62,8 @@ def run(cfg_path: Path, *, settings: Settings, progress: Progress) -> Report:
         The limits of photos count.
     progress : Progress
         One step a photo.
+    content : bytes, optional
+        Of the map file, instead of what stands in it.
 
     Returns
     -------
@@ -74,7 +76,7 @@ def run(cfg_path: Path, *, settings: Settings, progress: Progress) -> Report:
     Cancelled
         The user stopped it.
     """
-    pieces = scan(read_bytes(cfg_path))
+    pieces = scan(read_bytes(cfg_path) if content is None else content)
     beside = check_beside(cfg_path, pieces)
     findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *beside.findings]
     judge = _Judge(cfg_path, settings.photo, beside.georeference)
@@ -123,7 +125,7 @@ class _Judge:
 
 def _folder_facts(judge: _Judge, pieces: Scan, *, progress: Progress) -> FolderFacts:
     present = list_photos(judge.cfg_path.parent)
-    orphans = _orphans(judge.cfg_path, present, pieces)
+    orphans = orphan_photos(judge.cfg_path, pieces, present=present)
     listed, unused = Spelling(present), Spelling(orphans)
 
     def spelled(name: str, found: FileFacts) -> FileFacts:
@@ -150,8 +152,17 @@ def _folder_facts(judge: _Judge, pieces: Scan, *, progress: Progress) -> FolderF
     return FolderFacts(satellite, size, photos, orphans)
 
 
-def _orphans(cfg_path: Path, present: Sequence[str], pieces: Scan) -> list[str]:
-    """List the photos that no map in the folder names, not even on a line that could not be read."""
+def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> list[str]:
+    """List the photos that no map in the folder names, not even on a line that could not be read.
+
+    Parameters
+    ----------
+    cfg_path : Path
+    pieces : Scan
+        Of the map file.
+    present : sequence of str
+        Photos below the folder.
+    """
     others = [
         scan(read_bytes(p)) for p in sorted(cfg_path.parent.glob("*.cfg")) if p.is_file() and p != cfg_path
     ]

@@ -1,0 +1,140 @@
+"""Puts right what the linter found, as an edit that can be undone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import Experience
+from webapp.core.mapmodel.paths import name_problem
+from webapp.errors import Conflict, NotFound, UsageError
+from webapp.files.imageprobe import image_size
+from webapp.files.mapfolder import photo_path
+from webapp.settings import Settings
+from webapp.store import edits, maps
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks import library_export, outside_edit
+from webapp.tasks.adopt_map import photo_row
+from webapp.tasks.findings import WORDS, orphans
+from webapp.tasks.new_rows import add_removed
+from webapp.tasks.told_below import told_below
+
+KIND = "fix"
+"""Of the edit."""
+
+Changes = dict[str, Mapping[str, Any] | None]
+
+
+def run(
+    library: Library, map_id: int, *, fix: str, ids: Sequence[int], account_id: int, settings: Settings
+) -> None:
+    """Apply a fix to the photos that a finding is about.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    fix : str
+        One of `findings.WORDS`.
+    ids : sequence of int
+        Photos; not needed for fixes of the map as a whole.
+    account_id : int
+        Who does it.
+    settings : Settings
+
+    Raises
+    ------
+    UsageError
+        There is no such fix, or it does not help here.
+    NotFound
+        A photo that the map has not.
+    Conflict
+        There is nothing to put right any more.
+    MapError, PhotoError, StorageError
+    """
+    if fix not in WORDS:
+        raise UsageError(f"there is no fix {fix!r}", where="code", hint=f"use one of {', '.join(WORDS)}")
+    if fix in ("outside-take", "outside-discard"):
+        _outside(library, map_id, take=fix == "outside-take", account_id=account_id, settings=settings)
+        return
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id)
+        cfg = library.cfg(record.slug)
+        with told_below(cfg.parent):
+            if fix == "adopt":
+                changes = _adopt(session, record, cfg, settings=settings)
+            elif fix == "image-size":
+                changes = _true_size(session, record, cfg)
+            else:
+                changes = {
+                    f"photo/{id}": _of_photo(session, record, id, fix=fix) for id in dict.fromkeys(ids)
+                }
+        if edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id) is None:
+            raise Conflict("there is nothing to put right any more", hint="check the map again")
+    library_export.run(library, map_id)
+
+
+def _outside(library: Library, map_id: int, *, take: bool, account_id: int, settings: Settings) -> None:
+    shown = outside_edit.show(library, map_id, settings=settings)
+    if shown is None:
+        raise Conflict("the map file has not been changed from outside", hint="check the map again")
+    if take:
+        sha256 = shown["sha256"]
+        outside_edit.take(library, map_id, account_id=account_id, settings=settings, sha256=sha256)
+    else:
+        outside_edit.discard(library, map_id, sha256=shown["sha256"])
+
+
+def _of_photo(session: Session, record: MapRecord, id: int, *, fix: str) -> Mapping[str, Any]:
+    photo = session.get(Photo, (record.id, id))
+    if photo is None or photo.removed:
+        raise NotFound(f"the map has no photo {id}", hint="check the map again")
+    match fix:
+        case "to-tray":
+            return {"x_px": None, "y_px": None}
+        case "remove":
+            return {"removed": True}
+        case _:
+            return _swapped(record, photo)
+
+
+def _swapped(record: MapRecord, photo: Photo) -> Mapping[str, Any]:
+    x, y = photo.y_px, photo.x_px
+    if x is None or y is None or x > (record.satellite_width or 0) or y > (record.satellite_height or 0):
+        raise UsageError(f"{photo.name} cannot be swapped: it would lie outside the image", where="ids")
+    return {"x_px": x, "y_px": y}
+
+
+def _true_size(session: Session, record: MapRecord, cfg: Path) -> Changes:
+    """Take the image's own size; photos that are outside then go back to the tray."""
+    if record.satellite_path is None:
+        raise UsageError("the map has no satellite image", hint="upload one")
+    width, height = image_size(photo_path(cfg, record.satellite_path))
+    changes: Changes = {"map": {"satellite_width": width, "satellite_height": height}}
+    for photo in maps.photos(session, record):
+        if photo.x_px is not None and photo.y_px is not None and (photo.x_px > width or photo.y_px > height):
+            changes[f"photo/{photo.id}"] = {"x_px": None, "y_px": None}
+    return changes
+
+
+def _adopt(session: Session, record: MapRecord, cfg: Path, *, settings: Settings) -> Changes:
+    """Bring the photos that lie in the folder into the tray; unreadable ones stay where they are."""
+    new: list[Photo] = []
+    hashes: set[str] = set()
+    for name in orphans(session, record, cfg):
+        if name_problem(name):
+            continue
+        nowhere = Experience(record.next_id + len(new), name, MapPixel(0.0, 0.0))
+        row, problem = photo_row(cfg, nowhere, limits=settings.photo)
+        if problem is None and row.sha256 not in hashes:
+            hashes.add(row.sha256)
+            row.x_px = row.y_px = None
+            row.removed = True
+            new.append(row)
+    add_removed(session, record, new)
+    return {f"photo/{row.id}": {"removed": False} for row in new}
