@@ -36,7 +36,9 @@ export class MapView {
     this._layer = null;
     this._shown = "";
     store.on("satellite", () => this.showSatellite());
-    new ResizeObserver(() => this.map.invalidateSize({ pan: false })).observe(element);
+    this._whole = false;
+    this.map.on("movestart zoomstart", () => (this._whole = false));
+    new ResizeObserver(() => this._resize()).observe(element);
     this.showSatellite();
   }
 
@@ -62,7 +64,16 @@ export class MapView {
 
   /** Show the whole image. */
   fit() {
-    if (this.store.satellite) this.map.fitBounds(imageBounds(this.store.satellite), { animate: false });
+    if (!this.store.satellite) return;
+    this.map.fitBounds(imageBounds(this.store.satellite), { animate: false });
+    this._whole = true;
+  }
+
+  /** What showed the whole image still does; else the view stays where it is. */
+  _resize() {
+    const whole = this._whole;
+    this.map.invalidateSize({ pan: !whole, animate: false });
+    if (whole) this.fit();
   }
 
   /** Bring a map pixel into view, and change nothing where it is in view already. */

@@ -47,7 +47,7 @@ function sheet(store) {
   store.on("current", () => phone.matches && open(false));
   const count = () => {
     const left = store.unplaced().length;
-    byId("side-toggle-label").textContent = tn("{n} photo in the tray", "{n} photos in the tray", left);
+    byId("side-toggle-label").textContent = tn("Photos: {n} in the tray", "Photos: {n} in the tray", left);
   };
   store.on("photos placement", count);
   count();
