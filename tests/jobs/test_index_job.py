@@ -67,9 +67,11 @@ def test_the_sample_of_a_new_library_is_made_once(library, settings, queue, seen
     )
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
+    (library.folder / ".sample.abc.tmp" / "new").mkdir(parents=True)
     for _ in range(2):
         id = queue("sample", account_id=owner.id)
         Worker(library, settings).run(once=True)
         assert (seen(id)["state"], seen(id)["error"]) == ("done", None)
+    assert sorted(path.name for path in library.folder.iterdir()) == [".library", "sample"]
     with library.database.read() as session:
         assert [r.slug for r in session.query(MapRecord)] == ["sample"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,8 @@ def run(context: Context) -> dict[str, Any]:
         raise UsageError("the sample map needs an owner")
     library = context.library
     settings = replace(context.settings, library=library.folder)
+    for half_made in library.folder.glob(f".{SLUG}.*.tmp"):
+        shutil.rmtree(half_made)  # by a worker that was killed
     make_sample.run(None, settings=settings, progress=context.progress)
     with library.database.read() as session:
         there = session.scalars(select(MapRecord.id).where(MapRecord.slug == SLUG)).first()
