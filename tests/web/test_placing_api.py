@@ -212,6 +212,19 @@ def test_photos_times_have_a_zone_and_an_offset(map_, zone, shift_h):
     assert seen["photos"][0]["x_px"] == pytest.approx(540, abs=0.1)
 
 
+@pytest.mark.parametrize("zone", ["Europe/Prague", "-05:00", "+14:00"])
+def test_a_clock_that_was_never_set_is_no_failure(map_, zone):
+    map_.image()
+    for number, year in enumerate((1, 9999)):
+        map_.add(
+            photo(number, at=(0, 900), taken_at=NOON.replace(year=year, month=1, day=1, hour=0)),
+            f"{year}.jpg",
+        )
+    seen = map_.post("gpx?preview=1", track(), time_zone=zone)
+    assert seen.status_code == 200
+    assert len(seen.json["unmatched"]) == 2
+
+
 def test_the_offset_of_the_clock_is_suggested(map_):
     for number, second in enumerate((20, 50, 80)):
         taken = NOON + timedelta(seconds=second - 300)

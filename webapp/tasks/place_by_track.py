@@ -21,6 +21,7 @@ from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.placing import Placing, Spot, Wanted, find_spots, needed_image, place_spots
 
 _OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
+_EPOCH = datetime(1970, 1, 1)
 _MAX_S = 10 * 366 * 86400.0
 
 
@@ -57,7 +58,9 @@ class Clock:
     def seconds(self, taken_at: str) -> float:
         """Turn the time of a photo (ISO 8601) into seconds since 1970, UTC, the offset not added."""
         moment = datetime.fromisoformat(taken_at)
-        return (moment if moment.tzinfo else moment.replace(tzinfo=self.zone)).timestamp()
+        ahead = moment.utcoffset() if moment.tzinfo else self.zone.utcoffset(moment)
+        # in two steps, because the first of January of the year 1 in Prague has no date in UTC
+        return (moment.replace(tzinfo=None) - _EPOCH - (ahead or timedelta())).total_seconds()
 
 
 @dataclass(frozen=True, slots=True)
