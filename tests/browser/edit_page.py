@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Page, expect
 
 ZOOM_STEPS = 4
 """A view that shows the whole image is rounded down to quarters of a zoom level."""
@@ -86,9 +86,13 @@ class EditPage:
         """Give files to the photo input, as the file dialog does."""
         self.page.get_by_test_id("photo-input").set_input_files(list(paths))
 
-    def photo(self, name: str) -> Locator:
-        """The photo of the tray with that file name."""
-        return self.tray.filter(has_text=name)
+    def saved(self) -> None:
+        """Wait until the server has every edit."""
+        expect(self.page.locator("#saved")).to_have_attribute("data-waiting", "0")
+
+    def uploaded(self) -> None:
+        """Wait until all files that were chosen are through."""
+        self.page.get_by_test_id("upload-summary").wait_for()
 
     def tray_names(self) -> list[str]:
         """File names of the photos of the tray, in their order."""

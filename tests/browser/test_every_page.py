@@ -23,7 +23,8 @@ LOOKS = {
     "phone": {"viewport": PHONE, "has_touch": True, "is_mobile": True, "device_scale_factor": 2},
 }
 CALM = """
-() => document.getAnimations().every(a => a.playState !== "running" || !isFinite(a.effect.getTiming().iterations))
+() => document.getAnimations().every((animation) =>
+  animation.playState !== "running" || !isFinite(animation.effect.getTiming().iterations))
 """
 
 
