@@ -6,7 +6,7 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.files import mapfolder
-from webapp.store import edits, maps
+from webapp.store import edits, jobs, maps
 from webapp.store.library import open_library
 from webapp.store.schema import Account, MapRecord, Photo
 from webapp.tasks import library_export
@@ -126,3 +126,24 @@ def test_a_file_that_went_missing_is_written_again(library, map_id):
     library.cfg("park").unlink()
     assert library_export.run(library, map_id)
     assert len(on_disk(library).experiences) == 1
+
+
+def test_the_index_follows_where_photos_come_or_go(library, map_id):
+    def waiting():
+        with library.database.write() as session:
+            found = [job for job in jobs.listed(session, map_id=map_id) if job.state == "queued"]
+            for job in found:
+                session.delete(job)
+        return [job.kind for job in found]
+
+    place(library, map_id)
+    library_export.run(library, map_id)
+    assert waiting() == ["index"]
+    place(library, map_id, x=40.0)
+    library_export.run(library, map_id)
+    assert waiting() == []
+    with library.database.write() as session:
+        record = session.get(MapRecord, map_id)
+        edits.apply(session, record, changes={"photo/0": {"removed": True}}, kind="remove", account_id=1)
+    library_export.run(library, map_id)
+    assert waiting() == ["index"]

@@ -8,20 +8,24 @@ from pathlib import Path
 from filelock import FileLock
 
 from webapp.core.mapmodel.model import Map
-from webapp.files.cfg import format_cfg
+from webapp.errors import MapError
+from webapp.files.cfg import format_cfg, read_cfg
 from webapp.files.mapfolder import write_map
+from webapp.store import jobs
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.library_map import as_map
 
 LOCK = "export.lock"
+INDEX_JOB = "index"
 
 
 def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
     """Write the files of a map where they are older than its records.
 
     Several at once take turns, and who finds the newest revision written already has nothing to do. A
-    `map.cfg` that somebody else has changed is left as it is.
+    `map.cfg` that somebody else has changed is left as it is. Where photos came or went, the index is to be
+    brought up to date: a job is put into the queue.
 
     Parameters
     ----------
@@ -73,15 +77,26 @@ def _export(library: Library, map_id: int, *, cfg: Path, overwrite: bool) -> boo
         map_ = as_map(session, record)
     if map_ is None:
         return True
-    _announce(library, map_id, map_, there=file_sha256(cfg))
+    _announce(library, map_id, map_, cfg=cfg)
     write_map(cfg, map_)
     return True
 
 
-def _announce(library: Library, map_id: int, map_: Map, *, there: str | None) -> None:
+def _announce(library: Library, map_id: int, map_: Map, *, cfg: Path) -> None:
     """Note what is going to be written: a writer that is killed leaves the old file or the new one."""
+    there, other_photos = file_sha256(cfg), _photos(cfg) != {(e.id, e.photo) for e in map_.experiences}
     with library.database.write() as session:
         record = session.get_one(MapRecord, map_id)
         record.exported_revision = map_.revision
         record.exported_sha256 = hashlib.sha256(format_cfg(map_)).hexdigest()
         record.previous_sha256 = there
+        if other_photos:
+            jobs.enqueue(session, INDEX_JOB, map_id=map_id)
+
+
+def _photos(cfg: Path) -> set[tuple[int, str]]:
+    """Ids and photos in a `.cfg`; none where there is no readable one."""
+    try:
+        return {(e.id, e.photo) for e in read_cfg(cfg).map.experiences}
+    except MapError:
+        return set()
