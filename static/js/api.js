@@ -27,10 +27,11 @@ export class ApiError extends Error {
  * @param {BodyInit} [options.body] sent as it is: a FormData, a Blob
  * @param {Object<string, string>} [options.headers]
  * @param {AbortSignal} [options.signal]
+ * @param {boolean} [options.patient] whether to ask again when the network fails; what changes something is sent once
  * @returns {Promise<*>} the answer's JSON; null for an empty one
  * @throws {ApiError}
  */
-export async function api(path, { method = "GET", json, body, headers = {}, signal } = {}) {
+export async function api(path, { method = "GET", json, body, headers = {}, signal, patient = SAFE.has(method) } = {}) {
   const sent = { Accept: "application/json", ...headers };
   if (json !== undefined) {
     sent["Content-Type"] = "application/json";
@@ -38,7 +39,7 @@ export async function api(path, { method = "GET", json, body, headers = {}, sign
   }
   if (!SAFE.has(method)) sent["X-CSRFToken"] = csrfToken();
   const options = { method, headers: sent, body, signal, credentials: "same-origin" };
-  return read(await (SAFE.has(method) ? patiently(path, options) : once(path, options)));
+  return read(await (patient ? patiently(path, options) : once(path, options)));
 }
 
 /** @see api */

@@ -9,9 +9,10 @@ import { byId, eachFrame } from "./page.js";
 const JOBS = {
   index: () => t("Preparing the photos for finding places"),
   evaluate: () => t("Testing how well places are found"),
+  health: () => t("Finding places that look alike"),
   sample: () => t("Making the sample map"),
-  tiles: () => t("Preparing the image for display"),
-  satellite: () => t("Fetching the satellite image"),
+  "satellite-pyramid": () => t("Preparing the image for display"),
+  "satellite-tiles": () => t("Fetching the satellite image"),
   import: () => t("Importing"),
   export: () => t("Exporting"),
 };

@@ -24,6 +24,7 @@ export function openDialog(title, body, { actions = [], beside = false } = {}) {
   );
   dialog.addEventListener("close", () => dialog.remove());
   document.body.append(dialog);
+  dialog.addEventListener("keydown", (event) => event.key === "Escape" && dialog.close());
   if (beside) dialog.show();
   else dialog.showModal();
   return dialog;

@@ -5,7 +5,7 @@
  * just before does not count as news; what somebody else did is a conflict, and then nothing is overwritten.
  */
 
-import { t, tn } from "../i18n.js";
+import { tn } from "../i18n.js";
 import { pendingKey } from "./store.js";
 
 const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
@@ -148,11 +148,6 @@ export class Edits extends EventTarget {
       this._stale = false;
       if (item.uncertain && this._arrived(item, before)) return this._done(item);
     }
-    const foreign = item.changes.find(({ id }) => this._changedByOthers(id, item.seen));
-    if (foreign) {
-      const { name } = this.store.photos.get(foreign.id) || { name: foreign.id };
-      return this._conflict(item, t("Somebody else has changed {name} in the meantime", { name }));
-    }
     const answer = await this._call(item);
     await this._take(item, answer);
     this._done(item);
@@ -160,7 +155,8 @@ export class Edits extends EventTarget {
 
   _call(item) {
     const { action, kind, placement, changes } = item;
-    const seen = this.store.revision;
+    const foreign = changes.some(({ id }) => this._changedByOthers(id, item.seen));
+    const seen = foreign ? item.seen : this.store.revision; // the server knows who it was, and refuses
     if (action === "edit") return this.server.edit({ seen, kind, changes, ...(placement && { placement }) });
     if (action === "remove") return this.server.remove({ seen, ids: changes.map(({ id }) => id) });
     return this.server[action]();

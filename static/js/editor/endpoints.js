@@ -14,7 +14,7 @@ export function endpointsOf(slug) {
     return made;
   };
   return {
-    changes: (since) => get(`${map}/changes?since=${since}`),
+    changes: (since) => get(`${map}/changes?since=${since}`, { patient: false }),
     edit: (edits) => patch(`${map}/experiences`, edits),
     remove: (photos) => del(`${map}/experiences`, { json: photos }),
     undo: () => post(`${map}/undo`, {}),
