@@ -81,6 +81,9 @@ Function = Callable[[Context], Mapping[str, Any] | None]
 
 KINDS: dict[str, str] = {
     "evaluate": "webapp.jobs.evaluate:run",
+    "export": "webapp.jobs.export:run",
+    "health": "webapp.jobs.health:run",
+    "import": "webapp.jobs.import_map:run",
     "index": "webapp.jobs.index:run",
     "sample": "webapp.jobs.sample:run",
     "satellite-pyramid": "webapp.jobs.satellite_pyramid:run",

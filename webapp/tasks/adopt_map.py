@@ -20,10 +20,12 @@ from webapp.files.mapjson import georeference_fields
 from webapp.files.photo import read_facts, read_file
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
-from webapp.store import maps
+from webapp.store import jobs, maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
 from webapp.tasks.library_export import file_sha256
+from webapp.tasks.placing import queue_index
+from webapp.tasks.satellite_apply import DISPLAY_SIDE_PX, PYRAMID_JOB
 
 _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
 
@@ -158,6 +160,16 @@ def fill(session: Session, record: MapRecord, contents: Contents) -> None:
         row.map_id, row.revision = record.id, map_.revision
     session.add_all(contents.photos)
     session.add_all(_placed(record.id, map_))
+    session.flush()
+    queue_derived(session, record)
+
+
+def queue_derived(session: Session, record: MapRecord) -> None:
+    """Have the worker make what is derived from a map that came as a whole: its index, tiles of its image."""
+    if record.photos:
+        queue_index(session, record)
+    if max(record.satellite_width or 0, record.satellite_height or 0) > DISPLAY_SIDE_PX:
+        jobs.enqueue(session, PYRAMID_JOB, map_id=record.id, key=record.satellite_path or "")
 
 
 def salted(sha256: str, id: int) -> str:

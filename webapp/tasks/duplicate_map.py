@@ -16,7 +16,7 @@ from webapp.progress import Progress
 from webapp.store import maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks import library_export
+from webapp.tasks import adopt_map, library_export
 
 _RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
 _NOT_COPIED = frozenset({"exports", "health.json"})
@@ -66,6 +66,7 @@ def run(
             _copy_records(session, record, copy)
             folder = library.map_folder(copy.slug)
             _copy_files(library.map_folder(record.slug), folder, progress=progress)
+            adopt_map.queue_derived(session, copy)
         kept = True
     finally:
         if folder is not None and not kept:
@@ -82,6 +83,7 @@ def _copy_records(session: Session, record: MapRecord, copy: MapRecord) -> None:
     ids = {photo.id for photo in photos}
     placed = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)).all()
     session.add_all(_same(row, copy.id) for row in placed if row.photo_id in ids)
+    session.flush()
 
 
 def _same(row: Photo | PlacedElsewhere, map_id: int, **other: int) -> Photo | PlacedElsewhere:

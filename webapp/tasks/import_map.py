@@ -5,24 +5,28 @@ from __future__ import annotations
 import secrets
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from webapp.core.mapmodel.findings import Code, Finding
-from webapp.errors import MapError
+from webapp.errors import Conflict, MapError, NotFound
 from webapp.files.mapzip import unpack
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store import maps
 from webapp.store.library import Library
+from webapp.store.schema import MapRecord
 from webapp.tasks import adopt_map, check_map
 from webapp.tasks.import_choice import add_placements, choose_map
+from webapp.tasks.satellite_apply import Writes
 from webapp.tasks.told_below import finding_below, told_below
 
 _BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 """Errors of single photos: the map is imported, and they are told."""
 
-_STALE_S = 86_400
+_STALE_S = 7 * 86_400
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +100,66 @@ def run(
         The map in it has errors; with what the linter found.
     StorageError, UsageError, Cancelled
     """
-    progress = progress or Progress()
     name = maps.checked_name(name)
+    with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
+        map_id, slug = _register(library, found, name=name, account_id=account_id)
+        return Imported(map_id, slug, found.findings, found.left_out)
+
+
+def run_into(
+    library: Library,
+    archive: Path,
+    *,
+    map_id: int,
+    settings: Settings,
+    progress: Progress | None = None,
+    writes: Writes | None = None,
+) -> Imported:
+    """Import a map into one that is empty; repeated, it does nothing the second time.
+
+    Parameters and errors are those of `run`, and:
+
+    Parameters
+    ----------
+    library, archive, settings, progress
+        As there.
+    map_id : int
+    writes : callable, optional
+        Opens the session that writes: that of a job that holds its lease.
+
+    Raises
+    ------
+    Conflict
+        The map is not empty any more.
+    NotFound
+        The map is gone.
+    """
+    with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
+        with (writes or library.database.write)() as session:
+            record = session.get(MapRecord, map_id)
+            if record is None or record.binned_at is not None:
+                raise NotFound("the map is gone, or in the bin")
+            if record.exported_sha256 != found.contents.cfg_sha256 or not record.photos:
+                if record.photos or record.satellite_path is not None:
+                    raise Conflict("the map is not empty any more", hint="import the zip as a new map")
+                adopt_map.fill(session, record, found.contents)
+                session.flush()
+                _move_into(found.cfg.parent, library.map_folder(record.slug))
+            slug = record.slug
+        return Imported(map_id, slug, found.findings, found.left_out)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    cfg: Path
+    contents: adopt_map.Contents
+    findings: tuple[Finding, ...]
+    left_out: tuple[str, ...]
+
+
+@contextmanager
+def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: Progress) -> Iterator[_Found]:
+    """Unpack, check and read a zip into a folder that is gone afterwards."""
     staging = _staging(library)
     try:
         progress.note("unpacking")
@@ -109,15 +171,12 @@ def run(
             add_placements(cfg)
             progress.note("reading photos")
             contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
-        map_id, slug = _register(library, cfg, contents, name=name, account_id=account_id)
+        yield _Found(cfg, contents, findings, unpacked.left_out)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-    return Imported(map_id, slug, findings, unpacked.left_out)
 
 
-def _register(
-    library: Library, cfg: Path, contents: adopt_map.Contents, *, name: str, account_id: int
-) -> tuple[int, str]:
+def _register(library: Library, found: _Found, *, name: str, account_id: int) -> tuple[int, str]:
     """Move the folder to its place and make the record; where the record cannot be kept, neither is."""
     folder: Path | None = None
     kept = False
@@ -125,15 +184,25 @@ def _register(
         with library.database.write() as session:
             folders = [path.name for path in library.folder.iterdir()]
             record = maps.create(session, name, account_id=account_id, folders=folders)
-            adopt_map.fill(session, record, contents)
+            adopt_map.fill(session, record, found.contents)
             session.flush()
             folder = library.map_folder(record.slug)
-            cfg.parent.rename(folder)
+            found.cfg.parent.rename(folder)
         kept = True
     finally:
         if folder is not None and not kept:
             shutil.rmtree(folder, ignore_errors=True)
     return record.id, record.slug
+
+
+def _move_into(source: Path, folder: Path) -> None:
+    """Move files into the folder of an empty map, over what a killed import has left there."""
+    folder.mkdir(exist_ok=True)
+    for child in source.iterdir():
+        target = folder / child.name
+        if target.is_dir():
+            shutil.rmtree(target)
+        child.rename(target)
 
 
 def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
@@ -151,13 +220,31 @@ def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Find
     return findings
 
 
+def archive_path(library: Library, token: str) -> Path:
+    """Where an uploaded zip waits for its import; its folder is made when missing.
+
+    Parameters
+    ----------
+    library : Library
+    token : str
+        Of hexadecimal digits.
+    """
+    imports = _imports(library)
+    return imports / f"{int(token, 16):032x}.zip"
+
+
 def _staging(library: Library) -> Path:
-    """Make a folder to unpack in; delete those that killed imports have left."""
-    imports = library.inner / "imports"
-    imports.mkdir(parents=True, exist_ok=True)
+    """Make a folder to unpack in; delete what killed and given up imports have left."""
+    imports = _imports(library)
     for old in imports.iterdir():
         if time.time() - old.stat().st_mtime > _STALE_S:
-            shutil.rmtree(old, ignore_errors=True)
+            shutil.rmtree(old, ignore_errors=True) if old.is_dir() else old.unlink(missing_ok=True)
     staging = imports / secrets.token_hex(8)
     staging.mkdir()
     return staging
+
+
+def _imports(library: Library) -> Path:
+    imports = library.inner / "imports"
+    imports.mkdir(parents=True, exist_ok=True)
+    return imports

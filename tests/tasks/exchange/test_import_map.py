@@ -9,9 +9,10 @@ import pytest
 
 from webapp.core.mapmodel.model import Placement
 from webapp.core.mapmodel.positions import MapPixel
-from webapp.errors import InputError
+from webapp.errors import Conflict, InputError, NotFound
 from webapp.files.mapfolder import read_map, write_map
 from webapp.settings import ImportLimits, Settings
+from webapp.store import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks import export_zip, import_map, library_export
 
@@ -249,3 +250,47 @@ def test_missing_photos_are_told_and_the_others_are_there(park, bring, rows):
 
 def test_two_imports_of_one_name(park, bring):
     assert [bring(park).slug, bring(park).slug] == ["park", "park-2"]
+
+
+@pytest.fixture
+def empty(library, owner):
+    """The id of an empty map."""
+    with library.database.write() as session:
+        return maps.create(session, "Later", account_id=owner).id
+
+
+@pytest.fixture
+def archive(park, tmp_path):
+    path = tmp_path / "park.zip"
+    with zipfile.ZipFile(path, "w") as opened:
+        for name, content in park.items():
+            opened.writestr(name, content)
+    return path
+
+
+def test_an_empty_map_is_filled_once(library, empty, archive, rows):
+    library_export.run(library, empty)
+    done = [import_map.run_into(library, archive, map_id=empty, settings=Settings()) for _ in range(2)]
+    assert done[0] == done[1] and done[0].slug == "later"
+    assert len(rows(empty)) == 2 and len(read_map(library.cfg("later")).experiences) == 2
+
+
+def test_an_import_that_was_killed_between_files_and_records_is_done_again(library, empty, archive, rows):
+    left = library.map_folder("later") / "photos" / "old.jpg"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"half")
+    import_map.run_into(library, archive, map_id=empty, settings=Settings())
+    assert not left.exists() and len(rows(empty)) == 2
+
+
+def test_a_map_with_something_in_it_is_not_overwritten(adopt, library, archive):
+    map_id = adopt()
+    before = library.cfg("park").read_bytes()
+    with pytest.raises(Conflict, match="not empty"):
+        import_map.run_into(library, archive, map_id=map_id, settings=Settings())
+    assert library.cfg("park").read_bytes() == before
+
+
+def test_a_map_that_is_gone(library, archive):
+    with pytest.raises(NotFound):
+        import_map.run_into(library, archive, map_id=99, settings=Settings())

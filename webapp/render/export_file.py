@@ -1,0 +1,90 @@
+"""Every way to take a map away, by its ending; and one that keeps the file for later."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, get_args
+
+from webapp.errors import UsageError
+from webapp.files.atomic import storage_error
+from webapp.files.listing import DERIVED
+from webapp.progress import Progress
+from webapp.render import folium_page
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.tasks import export_geojson, export_kml, export_zip
+from webapp.tasks.export_source import Download, Source, of_library
+
+Format = Literal["zip", "geojson", "kml", "kmz", "html"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+_KEEP_S = 7 * 86_400
+
+
+def run(
+    library: Library, map_id: int, *, form: str, settings: Settings, progress: Progress | None = None
+) -> Download:
+    """Export a map of the library.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    form : str
+        One of `FORMATS`.
+    settings : Settings
+    progress : Progress, optional
+
+    Raises
+    ------
+    UsageError
+        There is no such format, or the map lacks what it needs.
+    """
+    progress = progress or Progress()
+    if form == "zip":
+        return export_zip.run(library, map_id, progress=progress)
+    makers: dict[str, Callable[[Source], Download]] = {
+        "geojson": export_geojson.run,
+        "kml": export_kml.run,
+        "kmz": lambda source: export_kml.run_kmz(source, settings=settings, progress=progress),
+        "html": lambda source: folium_page.run(source, settings=settings, progress=progress),
+    }
+    if form not in makers:
+        raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
+    return makers[form](of_library(library, map_id))
+
+
+def keep(library: Library, slug: str, *, download: Download) -> str:
+    """Write an export into the map's `derived/exports`, where it can be fetched for a week.
+
+    Returns
+    -------
+    str
+        Name of the file.
+
+    Raises
+    ------
+    StorageError
+    """
+    folder = exports_folder(library, slug)
+    part = folder / f"{download.name}.part"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in folder.iterdir():
+            if time.time() - old.stat().st_mtime > _KEEP_S:
+                old.unlink()
+        with part.open("wb") as file:
+            file.writelines(download.pieces)
+        part.replace(folder / download.name)
+    except OSError as error:
+        raise storage_error(error, where=download.name) from error
+    finally:
+        part.unlink(missing_ok=True)
+    return download.name
+
+
+def exports_folder(library: Library, slug: str) -> Path:
+    """Where the exports of a map are kept."""
+    return library.map_folder(slug) / DERIVED / "exports"
