@@ -18,6 +18,7 @@ from webapp.web.jobs_page import blueprint as jobs_page
 from webapp.web.map_settings import blueprint as map_settings
 from webapp.web.maps_page import blueprint as maps_page
 from webapp.web.people_page import blueprint as people_page
+from webapp.web.satellite import blueprint as satellite
 from webapp.web.sign_in import blueprint as sign_in
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
@@ -35,5 +36,6 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     map_settings,
     maps_page,
     people_page,
+    satellite,
     sign_in,
 )

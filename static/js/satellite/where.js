@@ -1,0 +1,128 @@
+/** The georeference: what the person says, what the server makes of it, and only then the change. */
+
+import { del, post, put } from "../api.js";
+import { busy, confirmDialog } from "../dialog.js";
+import { h } from "../dom.js";
+import { locale, t } from "../i18n.js";
+import { toastError } from "../toast.js";
+import { ControlPoints } from "./controlpoints.js";
+import { cornersForm, worldfileForm } from "./knownforms.js";
+import { base, byId, note, page, panels, reloadWith } from "./page.js";
+import { moved } from "./tiles.js";
+
+const WAIT_MS = 350;
+
+/** Connect the section. */
+export function whereSection() {
+  const verdict = new Verdict();
+  const points = new ControlPoints(() => verdict.ask());
+  const sources = {
+    "control-points": { wish: () => points.wish(), tell: (told) => points.tell(told) },
+    corners: { wish: cornersForm(() => verdict.ask()) },
+    worldfile: { wish: worldfileForm(() => verdict.ask()) },
+  };
+  const choose = panels("known", (kind) => {
+    verdict.from(sources[kind]);
+    if (kind === "control-points") points.open();
+  });
+  choose("control-points");
+  byId("apply").addEventListener("click", (event) => {
+    busy(event.currentTarget, () => apply(verdict.wish)).catch(toastError);
+  });
+  byId("forget")?.addEventListener("click", (event) => {
+    busy(event.currentTarget, forget).catch(toastError);
+  });
+}
+
+async function apply(wish) {
+  const answer = await put(`${base}/georeference`, { ...wish, seen: page.revision });
+  const notes = [{ kind: "success", text: t("The map knows now where it is.") }];
+  reloadWith([...notes, ...moved(answer.from_tray, answer.to_tray)]);
+}
+
+async function forget() {
+  const title = t("Take the georeference away?");
+  const text = t("Photos stay where they are on the image. It can be undone.");
+  if (!(await confirmDialog({ title, text, action: t("Take it away") }))) return;
+  await del(`${base}/georeference`);
+  reloadWith([{ kind: "success", text: t("The georeference is gone.") }]);
+}
+
+/** Asks the server what it thinks of a wish, and shows the answer. */
+class Verdict {
+  constructor() {
+    this.source = null;
+    this.wish = null;
+    this.asked = 0;
+    this.timer = null;
+  }
+
+  /** Listen to another way of saying it. */
+  from(source) {
+    this.source = source;
+    this.ask();
+  }
+
+  /** Ask soon; what is typed in between is asked together. */
+  ask() {
+    if (!this.source) return;
+    clearTimeout(this.timer);
+    byId("apply").disabled = true;
+    this.timer = setTimeout(() => this._ask(), WAIT_MS);
+  }
+
+  async _ask() {
+    const { source } = this;
+    const wish = source.wish();
+    this.asked += 1;
+    const mine = this.asked;
+    if (!wish) return this._show(source, null, []);
+    try {
+      const told = await post(`${base}/georeference/preview`, wish);
+      if (mine !== this.asked) return null;
+      this.wish = wish;
+      return this._show(source, told, verdict(told));
+    } catch (error) {
+      if (mine !== this.asked) return null;
+      if (![400, 422].includes(error.status)) toastError(error);
+      return this._show(source, null, [note("danger", error.message, error.hint)]);
+    }
+  }
+
+  _show(source, told, content) {
+    byId("verdict").replaceChildren(...content);
+    byId("apply").disabled = !told;
+    source.tell?.(told);
+  }
+}
+
+function verdict(told) {
+  const facts = [[t("Fit"), kindName(told.kind)]];
+  if (told.rms_m !== null && told.rms_m !== undefined) {
+    facts.push([t("Residuals"), t("{rms} m in the mean, {most} m at most", { rms: metres(told.rms_m), most: metres(Math.max(...told.residuals)) })]);
+  }
+  if (told.metres_per_pixel) {
+    facts.push([t("Scale"), t("{metres} m a pixel", { metres: metres(told.metres_per_pixel) })]);
+    const { width, height } = page.satellite;
+    facts.push([t("Extent"), `${Math.round(width * told.metres_per_pixel)} × ${Math.round(height * told.metres_per_pixel)} m`]);
+  }
+  if (told.north_deg !== null) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: told.north_deg.toFixed(1) })]);
+  const list = h("dl", { class: "facts number" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
+  return [list, ...told.warnings.map((text) => note("warning", text))];
+}
+
+function kindName(kind) {
+  const names = {
+    corners: t("corners"),
+    worldfile: t("world file"),
+    similarity: t("similarity: shift, turn, one scale"),
+    affine: t("affine: two scales and a skew"),
+    projective: t("projective: images taken at an angle"),
+  };
+  return names[kind] || kind;
+}
+
+/** Metres for people: three digits, and not finer than a millimetre. */
+export function metres(value) {
+  return value < 0.001 ? "0" : Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });
+}
