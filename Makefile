@@ -12,7 +12,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 
-.PHONY: help install run lint test clean
+.PHONY: help install run lint test translations clean
 
 help:            ## say what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -31,18 +31,23 @@ $(VENV)/.tested: $(VENV)/.installed
 	$(PIP) -e '.[test]'
 	@touch $@
 
-run: install     ## make the sample map and localize a photo on it
+run: install     ## make the sample map, localize a photo on it, start the web application and print its address
 	$(BIN)/expmap sample $(SAMPLE)
-	$(BIN)/expmap localize $(SAMPLE)/map.cfg $(SAMPLE)/queries/query_02.jpg --picture $(SAMPLE)/where.png --matches $(SAMPLE)/matches.png
-	@echo "Look at $(SAMPLE)/where.png and $(SAMPLE)/matches.png, then read docs/first-map.md."
+	$(BIN)/expmap localize $(SAMPLE)/map.cfg $(SAMPLE)/queries/query_02.jpg
+	@echo "starting the web application: open the link that says sign in, and stop it with Ctrl-C"
+	$(BIN)/expmap serve --library maps
 
 lint: $(VENV)/.tested ## check style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: lint       ## run everything that must pass
+test: lint       ## run everything that must pass; installs chromium through apt where there is no browser
+	$(BIN)/python tests/browser/ensure_browser.py
 	$(BIN)/pytest -n auto --dist loadgroup
+
+translations:    ## collect the texts of pages and scripts for translators, and compile what they wrote
+	$(BIN)/python -m webapp.web.translations
 
 clean:           ## remove what was made here, but no map
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -33,6 +33,12 @@ def note(what: str) -> None:
     noticed.append(f"{current}: {what}")
 
 
+def asks_for_ipv6() -> bool:
+    """Tell whether it is urllib3, which binds a socket to see whether there is IPv6, and closes it."""
+    frame = sys._getframe(2)
+    return frame.f_globals.get("__name__") == "urllib3.util.connection"
+
+
 def watch(event: str, args: tuple[object, ...]) -> None:
     """See files written, connections made and processes started, by whoever it is."""
     if event == "open":
@@ -42,7 +48,7 @@ def watch(event: str, args: tuple[object, ...]) -> None:
             0
         ] != os.devnull:
             note(f"writes {args[0]}")
-    elif event in WRITING | REACHING:
+    elif event in WRITING | REACHING and not asks_for_ipv6():
         note(f"{event} {args[0] if args else ''}")
 
 

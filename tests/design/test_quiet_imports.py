@@ -23,7 +23,8 @@ def run_probe(names, *, folder, path):
 
 
 def test_importing_has_no_effect(modules, project, tmp_path):
-    names = [module.name for module in modules]
+    # Alembic runs its environment by importing it.
+    names = [module.name for module in modules if module.name != "webapp.store.migrations.env"]
     assert run_probe(names, folder=tmp_path, path=[project]) == []
     assert list(tmp_path.iterdir()) == []
 

@@ -33,7 +33,7 @@ _CHUNK = 1 << 20
 _MAX_NAME_BYTES = 200
 _WANTED = PHOTO_SUFFIXES | {".cfg", ".json", ".gif"}
 _IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
-_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError)
+_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError)
 """What `zipfile` raises for damaged, encrypted and unknown contents."""
 
 
