@@ -139,7 +139,7 @@ def _in_words(status: HTTPStatus) -> dict[str, Any]:
     """Say what a status means that Flask itself answers with."""
     words: dict[int, tuple[str, str | None]] = {
         400: (_("the request is not well-formed"), _("reload the page and try again")),
-        404: (_("there is no such page"), _("go to the list of maps")),
+        404: (_("there is no such page"), None),
         405: (_("this cannot be done here"), None),
         413: (_("this is too large"), _("send a smaller file")),
         415: (_("the request is of the wrong type"), None),

@@ -1,0 +1,88 @@
+"""Every text of the pages and scripts is there in every language, and what is compiled is what is written."""
+
+import importlib.util
+import re
+
+import pytest
+from babel.messages.pofile import read_po
+
+from webapp.web.language import LANGUAGES, TRANSLATIONS, script_catalogue
+
+DOMAINS = ("messages", "scripts")
+OTHERS = sorted(set(LANGUAGES) - {"en"})
+PLACEHOLDER = re.compile(r"%\(\w+\)s|\{\w+\}")
+
+
+@pytest.fixture(scope="module")
+def maker(request):
+    """The script that gathers the texts."""
+    path = request.config.rootpath / "docs" / "make_translations.py"
+    spec = importlib.util.spec_from_file_location("make_translations", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(params=[(domain, language) for domain in DOMAINS for language in OTHERS])
+def written(request):
+    """Domain, language, and the path of its `.po` file."""
+    domain, language = request.param
+    return domain, language, TRANSLATIONS / language / "LC_MESSAGES" / f"{domain}.po"
+
+
+def test_every_text_is_gathered_and_translated(maker, written):
+    domain, language, path = written
+    now = maker.merged(domain, language)
+    assert len(now) > 100
+    assert maker.untranslated(now) == [], "fill them in, and run docs/make_translations.py"
+    assert maker.po_text(now).decode() == path.read_text("utf-8"), "run docs/make_translations.py"
+
+
+def test_what_is_compiled_is_what_is_written(maker, written):
+    _domain, language, path = written
+    assert path.with_suffix(".mo").read_bytes() == maker.mo_bytes(path.read_bytes(), language)
+
+
+def test_translations_keep_what_is_filled_in(written):
+    _domain, language, path = written
+    with path.open("rb") as file:
+        messages = [message for message in read_po(file, locale=language) if message.id]
+    for message in messages:
+        ids = message.id if isinstance(message.id, tuple) else (message.id,)
+        strings = message.string if isinstance(message.string, tuple) else (message.string,)
+        # The first form may say "one" in a word; the last one is for many.
+        assert set(PLACEHOLDER.findall(strings[-1])) == set(PLACEHOLDER.findall(ids[-1])), message.id
+        for string in strings:
+            assert set(PLACEHOLDER.findall(string)) <= set(PLACEHOLDER.findall(ids[-1])), message.id
+
+
+def test_texts_that_change_are_noticed(maker, tmp_path, monkeypatch):
+    folder = tmp_path / "cs" / "LC_MESSAGES"
+    folder.mkdir(parents=True)
+    monkeypatch.setattr(maker, "TRANSLATIONS", tmp_path)
+    (folder / "scripts.po").write_text('msgid "gone"\nmsgstr "pryč"\n')
+    merged = maker.merged("scripts", "cs")
+    assert "gone" not in merged
+    assert "Cancel" in maker.untranslated(merged)
+
+
+def test_pages_are_in_the_language_that_is_asked_for(client, stranger):
+    assert "<h1>Mapy</h1>" in client.get("/", headers={"Accept-Language": "cs"}).text
+    assert "<h1>Maps</h1>" in client.get("/", headers={"Accept-Language": "de, en;q=0.5"}).text
+    assert "<h1>Přihlásit se</h1>" in stranger.get("/sign-in", headers={"Accept-Language": "cs"}).text
+
+
+def test_errors_are_told_in_the_language_too(client):
+    told = client.get("/api/v1/jobs?map=none", headers={"Accept-Language": "cs"}).json["error"]
+    assert told["message"] == "taková mapa neexistuje, nebo s vámi není sdílena"
+
+
+def test_scripts_get_their_words_with_the_page(app):
+    with app.test_request_context(headers={"Accept-Language": "cs"}):
+        catalogue = script_catalogue()
+    assert catalogue["language"] == "cs"
+    assert catalogue["messages"]["Cancel"] == "Zrušit"
+    assert catalogue["messages"]["{n} second"] == ["{n} sekunda", "{n} sekundy", "{n} sekund"]
+    assert len(catalogue["plurals"]) == 3
+    with app.test_request_context(headers={"Accept-Language": "en"}):
+        assert script_catalogue()["messages"] == {}
