@@ -124,6 +124,7 @@ def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> Contents:
     """
     sha256 = file_sha256(cfg)  # before it is read: a change in between is noticed as one from outside
     map_ = read_map(cfg)
+    _check_placements(map_, cfg)
     progress.size(len(map_.experiences))
     photos, problems = [], []
     taken: set[str] = set()
@@ -234,6 +235,13 @@ def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:
         row.gps_accuracy_m = facts.gps.accuracy_m if row.gps_accuracy_m is None else row.gps_accuracy_m
     else:
         row.gps_problem = facts.gps.reason
+
+
+def _check_placements(map_: Map, cfg: Path) -> None:
+    """Refuse placements whose files are one, or the map's own, on any disk: they could not be written."""
+    names = [cfg.stem.casefold(), *(placement.name.casefold() for placement in map_.placements)]
+    if len(set(names)) < len(names):
+        raise MapError("two placements have one file name", where=str(cfg), hint="rename one of them")
 
 
 def _placed(map_id: int, map_: Map) -> Iterator[PlacedElsewhere]:

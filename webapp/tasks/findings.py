@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -41,15 +41,7 @@ FIXES: dict[Code, Fix] = {
 }
 """Kinds of findings that a button puts right."""
 
-WORDS: dict[Fix, str] = {
-    "to-tray": "Put back into the tray",
-    "remove": "Take out of the map",
-    "swap": "Swap x and y",
-    "adopt": "Add to the tray",
-    "image-size": "Use the true size",
-    "outside-take": "Take the changes over",
-    "outside-discard": "Write the file anew",
-}
+FIX_NAMES: tuple[Fix, ...] = get_args(Fix)
 
 OUTSIDE = "outside-edit"
 _TOGETHER = 5

@@ -20,7 +20,7 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks import library_export, outside_edit
 from webapp.tasks.adopt_map import photo_row
-from webapp.tasks.findings import WORDS, orphans
+from webapp.tasks.findings import FIX_NAMES, orphans
 from webapp.tasks.new_rows import add_removed
 from webapp.tasks.told_below import told_below
 
@@ -40,7 +40,7 @@ def run(
     library : Library
     map_id : int
     fix : str
-        One of `findings.WORDS`.
+        One of `findings.FIX_NAMES`.
     ids : sequence of int
         Photos; not needed for fixes of the map as a whole.
     account_id : int
@@ -57,8 +57,8 @@ def run(
         There is nothing to put right any more.
     MapError, PhotoError, StorageError
     """
-    if fix not in WORDS:
-        raise UsageError(f"there is no fix {fix!r}", where="code", hint=f"use one of {', '.join(WORDS)}")
+    if fix not in FIX_NAMES:
+        raise UsageError(f"there is no fix {fix!r}", where="code", hint=f"use one of {', '.join(FIX_NAMES)}")
     if fix in ("outside-take", "outside-discard"):
         _outside(library, map_id, take=fix == "outside-take", account_id=account_id, settings=settings)
         return

@@ -10,7 +10,7 @@ from filelock import FileLock
 from webapp.core.mapmodel.model import Map
 from webapp.errors import MapError
 from webapp.files.cfg import format_cfg, read_cfg
-from webapp.files.mapfolder import write_map
+from webapp.files.mapfolder import placement_path, read_map_json, write_map
 from webapp.store import jobs
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
@@ -78,7 +78,10 @@ def _export(library: Library, map_id: int, *, cfg: Path, overwrite: bool) -> boo
     if map_ is None:
         return True
     _announce(library, map_id, map_, cfg=cfg)
+    old = _placements(cfg) - {placement.name for placement in map_.placements} - {cfg.stem}
     write_map(cfg, map_)
+    for name in old:
+        placement_path(cfg, name).unlink(missing_ok=True)
     return True
 
 
@@ -98,5 +101,13 @@ def _photos(cfg: Path) -> set[tuple[int, str]]:
     """Ids and photos in a `.cfg`; none where there is no readable one."""
     try:
         return {(e.id, e.photo) for e in read_cfg(cfg).map.experiences}
+    except MapError:
+        return set()
+
+
+def _placements(cfg: Path) -> set[str]:
+    """Names of the placements that are there; only their files are ours to delete."""
+    try:
+        return set(read_map_json(cfg).placements)
     except MapError:
         return set()

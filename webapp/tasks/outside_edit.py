@@ -14,7 +14,6 @@ from webapp.tasks import library_export
 from webapp.tasks.library_export import changed_outside, file_sha256
 from webapp.tasks.new_rows import add_removed
 from webapp.tasks.outside_plan import Plan, plan
-from webapp.tasks.placing import queue_index
 from webapp.tasks.told_below import below, told_below
 
 KIND = "outside"
@@ -100,8 +99,6 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
         for id, path in found.renamed.items():
             next(photo for photo in record.photos if photo.id == id).path = path
         edit = edits.apply(session, record, changes=found.changes, kind=KIND, account_id=account_id)
-        if edit is not None:
-            queue_index(session, record)
         record.exported_sha256 = sha256
     library_export.run(library, map_id)
     return Taken(edit is not None, tuple(found.left_out))

@@ -117,3 +117,11 @@ def test_a_folder_that_is_no_map(library, owner, make_map):
     make_map(library.map_folder("bad"), 1).write_text("plan.png;200;200\n0;photos/0.jpg;1.5;2\n")
     with pytest.raises(CfgError):
         adopt_map.run(library, "bad", account_id=owner)
+
+
+def test_a_placement_with_the_name_of_the_map(library, owner, make_map):
+    cfg = make_map(library.map_folder("park"), 1)
+    content = {"format": "experience-map", "version": 1, "placements": [{"name": "map"}]}
+    cfg.with_name("map.json").write_text(json.dumps(content))
+    with pytest.raises(MapError, match="one file name"):
+        adopt_map.run(library, "park", account_id=owner)
