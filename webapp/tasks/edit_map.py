@@ -44,8 +44,13 @@ class Edit:
     seen: int | None = None
 
 
-def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> None:
+def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | None:
     """Make an edit, and bring the files of the map up to date.
+
+    Returns
+    -------
+    int or None
+        Revision of the edit; None when everything was so already.
 
     Raises
     ------
@@ -63,8 +68,11 @@ def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> None:
         for id, fields in edit.changes.items():
             _check_there(session, record, id)
             changes |= _targets(record, id, fields=fields, placement=edit.placement)
-        edits.apply(session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen)
+        done = edits.apply(
+            session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
+        )
     library_export.run(library, map_id)
+    return None if done is None else done.turn
 
 
 def turn(library: Library, map_id: int, *, way: Literal["undo", "redo"], account_id: int) -> Step | None:

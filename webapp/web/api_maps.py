@@ -93,9 +93,13 @@ class Since(Schema):
 class EditAnswer(Schema):
     """What an edit changed."""
 
-    revision = Integer()
-    photos = List(Dict())
+    revision = Integer(
+        allow_none=True, metadata={"description": "of this edit; null when everything was so already"}
+    )
+    photos = List(Dict(), metadata={"description": "those that it changed and nobody has changed since"})
     placements = List(Dict())
+    satellite = Dict(allow_none=True, metadata={"description": "only where the edit was about the image"})
+    georeference = Dict(allow_none=True)
     undo = Dict(allow_none=True)
     redo = Dict(allow_none=True)
 
@@ -230,8 +234,7 @@ def _binned(slug: str, *, into: bool) -> dict[str, Any]:
 
 def _edited(slug: str, edit: Edit) -> dict[str, Any]:
     record = open_map(slug, "editor")
-    edit_map.run(library(), record.id, edit=edit, account_id=account().id)
-    return _since(record)
+    return _answer(record, edit_map.run(library(), record.id, edit=edit, account_id=account().id))
 
 
 def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
@@ -242,15 +245,15 @@ def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
     if step.clash is not None:
         hint = f"your edit stays out of {way} from now on; the one before it can be taken back"
         raise Conflict(step.clash, where=f"map {slug}", hint=hint)
-    return _since(record)
+    return _answer(record, step.edit.turn)
 
 
-def _since(record: MapRecord) -> dict[str, Any]:
-    """Tell what is new against the state before an edit."""
+def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
+    """Tell what an edit changed, and nothing of what others did at the same time: `changes` tells that."""
     who = account()
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
-        return map_state.changes(session, row, account=who, since=record.revision)
+        return map_state.edited(session, row, account=who, revision=revision)
 
 
 def _if_match() -> int | None:

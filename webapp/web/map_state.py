@@ -53,15 +53,38 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         `undo`, `redo`, `jobs`; `satellite` and `georeference` only where they changed.
     """
     changed = maps.photos(session, record, since=since)
-    gone = [{"id": p.id, "removed": True, "revision": p.revision} for p in changed if p.removed]
     return {
         "revision": record.revision,
         **(_image(record) if record.satellite_revision > since else {}),
-        "photos": [*_photos(record, [p for p in changed if not p.removed]), *gone],
+        "photos": _changed(record, changed),
         **({"placements": _placements(session, record)} if changed else {}),
         **_history(session, record, account=account),
         "jobs": [jobs.to_json(session, job) for job in jobs.current(session, record.id)],
     }
+
+
+def edited(session: Session, record: MapRecord, *, account: Account, revision: int | None) -> dict[str, Any]:
+    """Tell what one edit changed; `revision` is None for one that changed nothing.
+
+    Returns
+    -------
+    dict
+        `revision`, `photos` (without those that somebody has changed again), `placements`, `undo`, `redo`.
+    """
+    since = record.revision if revision is None else revision - 1
+    changed = [p for p in maps.photos(session, record, since=since) if p.revision == revision]
+    return {
+        "revision": revision,
+        **(_image(record) if record.satellite_revision == revision else {}),
+        "photos": _changed(record, changed),
+        "placements": _placements(session, record),
+        **_history(session, record, account=account),
+    }
+
+
+def _changed(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
+    gone = [{"id": p.id, "removed": True, "revision": p.revision} for p in photos if p.removed]
+    return [*_photos(record, [p for p in photos if not p.removed]), *gone]
 
 
 def summary(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
