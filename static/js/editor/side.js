@@ -53,7 +53,7 @@ function sheet(store) {
   count();
   open(false);
   const more = byId("current-more");
-  const roomy = matchMedia("(min-width: 48rem)");
+  const roomy = matchMedia("(min-width: 88rem), (min-width: 48rem) and (min-height: 60rem)");
   const unfold = () => (more.open = roomy.matches);
   roomy.addEventListener("change", unfold);
   unfold();
