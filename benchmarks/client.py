@@ -25,12 +25,16 @@ class Client:
     def __init__(self, url: str, link: str) -> None:
         self.url = url
         self.session = requests.Session()
-        page = self.session.get(link, timeout=60)
-        page.raise_for_status()
+        form = {"csrf_token": self._token(self.session.get(link, timeout=60))}
+        page = self.session.post(link, data=form, timeout=60)
+        self.session.headers["X-CSRFToken"] = self._token(page)
+
+    @staticmethod
+    def _token(page: requests.Response) -> str:
         found = CSRF.search(page.text)
-        if found is None:
-            raise SystemExit(f"the page after signing in holds no token: {page.url}")
-        self.session.headers["X-CSRFToken"] = found[1]
+        if not page.ok or found is None:
+            raise SystemExit(f"{page.status_code}, and no token in the page: {page.url}")
+        return found[1]
 
     def call(self, method: str, path: str, **options: Any) -> requests.Response:
         """Ask the API; any status is an answer."""

@@ -13,7 +13,7 @@ from benchmarks.client import Client
 
 ASK_EVERY_S = 1.0
 CONFLICTS = (409, 412)
-KINDS = ("place", "place", "move", "move", "move", "turn", "tray", "undo", "undo", "redo")
+KINDS = ("place", "place", "move", "move", "move", "turn", "unplace", "undo", "undo", "redo")
 
 
 @dataclass(slots=True)
@@ -86,7 +86,7 @@ class Editor:
             return
         if answer.ok:
             result = answer.json()
-            if result["photos"]:
+            if result["revision"] is not None:
                 self.log.answers.append({**result, "known": known})
                 self._take_own(result)
         elif answer.status_code in CONFLICTS:
@@ -101,7 +101,7 @@ class Editor:
     def _fields(self, kind: str) -> dict[str, float | None]:
         if kind == "turn":
             return {"heading_deg": round(self._random.uniform(0, 360), 2)}
-        if kind == "tray":
+        if kind == "unplace":
             return {"x_px": None, "y_px": None}
         return {
             "x_px": round(self._random.uniform(0, self._state["satellite"]["width"]), 2),

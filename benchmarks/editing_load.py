@@ -36,7 +36,9 @@ from benchmarks.editing_checks import (
     read_final,
 )
 from benchmarks.editing_client import Editor, Log
-from tests.browser.app import App, expmap
+from tests.browser.app import App
+from webapp.store import accounts, signin
+from webapp.store.library import open_library
 
 PLAN_PX = (1600, 1200)
 
@@ -81,18 +83,20 @@ def _set_up(app: App, folder: Path, arguments: argparse.Namespace) -> tuple[list
         owner.make_map(f"Map {number}", satellite=plan, photos=photos) for number in range(arguments.maps)
     ]
     editors = []
-    for number in range(arguments.clients):
-        link = sign_in_link(app, f"client{number}")
-        client = Client(app.url, link)
+    for number, path in enumerate(_sign_in_links(app.library, arguments.clients)):
+        client = Client(app.url, app.url + path)
         editors.append(Editor(client, slugs[number % len(slugs)], seed=number, pause_s=arguments.pause))
     return slugs, editors
 
 
-def sign_in_link(app: App, name: str) -> str:
-    """Make an account that may do everything; gives its link."""
-    printed = expmap("account", "add", name, "--owner", library=app.library)
-    path = printed.strip().rsplit("/", 1)[-1]
-    return f"{app.url}/sign-in/{path}"
+def _sign_in_links(folder: Path, count: int) -> list[str]:
+    """Make accounts that may do everything; gives the paths that sign in to them."""
+    library = open_library(folder)
+    with library.database.write() as session:
+        people = [accounts.create(session, f"client{number}", is_owner=True) for number in range(count)]
+        links = [f"/sign-in/{signin.new_link(session, person, hours=1)}" for person in people]
+    library.database.close()
+    return links
 
 
 def _work(editors: list[Editor], *, seconds: float) -> None:
