@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import io
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -31,6 +32,8 @@ _SCRIPT_KEYWORDS: dict[str, tuple[int, ...] | None] = {"t": None, "tn": (1, 2)}
 _HEADER = "# Texts are gathered by docs/make_translations.py; translations are written by hand."
 _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last-Tr", "Language-T")
 """Fields of the header that say nothing, or another thing each time."""
+
+_NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
 _WITH_ERRORS = ("store", "web")
 """Layers whose errors have texts that are translated when they are shown."""
@@ -76,6 +79,7 @@ def mo_bytes(po: bytes, language: str) -> bytes:
     """Compile a `.po` file."""
     out = io.BytesIO()
     catalog = read_po(io.BytesIO(po), locale=language)
+    catalog.creation_date = catalog.revision_date = _NO_DATE
     write_mo(out, catalog)
     return out.getvalue()
 
