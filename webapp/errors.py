@@ -9,6 +9,7 @@
     ├── NotAllowed               who asks may see it, but not do this
     ├── TooMany                  too often in a short time: wait
     ├── Conflict                 somebody else has changed it in the meantime
+    ├── NotReady                 it is still being made: later it works
     ├── MapError                 the map cannot be read as a map
     │   ├── CfgError             ... at this line and column of a .cfg
     │   └── MapJsonError         ... in map.json
@@ -103,6 +104,10 @@ class TooMany(ExpMapError):
 
 class Conflict(ExpMapError):
     """Somebody else has changed it in the meantime; nothing was changed."""
+
+
+class NotReady(ExpMapError):
+    """What the request needs is still being made; later it works."""
 
 
 class MapError(ExpMapError):

@@ -41,6 +41,9 @@ class UploadLimits:
     reserve_mb: float = 200.0
     """Space that uploads leave free on the disk, megabytes (10^6 bytes)."""
 
+    queries_per_map: int = 500
+    """Photos that were asked about, with their answers, that a map remembers; the oldest go first."""
+
 
 @dataclass(frozen=True, slots=True)
 class ImportLimits:

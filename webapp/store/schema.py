@@ -258,3 +258,31 @@ class Job(Base):
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None]
+
+
+class QueryRecord(Base):
+    """A photo that somebody asked about: where on a map was it taken? With the answer."""
+
+    __tablename__ = "query"
+    __table_args__ = (Index(None, "map_id", "id"), {"sqlite_autoincrement": True})
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    """Never used again: links name it."""
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"))
+    account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
+    at: Mapped[datetime] = mapped_column(default=now)
+    name: Mapped[str]
+    """Of the file as it came."""
+    file: Mapped[str]
+    """Its name in the folder of the map's queries; the server chose it."""
+    width: Mapped[int]
+    """Of the upright photo."""
+    height: Mapped[int]
+    options: Mapped[dict[str, Any]]
+    """What was asked for besides the photo."""
+    answer: Mapped[dict[str, Any]]
+    """As `localize --json` gives it."""
+    evidence: Mapped[list[dict[str, Any]]] = mapped_column(deferred=True)
+    """Matches with photos of the map: `experience`, `query_xy`, `photo_xy` and `inlier` each."""
+    adopted_id: Mapped[int | None]
+    """Id of the photo of the map that it has become."""

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,19 +66,30 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
     ------
     Cancelled, StorageError
     """
-    name = f"calibration-{opened.method}-{opened.choice.matcher}.json"
     photos = _photos(opened)
     radius = opened.indexed.place_radius_px
-    for folder in (opened.folder.folder, opened.writable):
-        known = calibrationfile.read(folder / name)
+    for path in paths(opened):
+        known = calibrationfile.read(path)
         if known is not None and known.map_fov_deg == map_fov_deg and _still_fits(known, photos, radius):
             return known
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
     calibration = calibrate(opened.indexed, progress)
     stored = StoredCalibration(calibration, map_fov_deg, radius, photos, time.perf_counter() - started)
-    calibrationfile.write(opened.writable / name, stored)
+    calibrationfile.write(paths(opened)[-1], stored)
     return stored
+
+
+def paths(opened: OpenMap) -> tuple[Path, Path]:
+    """Name the files in which a map's calibration may be; the last one is written."""
+    name = f"calibration-{opened.method}-{opened.choice.matcher}.json"
+    return opened.folder.folder / name, opened.writable / name
+
+
+def newest(opened: OpenMap) -> StoredCalibration | None:
+    """Take the stored calibration, also where the map has changed much since; None where there is none."""
+    known = (calibrationfile.read(path) for path in reversed(paths(opened)))
+    return next((k for k in known if k is not None), None)
 
 
 def calibrate(indexed: IndexedMap, progress: Progress) -> Calibration:

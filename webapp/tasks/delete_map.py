@@ -6,6 +6,7 @@ import secrets
 import shutil
 
 from webapp.errors import Conflict, NotFound, StorageError
+from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 
@@ -35,8 +36,9 @@ def run(library: Library, map_id: int) -> None:
             raise Conflict(
                 "only maps in the bin can be deleted", where=record.slug, hint="put it there first"
             )
-        folder = library.map_folder(record.slug)
-        if folder.exists():
+        for folder in (queries.folder(library, map_id), library.map_folder(record.slug)):
+            if not folder.exists():
+                continue
             try:
                 folder.rename(deleted / f"{record.slug}-{secrets.token_hex(4)}")
             except OSError as error:

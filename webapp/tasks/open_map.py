@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from webapp.core.index.segment import Segment
 from webapp.core.index.types import DescriptorSearch
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.errors import IndexDamaged, MapError
+from webapp.errors import IndexDamaged, MapError, NotReady
 from webapp.files.featurefile import read_segment
 from webapp.files.indexstore import IndexFolder, Manifest, read_search_index
 from webapp.files.mapfolder import read_map
@@ -52,6 +52,8 @@ class OpenOptions:
     """Horizontal field of view of map photos that do not tell theirs."""
     right_within_px: float | None = None
     """Instead of the map's own place radius."""
+    build: bool = True
+    """Bring the index up to date; else the one that is there is taken as it is."""
 
     def choice(self) -> FeatureChoice:
         """Resolve the features; `auto` takes the best there are.
@@ -105,14 +107,30 @@ class OpenMap:
         return _contents(self.map, self.manifest)
 
     @property
+    def not_indexed(self) -> int:
+        """How many photos of the map the index has not seen yet."""
+        return sum(e.id not in self.manifest.photos for e in self.map.experiences)
+
+    @property
     def map_hash(self) -> str:
         """Stands for the map's photos and positions, 16 hexadecimal characters."""
         photos = [[e.id, c, *e.position] for e, c in zip(self.map.experiences, self.contents, strict=True)]
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
 
 
-def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> OpenMap:
+def run(
+    cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress, the_map: Map | None = None
+) -> OpenMap:
     """Open a map.
+
+    Parameters
+    ----------
+    cfg : Path
+    options : OpenOptions
+    settings : Settings
+    progress : Progress
+    the_map : Map, optional
+        What is in the file, where that is known already.
 
     Raises
     ------
@@ -120,15 +138,19 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
         It cannot be read, or has no photo to recognise anything by.
     UsageError
         The combination of features cannot work.
+    NotReady
+        There is no index, and none is to be built.
     StorageError, IndexDamaged, Cancelled
     """
     bases = index_bases(cfg, options.index)
     choice = _choice(bases, options, settings=settings)
-    the_map = read_map(cfg)
+    the_map = read_map(cfg) if the_map is None else the_map
     if not the_map.experiences:
         raise MapError("the map has no photos", where=str(cfg), hint="place photos on it first")
     folders = [IndexFolder(index_folder(b, choice, extract=settings.extract)) for b in bases]
     folder, built = next((f for f in folders if _is_up_to_date(f, the_map, cfg)), None), None
+    if folder is None and not options.build:
+        folder = _as_it_is(folders, cfg=cfg)
     if folder is None:
         folder = folders[-1]
         new = not folder.manifest_path.exists()
@@ -137,6 +159,43 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
         built = build_index.run(request, settings=settings, progress=progress)
     manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
     return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
+
+
+def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> OpenMap:
+    """Give an open map other positions; what was loaded of its index is used again.
+
+    Parameters
+    ----------
+    opened : OpenMap
+        Whose index is still the newest.
+    the_map : Map
+        May also have other photos than before.
+    options : OpenOptions
+        That it was opened with.
+    """
+    if not the_map.experiences:
+        raise MapError("the map has no photos", where=str(opened.cfg), hint="place photos on it first")
+    old = opened.indexed
+    loaded = _Loaded(old.segments, old.search)
+    indexed = _indexed(the_map, loaded, manifest=opened.manifest, options=options)
+    return replace(opened, map=the_map, indexed=indexed, built=None)
+
+
+def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
+    """Find the index that was written last, even if it lacks some photos.
+
+    Raises
+    ------
+    NotReady
+        There is none with any photo in it.
+    IndexDamaged
+    """
+    there = [f for f in folders if (manifest := f.read_manifest()) is not None and manifest.codebook]
+    if not there:
+        raise NotReady(
+            "the map has no index with these features yet", where=str(cfg), hint=f"run expmap build {cfg}"
+        )
+    return max(there, key=lambda f: f.manifest_path.stat().st_mtime_ns)
 
 
 def _choice(bases: Sequence[Path], options: OpenOptions, *, settings: Settings) -> FeatureChoice:
@@ -195,10 +254,24 @@ def _contents(the_map: Map, manifest: Manifest) -> list[str]:
     return [r.content if r is not None and r.photo == e.photo else "" for r, e in same]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loaded:
+    """What is in the files of an index."""
+
+    segments: Sequence[Segment]
+    search: DescriptorSearch
+
+
 def _load(
     the_map: Map, folder: IndexFolder, *, manifest: Manifest, choice: FeatureChoice, options: OpenOptions
 ) -> IndexedMap:
     segments = [read_segment(folder.segment_path(s.name)) for s in manifest.segments]
+    loaded = _Loaded(segments, _search(folder, manifest, segments, choice=choice))
+    return _indexed(the_map, loaded, manifest=manifest, options=options)
+
+
+def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: OpenOptions) -> IndexedMap:
+    segments = loaded.segments
     contents = [c for s in segments for c in s.content]
     # Of several experiences with one photo the first speaks for it.
     number = {c: i for i, c in reversed([*enumerate(_contents(the_map, manifest))])}
@@ -213,7 +286,7 @@ def _load(
         fov_deg=_fields_of_view(the_map, segments, photo_of_entry, given=options.map_fov_deg),
         segments=segments,
         photo_of_entry=photo_of_entry,
-        search=_search(folder, manifest, segments, choice=choice),
+        search=loaded.search,
         place_radius_px=radius,
     )
 
@@ -231,7 +304,7 @@ def _search(
 
 
 def _fields_of_view(
-    the_map: Map, segments: list[Segment], photo_of_entry: NDArray[np.int64], *, given: float | None
+    the_map: Map, segments: Sequence[Segment], photo_of_entry: NDArray[np.int64], *, given: float | None
 ) -> NDArray[np.float64]:
     """Field of view of each photo: from the map, from its EXIF, as given, or guessed."""
     fov = np.array([math.nan if e.fov_deg is None else e.fov_deg for e in the_map.experiences])
