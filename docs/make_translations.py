@@ -69,7 +69,7 @@ def merged(domain: str, language: str) -> Catalog:
 def po_text(catalog: Catalog) -> bytes:
     """Write a `.po` file that is the same for the same texts: no dates, no line numbers, sorted."""
     out = io.BytesIO()
-    write_po(out, catalog, sort_output=True, omit_header=False, width=110, include_lineno=False)
+    write_po(out, catalog, sort_output=True, omit_header=False, width=110, no_location=True)
     lines = out.getvalue().decode().splitlines()
     kept = [line for line in lines if not line.startswith(tuple(f'"{field}' for field in _CHANGING))]
     return ("\n".join(kept) + "\n").encode()
