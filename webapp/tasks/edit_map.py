@@ -10,12 +10,11 @@ from typing import Any, Literal
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, UsageError
-from webapp.files.mapjson import check_placement_name
 from webapp.store import edits
 from webapp.store.edits import Step
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks import library_export
+from webapp.tasks import library_export, placements
 
 KINDS = ("place", "move", "turn", "unplace", "remove")
 """Words for a step."""
@@ -64,6 +63,8 @@ def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | 
         raise UsageError(f"{edit.kind!r} is no kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")
     with library.database.write() as session:
         record = session.get_one(MapRecord, map_id)
+        if edit.placement is not None:
+            placements.check_name(session, record, edit.placement)
         changes: dict[str, Mapping[str, Any] | None] = {}
         for id, fields in edit.changes.items():
             _check_there(session, record, id)
@@ -106,7 +107,7 @@ def _targets(
     _check_inside(record, at, id=id)
     if placement is None:
         return {f"photo/{id}": {**at, **known}}
-    target = f"placed/{check_placement_name(placement)}/{id}"
+    target = f"placed/{placement}/{id}"
     return {target: None if at["x_px"] is None else at, **({f"photo/{id}": known} if known else {})}
 
 

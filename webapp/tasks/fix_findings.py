@@ -32,7 +32,7 @@ Changes = dict[str, Mapping[str, Any] | None]
 
 def run(
     library: Library, map_id: int, *, fix: str, ids: Sequence[int], account_id: int, settings: Settings
-) -> None:
+) -> int | None:
     """Apply a fix to the photos that a finding is about.
 
     Parameters
@@ -47,6 +47,11 @@ def run(
         Who does it.
     settings : Settings
 
+    Returns
+    -------
+    int or None
+        Revision that the edit made; None when the records stayed as they were.
+
     Raises
     ------
     UsageError
@@ -60,8 +65,8 @@ def run(
     if fix not in FIX_NAMES:
         raise UsageError(f"there is no fix {fix!r}", where="code", hint=f"use one of {', '.join(FIX_NAMES)}")
     if fix in ("outside-take", "outside-discard"):
-        _outside(library, map_id, take=fix == "outside-take", account_id=account_id, settings=settings)
-        return
+        take = fix == "outside-take"
+        return _outside(library, map_id, take=take, account_id=account_id, settings=settings)
     with library.database.write() as session:
         record = session.get_one(MapRecord, map_id)
         cfg = library.cfg(record.slug)
@@ -74,20 +79,24 @@ def run(
                 changes = {
                     f"photo/{id}": _of_photo(session, record, id, fix=fix) for id in dict.fromkeys(ids)
                 }
-        if edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id) is None:
+        edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
+        if edit is None:
             raise Conflict("there is nothing to put right any more", hint="check the map again")
     library_export.run(library, map_id)
+    return edit.turn
 
 
-def _outside(library: Library, map_id: int, *, take: bool, account_id: int, settings: Settings) -> None:
+def _outside(library: Library, map_id: int, *, take: bool, account_id: int, settings: Settings) -> int | None:
     shown = outside_edit.show(library, map_id, settings=settings)
     if shown is None:
         raise Conflict("the map file has not been changed from outside", hint="check the map again")
+    sha256 = shown["sha256"]
     if take:
-        sha256 = shown["sha256"]
-        outside_edit.take(library, map_id, account_id=account_id, settings=settings, sha256=sha256)
-    else:
-        outside_edit.discard(library, map_id, sha256=shown["sha256"])
+        return outside_edit.take(
+            library, map_id, account_id=account_id, settings=settings, sha256=sha256
+        ).revision
+    outside_edit.discard(library, map_id, sha256=sha256)
+    return None
 
 
 def _of_photo(session: Session, record: MapRecord, id: int, *, fix: str) -> Mapping[str, Any]:

@@ -26,13 +26,13 @@ class Taken:
 
     Attributes
     ----------
-    changed : bool
-        False when the file said the same in other words.
+    revision : int or None
+        That the edit made; None when the file said the same in other words.
     left_out : tuple of str
         Sentences about photos that could not be read.
     """
 
-    changed: bool
+    revision: int | None
     left_out: tuple[str, ...]
 
 
@@ -101,7 +101,7 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
         edit = edits.apply(session, record, changes=found.changes, kind=KIND, account_id=account_id)
         record.exported_sha256 = sha256
     library_export.run(library, map_id)
-    return Taken(edit is not None, tuple(found.left_out))
+    return Taken(None if edit is None else edit.turn, tuple(found.left_out))
 
 
 def discard(library: Library, map_id: int, *, sha256: str) -> None:

@@ -31,7 +31,7 @@ def put(
     account_id: int,
     positions: Mapping[int, MapPixel] | None = None,
     clusters_px: float | None = None,
-) -> None:
+) -> int | None:
     """Make a placement, or replace it.
 
     Parameters
@@ -44,6 +44,11 @@ def put(
         By photo; by default those of the map.
     clusters_px : float, optional
         Instead: photos within this radius are gathered at their centre.
+
+    Returns
+    -------
+    int or None
+        Revision that the edit made; None when nothing changed.
 
     Raises
     ------
@@ -72,12 +77,13 @@ def put(
             f"placed/{name}/{id}": None for id in _placed(session, record, name) if id not in wanted
         }
         changes |= {f"placed/{name}/{id}": {"x_px": at.x, "y_px": at.y} for id, at in wanted.items()}
-        edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
+        edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
     library_export.run(library, map_id)
+    return None if edit is None else edit.turn
 
 
-def delete(library: Library, map_id: int, *, name: str, account_id: int) -> None:
-    """Delete a placement; the photos and their places on the map stay.
+def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:
+    """Delete a placement; the photos and their places on the map stay. Gives the revision of the edit.
 
     Raises
     ------
@@ -90,8 +96,9 @@ def delete(library: Library, map_id: int, *, name: str, account_id: int) -> None
         if not ids:
             raise NotFound(f"the map has no placement {name[:80]!r}", hint="reload the page")
         changes = {f"placed/{name}/{id}": None for id in ids}
-        edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
+        edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
     library_export.run(library, map_id)
+    return None if edit is None else edit.turn
 
 
 def check_name(session: Session, record: MapRecord, name: str) -> None:

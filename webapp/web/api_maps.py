@@ -12,7 +12,7 @@ from flask import request
 from webapp.errors import Conflict, UsageError
 from webapp.store import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks import edit_map
+from webapp.tasks import delete_map, edit_map
 from webapp.tasks.edit_map import KINDS, Edit
 from webapp.web import map_state
 from webapp.web.context import account, library, open_map
@@ -33,6 +33,12 @@ class MapQuery(Schema):
     """Which maps are listed."""
 
     bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
+
+
+class DeleteQuery(Schema):
+    """How a map is deleted."""
+
+    forever = Boolean(load_default=False, metadata={"description": "For good; only maps in the bin."})
 
 
 class MapSummary(Schema):
@@ -149,10 +155,17 @@ def rename(slug: str, wish: dict[str, str]) -> dict[str, Any]:
 
 
 @blueprint.delete("/<slug>")
+@blueprint.input(DeleteQuery, location="query", arg_name="query")
 @blueprint.output(MapSummary)
-def put_into_bin(slug: str) -> dict[str, Any]:
-    """Put a map into the bin; it can be restored."""
-    return _binned(slug, into=True)
+def put_into_bin(slug: str, query: dict[str, Any]) -> dict[str, Any]:
+    """Put a map into the bin, from where it can be restored; or delete one there for good."""
+    if not query["forever"]:
+        return _binned(slug, into=True)
+    record, who = open_map(slug, "owner", binned=True), account()
+    with library().database.read() as session:
+        last = map_state.summary(session, session.get_one(MapRecord, record.id), account=who)
+    delete_map.run(library(), record.id)
+    return last
 
 
 @blueprint.post("/<slug>/restore")

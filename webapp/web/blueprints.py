@@ -5,10 +5,13 @@ from __future__ import annotations
 from flask import Blueprint
 
 from webapp.web.account_page import blueprint as account_page
+from webapp.web.api_checks import blueprint as api_checks
+from webapp.web.api_exchange import blueprint as api_exchange
 from webapp.web.api_georeference import blueprint as api_georeference
 from webapp.web.api_jobs import blueprint as api_jobs
 from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.api_photos import blueprint as api_photos
+from webapp.web.api_placements import blueprint as api_placements
 from webapp.web.api_placing import blueprint as api_placing
 from webapp.web.api_satellite import blueprint as api_satellite
 from webapp.web.api_uploads import blueprint as api_uploads
@@ -23,10 +26,13 @@ from webapp.web.sign_in import blueprint as sign_in
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
     account_page,
+    api_checks,
+    api_exchange,
     api_georeference,
     api_jobs,
     api_maps,
     api_photos,
+    api_placements,
     api_placing,
     api_satellite,
     api_uploads,

@@ -80,7 +80,7 @@ def test_it_is_taken_as_one_edit_and_undone_as_one(
 ):
     save_photo(library.map_folder("park") / "photos" / "new.jpg", 99)
     write("0;photos/0.jpg;7;8", SAME[2], "9;photos/new.jpg;1;2")
-    assert take().changed
+    assert take().revision == 1
     found = rows(map_id)
     assert [(row.x_px, row.removed) for row in found.values()] == [
         (7, False),
@@ -103,7 +103,7 @@ def test_other_words_for_the_same_are_no_edit(library, map_id, take, record):
     library.cfg("park").write_text("plan.png;400;200\r\n" + "\r\n".join(reversed(SAME)))
     shown = show(library, map_id)
     assert not any(shown[key] for key in ("moved", "added", "removed", "kept"))
-    assert not take().changed
+    assert take().revision is None
     assert record(map_id).revision == 0
     assert show(library, map_id) is None
     assert b"\r\n" in library.cfg("park").read_bytes(), "the file stays as its writer likes it"

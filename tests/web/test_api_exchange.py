@@ -1,0 +1,186 @@
+"""Maps come in and go out through the API, and only to those who may see them."""
+
+import io
+import json
+import zipfile
+
+import pytest
+
+from webapp.jobs import export as export_job
+from webapp.jobs import import_map as import_job
+from webapp.jobs.kinds import Context
+from webapp.jobs.progress import JobProgress
+from webapp.store import jobs
+from webapp.store.jobs import Lease, Limits
+from webapp.store.schema import MapRecord
+from webapp.tasks import adopt_map
+from webapp.web import api_exchange
+
+GEO = {
+    "format": "experience-map",
+    "version": 1,
+    "next_id": 3,
+    "georeference": {
+        "plane": "EPSG:4326",
+        "plane_from_pixel": [[1e-5, 0, 26.5], [0, -1e-5, 60.4], [0, 0, 1]],
+        "method": "corners",
+    },
+}
+
+
+@pytest.fixture
+def park(library, owner, make_map):
+    """The slug of a map of the owner, with three placed photos and a georeference."""
+    cfg = make_map(library.map_folder("park"), 3)
+    cfg.with_name("map.json").write_text(json.dumps(GEO))
+    adopt_map.run(library, "park", account_id=owner.id)
+    return "park"
+
+
+@pytest.fixture
+def work(library, settings):
+    """Do the next job; gives its result."""
+
+    def run(function):
+        with library.database.write() as session:
+            job = jobs.lease(session, "test", limits=Limits(60, 3))
+            while job.kind not in ("import", "export"):
+                job.state = "done"
+                session.flush()
+                job = jobs.lease(session, "test", limits=Limits(60, 3))
+            lease = Lease(job.id, job.fence)
+            known = (job.map_id, job.account_id, job.arguments)
+        return function(Context(library, settings, JobProgress(), lease, *known))
+
+    return run
+
+
+def zipped(files):
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return content.getvalue()
+
+
+def bring(client, content, filename="Park.zip", **fields):
+    return client.post("/api/v1/maps/import", data={"file": (io.BytesIO(content), filename), **fields})
+
+
+@pytest.mark.parametrize(
+    ("what", "media_type", "begins"),
+    [
+        ("map.cfg", "text/plain; charset=utf-8", b"plan.png;400;200\n"),
+        ("export.zip", "application/zip", b"PK"),
+        ("export.geojson", "application/geo+json", b"{"),
+        ("export.kml", "application/vnd.google-earth.kml+xml", b"<?xml"),
+        ("export.kmz", "application/vnd.google-earth.kmz", b"PK"),
+        ("export.html", "text/html; charset=utf-8", b"<!DOCTYPE html>"),
+    ],
+)
+def test_every_export_is_a_file_to_save(client, park, what, media_type, begins):
+    answer = client.get(f"/api/v1/maps/{park}/{what}")
+    assert answer.status_code == 200 and answer.data.startswith(begins)
+    assert answer.content_type == media_type
+    ending = what.rsplit(".", 1)[-1]
+    assert answer.headers["Content-Disposition"] == f"attachment; filename={park}.{ending}"
+
+
+def test_exports_that_are_none(client, park, new_map, owner):
+    assert client.get(f"/api/v1/maps/{park}/export.exe").status_code == 404
+    assert client.get(f"/api/v1/maps/{park}/placements/none.cfg").status_code == 404
+    assert client.get(f"/api/v1/maps/{park}/exports/..%2Fmap.cfg").status_code == 404
+    empty = client.get(f"/api/v1/maps/{new_map(owner, name='Empty')}/map.cfg")
+    assert empty.status_code == 400 and "satellite" in empty.json["error"]["hint"]
+
+
+def test_without_georeference_it_says_what_to_do(client, park, library):
+    with library.database.write() as session:
+        session.query(MapRecord).one().georeference = None
+    answer = client.get(f"/api/v1/maps/{park}/export.kmz")
+    assert answer.status_code == 400 and "georeference" in answer.json["error"]["hint"]
+
+
+def test_only_those_who_may_see_a_map_take_it_away(stranger, sign_in, new_account, park):
+    other = sign_in(new_account("eva"))
+    for what in ("map.cfg", "export.zip", "findings", "health", "outside-edit"):
+        assert stranger.get(f"/api/v1/maps/{park}/{what}").status_code == 401
+        assert other.get(f"/api/v1/maps/{park}/{what}").status_code == 404
+    assert other.post(f"/api/v1/maps/{park}/duplicate", json={}).status_code == 404
+
+
+def test_an_exported_zip_is_imported_as_a_new_map(client, park):
+    content = client.get(f"/api/v1/maps/{park}/export.zip").data
+    answer = bring(client, content, "Můj park.zip")
+    assert answer.status_code == 201
+    assert answer.json == {"slug": "muj-park", "job": None, "findings": [], "left_out": []}
+    assert client.get("/api/v1/maps/muj-park").json["name"] == "Můj park"
+    assert client.get("/api/v1/maps/muj-park/map.cfg").data == client.get(f"/api/v1/maps/{park}/map.cfg").data
+
+
+@pytest.mark.parametrize("filename", ["../../etc/passwd", "\x07.zip", "", "a\\b.zip", "x" * 500 + ".zip"])
+def test_names_of_files_are_only_names(client, park, filename, library):
+    content = client.get(f"/api/v1/maps/{park}/export.zip").data
+    answer = bring(client, content, filename or "x")
+    assert answer.status_code == 201
+    assert (library.folder / answer.json["slug"] / "map.cfg").is_file()
+
+
+def test_all_errors_of_an_imported_map_are_told(client):
+    answer = bring(client, zipped({"map.cfg": "plan.png;10;10\n0;a.jpg;1;2;3\n0;b.jpg;x;1\n"}))
+    assert answer.status_code == 422
+    assert {finding["code"] for finding in answer.json["findings"]} >= {
+        "wrong-column-count",
+        "missing-satellite",
+    }
+    assert answer.json["error"]["code"] == "map_refused" and answer.json["error"]["hint"]
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", zipped({}), zipped({"../map.cfg": b"x"})])
+def test_what_is_no_map_is_refused_and_leaves_nothing(client, library, content):
+    answer = bring(client, content)
+    assert answer.status_code == 422 and answer.json["error"]["message"]
+    assert str(library.folder) not in answer.text
+    assert [path.name for path in library.folder.iterdir()] == [".library"]
+    assert list((library.inner / "imports").iterdir()) == []
+
+
+def test_an_import_without_a_file(client):
+    assert client.post("/api/v1/maps/import", data={"name": "x"}).status_code == 422
+    assert client.post("/api/v1/maps/import", json={}).status_code in (415, 422)
+
+
+def test_a_large_zip_is_imported_by_a_job(client, park, work, monkeypatch, library):
+    monkeypatch.setattr(api_exchange, "_AT_ONCE_BYTES", 1000)
+    answer = bring(client, client.get(f"/api/v1/maps/{park}/export.zip").data, name="Later")
+    assert answer.status_code == 202 and answer.json["slug"] == "later"
+    assert client.get("/api/v1/maps/later").json["photos"] == []
+    assert work(import_job.run) == {"findings": [], "left_out": []}
+    assert len(client.get("/api/v1/maps/later").json["photos"]) == 3
+    assert list((library.inner / "imports").iterdir()) == []
+
+
+def test_an_export_by_a_job_is_fetched(client, park, work):
+    answer = client.post(f"/api/v1/maps/{park}/exports", json={"format": "kmz"})
+    assert answer.status_code == 202
+    done = work(export_job.run)
+    with client.get(f"/api/v1/maps/{park}/exports/{done['file']}") as fetched:
+        assert fetched.data.startswith(b"PK") and "attachment" in fetched.headers["Content-Disposition"]
+    assert client.post(f"/api/v1/maps/{park}/exports", json={"format": "exe"}).status_code == 422
+
+
+def test_a_copy(client, sign_in, new_account, park, library):
+    answer = client.post(f"/api/v1/maps/{park}/duplicate", json={})
+    assert (answer.status_code, answer.json["slug"]) == (201, "park-copy")
+    assert client.get("/api/v1/maps/park-copy").json["name"] == "Park (copy)"
+    named = client.post(f"/api/v1/maps/{park}/duplicate", json={"name": "Another"})
+    assert named.json["slug"] == "another"
+    assert len(client.get("/api/v1/maps/another").json["photos"]) == 3
+
+
+def test_deleted_for_good_only_from_the_bin(client, park, library):
+    assert client.delete(f"/api/v1/maps/{park}?forever=true").status_code == 409
+    assert client.delete(f"/api/v1/maps/{park}").status_code == 200
+    assert client.delete(f"/api/v1/maps/{park}?forever=true").json["slug"] == park
+    assert client.get(f"/api/v1/maps/{park}").status_code == 404
+    assert not library.map_folder(park).exists()
