@@ -30,7 +30,7 @@ export class Activity {
     this.hiddenJobs = new Set();
     this.filesBox = h("div", { class: "ed-files", hidden: true });
     this.jobsBox = h("div", { class: "ed-jobs" });
-    byId("activity").append(this.filesBox, this.jobsBox);
+    byId("activity").append(foldButton(byId("activity")), this.filesBox, this.jobsBox);
     const files = eachFrame(() => this._files());
     uploads.addEventListener("progress", files);
     uploads.addEventListener("finished", () => {
@@ -161,6 +161,19 @@ export class Activity {
     };
     return h("button", { class: "button button--quiet", type: "button", onclick: hide }, t("Hide"));
   }
+}
+
+/** On a phone the card begins as one line, so that it leaves the image free. */
+function foldButton(card) {
+  const button = h("button", { class: "icon-button ed-activity__fold", type: "button", "aria-controls": "activity" }, icon("chevron-down"));
+  const fold = (folded) => {
+    card.classList.toggle("is-folded", folded);
+    button.setAttribute("aria-expanded", String(!folded));
+    button.setAttribute("aria-label", folded ? t("Show more") : t("Show less"));
+  };
+  button.addEventListener("click", () => fold(!card.classList.contains("is-folded")));
+  fold(matchMedia("(max-width: 47.99rem)").matches);
+  return button;
 }
 
 function sendingRow({ file, sent }) {

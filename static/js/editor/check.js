@@ -1,18 +1,11 @@
-/** What is wrong with the map, with a button for what can be put right, and which places look alike. */
+/** What is wrong with the map, with a button for what can be put right. */
 
 import { h, icon } from "../dom.js";
 import { t, tn } from "../i18n.js";
-import { toastError } from "../toast.js";
+import { sentence, toastError } from "../toast.js";
 import { byId } from "./page.js";
 
-const HEALTH = {
-  confusable: { colour: "#e8503a", words: () => t("looks like another place") },
-  lonely: { colour: "#8a5cf6", words: () => t("alone: nothing near confirms it") },
-  "one-direction": { colour: "#f2a900", words: () => t("seen in one direction only") },
-  good: { colour: "#2fa866", words: () => t("found again well") },
-};
-
-/** The panel of findings, and the colours of the dots. */
+/** The panel of findings. */
 export class Check {
   /**
    * @param {import("./store.js").Store} store
@@ -26,7 +19,6 @@ export class Check {
     byId("check-again").addEventListener("click", () => this.load());
     byId("tab-check").addEventListener("shown", () => this.fresh !== this.store.revision && this.load());
     byId("tab-photos").addEventListener("shown", () => this.dots.setMark([]));
-    byId("health-toggle").addEventListener("change", (event) => this._health(event.target));
     store.on("current", () => this.dots.setMark([]));
   }
 
@@ -72,8 +64,8 @@ export class Check {
     return h("article", { class: `ed-finding ed-finding--${severity}`, dataset: { code } },
       icon(severity === "error" ? "warning" : "info"),
       h("div", { class: "stack stack--tight" },
-        h("p", { class: "ed-finding__message" }, message),
-        hint && h("p", { class: "small soft" }, hint),
+        h("p", { class: "ed-finding__message" }, sentence(message)),
+        hint && h("p", { class: "small soft" }, sentence(hint)),
         actions));
   }
 
@@ -95,38 +87,5 @@ export class Check {
       toastError(error);
       button.disabled = false;
     }
-  }
-
-  async _health(toggle) {
-    byId("health-legend").hidden = true;
-    this.dots.setColours(null);
-    if (!toggle.checked) return;
-    toggle.disabled = true;
-    try {
-      this._colour(await this.server.health());
-    } catch (error) {
-      toggle.checked = false;
-      toastError(error);
-    }
-    toggle.disabled = false;
-  }
-
-  /** @param {{photos: Array<{id: number, state: string}>}} health */
-  _colour({ photos }) {
-    const counts = new Map();
-    const colours = new Map();
-    for (const { id, state } of photos) {
-      counts.set(state, (counts.get(state) || 0) + 1);
-      if (HEALTH[state]) colours.set(id, HEALTH[state].colour);
-    }
-    this.dots.setColours(colours);
-    const rows = Object.entries(HEALTH).filter(([state]) => counts.has(state)).map(([state, { colour, words }]) => {
-      const dot = h("span", { class: "ed-legend__dot" });
-      dot.style.background = colour;
-      return h("li", {}, dot, words(), h("span", { class: "soft" }, String(counts.get(state))));
-    });
-    const legend = byId("health-legend");
-    legend.replaceChildren(...rows);
-    legend.hidden = false;
   }
 }

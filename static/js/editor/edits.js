@@ -21,7 +21,6 @@ const COLLECT_MS = 450;
  * @property {number} seen revision that the author had seen
  * @property {number} notBefore when it may be sent, in milliseconds
  * @property {boolean} uncertain whether an answer was lost
- * @property {boolean} [isNew] whether it begins a placement
  */
 
 /**
@@ -53,14 +52,9 @@ export class Edits extends EventTarget {
     return this.items.length;
   }
 
-  /**
-   * Change positions or headings.
-   * @param {string} kind
-   * @param {Array<{id: number}>} changes
-   * @param {?string} [placement] whose positions; that which is shown where it is not told
-   */
-  edit(kind, changes, placement = this.store.placement) {
-    const { revision } = this.store;
+  /** Change positions or headings. @param {string} kind @param {Array<{id: number}>} changes */
+  edit(kind, changes) {
+    const { placement, revision } = this.store;
     const last = this.items.at(-1);
     const notBefore = kind === "turn" ? performance.now() + COLLECT_MS : 0;
     if (last && last !== this._sending && last.kind === kind && kind === "turn" && sameIds(last.changes, changes)) {
@@ -70,12 +64,6 @@ export class Edits extends EventTarget {
     }
     this._show();
     this._wake();
-  }
-
-  /** Begin a placement. @param {string} name @param {Array<{id: number}>} changes its positions */
-  begin(name, changes) {
-    this.edit("place", changes, name);
-    this.items.at(-1).isNew = true;
   }
 
   /** Take photos out of the map. @param {number[]} ids */
@@ -165,15 +153,16 @@ export class Edits extends EventTarget {
   /** Take an answer in; a gap in the revisions means that somebody else was faster with something. */
   async _take(item, answer) {
     const gap = answer.revision > this.store.revision + 1;
-    const mine = new Set(item.changes.map(({ id }) => id));
-    for (const { id, revision } of answer.photos || []) if (mine.has(id) || !mine.size) this._own.set(id, revision);
-    if (!gap) this.store.revision = Math.max(this.store.revision, answer.revision);
+    if (answer.revision !== null) {
+      for (const { id } of [...item.changes, ...answer.photos]) this._own.set(id, answer.revision);
+      if (!gap) this.store.revision = Math.max(this.store.revision, answer.revision);
+    }
     this.items = this.items.filter((other) => other !== item);
     this._show();
     this.store.merge(answer);
     this.dispatchEvent(new CustomEvent("saved", { detail: { item, answer } }));
-    this._stale = gap || item.placement !== null || item.action === "undo" || item.action === "redo";
-    if (this._stale) await this.refresh();
+    this._stale = gap;
+    if (gap) await this.refresh();
     this._stale = false;
   }
 

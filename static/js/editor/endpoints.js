@@ -1,6 +1,6 @@
 /** What the editor asks of the server, by name. */
 
-import { api, del, get, patch, post, upload } from "../api.js";
+import { api, del, get, patch, post, put, upload } from "../api.js";
 
 /**
  * The requests about one map.
@@ -35,6 +35,10 @@ export function endpointsOf(slug) {
     findings: () => get(`${map}/findings`),
     fix: (code, ids) => post(`${map}/findings/fix`, { code, ids }),
     health: () => get(`${map}/health`),
+    findHealth: () => post(`${map}/health`, {}),
+    putPlacement: (name, wish) => put(`${map}/placements/${encodeURIComponent(name)}`, wish),
+    deletePlacement: (name) => del(`${map}/placements/${encodeURIComponent(name)}`),
+    cfgOf: (placement) => `/api/v1${map}/${placement === null ? "map" : `placements/${encodeURIComponent(placement)}`}.cfg`,
 
     cancelJob: (id) => post(`/jobs/${id}/cancel`, {}),
     retryJob: (id) => post(`/jobs/${id}/retry`, {}),

@@ -10,6 +10,7 @@ import { listenToDrops, usable } from "./dropfiles.js";
 import { Edits } from "./edits.js";
 import { endpointsOf } from "./endpoints.js";
 import { Crosshair, Hands } from "./hands.js";
+import { Health } from "./health.js";
 import { showHelp } from "./help.js";
 import { showHistory } from "./history.js";
 import { listenToKeys } from "./keys.js";
@@ -39,8 +40,9 @@ const page = { store, server, refresh, view, dots, hands, crosshair, commands, s
 new CurrentPhoto(commands, view);
 new Tray(commands);
 new Check(store, server, page);
+new Health(page);
 showHistory(commands);
-choosePlacement(store, edits);
+choosePlacement(page);
 satelliteInput(store, server, refresh);
 sidePanel(store);
 listenToKeys(page);

@@ -1,20 +1,18 @@
-/**
- * Several placements of the same photos: which one is shown, making and deleting one. A placement is there as long
- * as it has a photo, so making and deleting are edits like others, and can be undone.
- */
+/** Several placements of the same photos: which one is shown, making and deleting one. */
 
 import { confirmDialog } from "../dialog.js";
 import { h } from "../dom.js";
 import { t } from "../i18n.js";
-import { field, openDialog } from "./dialogs.js";
+import { toastError } from "../toast.js";
+import { errorLine, field, openDialog } from "./dialogs.js";
 import { byId } from "./page.js";
 
 /**
  * Connect the choice and its two menu items.
- * @param {import("./store.js").Store} store
- * @param {import("./edits.js").Edits} edits
+ * @param {Object} page store, server and refresh
  */
-export function choosePlacement(store, edits) {
+export function choosePlacement(page) {
+  const { store, server } = page;
   const select = byId("placement");
   const render = () => {
     const names = [null, ...store.placements.keys()];
@@ -26,25 +24,16 @@ export function choosePlacement(store, edits) {
     );
     select.parentElement.hidden = names.length < 2;
     byId("placement-delete").hidden = store.placement === null;
+    byId("export-cfg").href = server.cfgOf(store.placement);
   };
   select.addEventListener("change", () => store.showPlacement(select.value || null));
-  byId("placement-new").addEventListener("click", () => ask(store, edits));
-  byId("placement-delete").addEventListener("click", () => remove(store, edits));
+  byId("placement-new").addEventListener("click", () => ask(page));
+  byId("placement-delete").addEventListener("click", () => remove(page).catch(toastError));
   store.on("photos placement", render);
-  let wanted = null;
-  edits.addEventListener("saved", ({ detail }) => {
-    if (detail.item.kind === "place" && detail.item.placement && detail.item.isNew) wanted = detail.item.placement;
-  });
-  store.on("photos", () => {
-    if (wanted === null || !store.placements.has(wanted)) return;
-    const name = wanted;
-    wanted = null;
-    store.showPlacement(name);
-  });
   render();
 }
 
-function ask(store, edits) {
+function ask({ store, server, refresh }) {
   const name = h("input", { class: "input", value: "clusters", maxlength: 60, pattern: "[A-Za-z0-9_\\-]+", required: true, autocomplete: "off" });
   const from = h("select", { class: "select" },
     h("option", { value: "clusters" }, t("photos that are near each other, gathered")),
@@ -53,46 +42,32 @@ function ask(store, edits) {
   const radius = h("input", { class: "input", type: "number", min: 1, value: Math.round(Math.max(width, height) / 20), inputmode: "numeric", required: true });
   const reach = field(t("Gathered within, in pixels"), radius);
   from.addEventListener("change", () => (reach.hidden = from.value !== "clusters"));
+  const error = errorLine();
   const make = h("button", { class: "button button--primary", type: "button" }, t("Create"));
   const dialog = openDialog(t("New placement"), [
     h("p", { class: "soft" }, t("The same photos at other positions. Each placement gives a map file of its own.")),
     field(t("Name"), name, t("Letters, digits, - and _")),
     field(t("Start from"), from),
     reach,
+    error,
   ], { actions: [make] });
-  make.addEventListener("click", () => {
+  make.addEventListener("click", async () => {
     name.setCustomValidity(store.placements.has(name.value) ? t("There is a placement of this name already.") : "");
     if (!name.reportValidity() || !radius.reportValidity()) return;
-    const placed = store.order.map((id) => store.photos.get(id)).filter(({ x_px: x }) => x !== null);
-    const spots = placed.map(({ id, x_px: x, y_px: y }) => ({ id, at: [x, y] }));
-    const moved = from.value === "clusters" ? gathered(spots, Number(radius.value)) : spots;
-    if (moved.length) edits.begin(name.value, moved.map(({ id, at: [x_px, y_px] }) => ({ id, x_px, y_px })));
-    dialog.close();
+    make.disabled = true;
+    try {
+      await server.putPlacement(name.value, from.value === "clusters" ? { clusters_px: Number(radius.value) } : {});
+      await refresh();
+      store.showPlacement(name.value);
+      dialog.close();
+    } catch (problem) {
+      error.show(problem);
+      make.disabled = false;
+    }
   });
 }
 
-/**
- * Bring photos that are near each other to their common middle.
- * @param {Array<{id: number, at: [number, number]}>} spots
- * @param {number} radius of what one middle gathers, in map pixels
- */
-export function gathered(spots, radius) {
-  const left = new Set(spots);
-  const result = [];
-  for (const spot of spots) {
-    if (!left.has(spot)) continue;
-    const near = [...left].filter(({ at }) => Math.hypot(at[0] - spot.at[0], at[1] - spot.at[1]) <= radius);
-    const mean = (axis) => Math.round((near.reduce((sum, { at }) => sum + at[axis], 0) / near.length) * 100) / 100;
-    const middle = [mean(0), mean(1)];
-    for (const member of near) {
-      left.delete(member);
-      result.push({ id: member.id, at: middle });
-    }
-  }
-  return result;
-}
-
-async function remove(store, edits) {
+async function remove({ store, server, refresh }) {
   const name = store.placement;
   const sure = await confirmDialog({
     title: t("Delete the placement {name}?", { name }),
@@ -101,7 +76,7 @@ async function remove(store, edits) {
     danger: true,
   });
   if (!sure) return;
-  const ids = [...store.placements.get(name).keys()];
-  edits.edit("unplace", ids.map((id) => ({ id, x_px: null, y_px: null })), name);
+  await server.deletePlacement(name);
   store.showPlacement(null);
+  await refresh();
 }
