@@ -46,8 +46,8 @@ test: lint       ## run everything that must pass; installs chromium through apt
 	$(BIN)/python tests/browser/ensure_browser.py
 	$(BIN)/pytest -n auto --dist loadgroup
 
-translations:    ## collect the texts of pages and scripts for translators, and compile what they wrote
-	$(BIN)/python -m webapp.web.translations
+translations: $(VENV)/.tested ## collect the texts of pages and scripts for translators, and compile what they wrote
+	$(BIN)/python docs/make_translations.py
 
 clean:           ## remove what was made here, but no map
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
