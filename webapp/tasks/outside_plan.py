@@ -91,7 +91,7 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, limits: PhotoLimits)
             hint="import its folder as a new map, or write the file anew from the library",
         )
     rows = maps.photos(session, record)
-    made = _Planner(record, cfg, limits, rows)
+    made = _Planner(record, cfg, limits=limits, rows=rows)
     ids = made.take_photos(map_.experiences)
     made.take_placements(session, map_, ids)
     fields = georeference_fields(map_.georeference)
@@ -104,7 +104,7 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, limits: PhotoLimits)
 class _Planner:
     """Collects a plan photo by photo."""
 
-    def __init__(self, record: MapRecord, cfg: Path, limits: PhotoLimits, rows: Iterable[Photo]) -> None:  # noqa: PLR0917
+    def __init__(self, record: MapRecord, cfg: Path, *, limits: PhotoLimits, rows: Iterable[Photo]) -> None:
         self.plan = Plan()
         self._record, self._cfg, self._limits = record, cfg, limits
         self._rows = {row.id: row for row in rows}

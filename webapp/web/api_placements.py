@@ -39,7 +39,7 @@ class PlacementIn(Schema):
 @blueprint.put("/<string(maxlength=60):name>")
 @blueprint.input(PlacementIn, arg_name="wish")
 @blueprint.output(EditAnswer)
-def put(slug: str, name: str, wish: dict[str, Any]) -> dict[str, Any]:
+def put(slug: str, name: str, *, wish: dict[str, Any]) -> dict[str, Any]:
     """Make a placement, or replace it."""
     record, who = open_map(slug, "editor"), account()
     if wish["positions"] is not None and wish["clusters_px"] is not None:
