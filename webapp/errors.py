@@ -21,6 +21,7 @@
     ├── StorageError             the disk refused: full, read-only, locked by another writer
     │   └── DiskFull             ... because there is no space left
     ├── IndexDamaged             an index file is not what its name and manifest say
+    ├── ProcessLost              a process that did a part of the work was killed
     ├── MissingPart              an optional part is not installed or not downloaded
     └── Cancelled                the user stopped it; what was finished is kept
 
@@ -178,3 +179,7 @@ class MissingPart(ExpMapError):
 
 class Cancelled(ExpMapError):
     """The user stopped the work; what was finished is kept."""
+
+
+class ProcessLost(ExpMapError):
+    """A process that did a part of the work was killed; what was finished is kept, and a new try goes on."""

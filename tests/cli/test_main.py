@@ -134,6 +134,7 @@ def raising(error):
         (errors.TableError("no header"), 1, "expmap: no header"),
         (errors.StorageError("disk full"), 1, "expmap: disk full"),
         (errors.IndexDamaged("cut off"), 1, "expmap: cut off"),
+        (errors.ProcessLost("killed", hint="again"), 1, "expmap: killed (again)"),
         (errors.MissingPart("no faiss", hint="install it"), 4, "expmap: no faiss (install it)"),
         (errors.Cancelled("stopped"), 130, "expmap: stopped"),
         (KeyboardInterrupt(), 130, "interrupted"),

@@ -15,7 +15,8 @@ from webapp.store.library import open_library
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
-    name: f"kinds_for_tests:{name}" for name in ("count", "fine", "refuse", "mistake", "stubborn", "write")
+    name: f"kinds_for_tests:{name}"
+    for name in ("count", "fine", "refuse", "mistake", "lose", "stubborn", "write")
 }
 
 

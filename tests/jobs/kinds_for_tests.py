@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from webapp.errors import StorageError
+from webapp.errors import ProcessLost, StorageError
 from webapp.jobs import kinds
 from webapp.jobs.worker import Worker
 from webapp.settings import JobSettings, Settings
@@ -41,6 +41,15 @@ def refuse(context):
 
 def mistake(context):
     return {"never": 1 // 0}
+
+
+def lose(context):
+    """Lose a process of its own in the first tries."""
+    tries = context.library.inner / "tries"
+    tries.write_text(tries.read_text() + "x" if tries.exists() else "x")
+    if len(tries.read_text()) <= context.arguments["times"]:
+        raise ProcessLost("a worker process was killed")
+    return {"tries": len(tries.read_text())}
 
 
 def stubborn(context):

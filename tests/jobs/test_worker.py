@@ -47,6 +47,16 @@ def test_a_job_that_cannot_be_done_says_why(work, queue, seen, caplog):
     assert seen(last)["state"] == "done"
 
 
+def test_a_job_that_lost_a_process_goes_on_but_not_for_ever(work, queue, seen, settings):
+    id = queue("lose", arguments={"times": 2})
+    work()
+    assert (seen(id)["state"], seen(id)["result"]) == ("done", {"tries": 3})
+    hopeless = queue("lose", arguments={"times": 1000})
+    work()
+    assert seen(hopeless)["state"] == "failed"
+    assert f"died {settings.jobs.attempts} times" in seen(hopeless)["error"]["message"]
+
+
 def test_progress_is_seen_and_cancel_heard(library, start, queue, seen, wait_for):
     id = queue("count", arguments={"steps": 100, "seconds": 0.05})
     start()

@@ -16,7 +16,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from types import FrameType
 from typing import Any
 
-from webapp.errors import Cancelled, ExpMapError, StorageError
+from webapp.errors import Cancelled, ExpMapError, ProcessLost, StorageError
 from webapp.jobs import kinds, sweep
 from webapp.jobs.kinds import Context
 from webapp.jobs.lifesign import LifeSign
@@ -158,6 +158,9 @@ class Worker:
                 kept = jobs.give_back(session, lease)
             elif isinstance(error, Cancelled):
                 kept = jobs.stop(session, lease)
+            elif isinstance(error, ProcessLost):
+                _log.warning("job %d (%s): %s", job.id, job.kind, error)
+                kept = jobs.let_go(session, lease)
             else:
                 kept = jobs.fail(session, lease, error=_told(error, job))
         if not kept:

@@ -271,6 +271,14 @@ def give_back(session: Session, held: Lease) -> bool:
     return True
 
 
+def let_go(session: Session, held: Lease) -> bool:
+    """Leave a job to the next worker as if this one had died on it; False when the lease is lost already."""
+    job = _held(session, held)
+    if job is not None:
+        job.leased_by = job.leased_until = None
+    return job is not None
+
+
 def seconds_left(job: Job, *, at: datetime) -> float | None:
     """Estimate how long a job still takes, from its pace so far; None when that is not known."""
     if job.state != "running" or job.started_at is None or not 0 < job.done <= job.total:

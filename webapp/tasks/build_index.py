@@ -17,7 +17,7 @@ from pathlib import Path
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.errors import ExpMapError, IndexDamaged
+from webapp.errors import IndexDamaged, ProcessLost
 from webapp.files.indexstore import IndexFolder, Manifest, PhotoRecord
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
@@ -221,7 +221,7 @@ def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> I
                 yield future.result()
             progress.check()
     except BrokenProcessPool as error:
-        raise ExpMapError(
+        raise ProcessLost(
             "a worker process was killed",
             hint="probably for lack of memory; run the build again, with fewer --jobs",
         ) from error
