@@ -1,5 +1,6 @@
 """One running program and one browser for all tests of the pages."""
 
+import json
 import os
 import shutil
 import time
@@ -15,6 +16,7 @@ from tests.browser.app import App, expmap
 from tests.browser.edit_page import EditPage, spots
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS, Watch
+from tests.tile_server import TileServer, serving
 
 HERE = Path(__file__).resolve().parent
 WIDE = {"width": 1280, "height": 800}
@@ -31,11 +33,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def app(tmp_path_factory: pytest.TempPathFactory, sample_folder: Path) -> Iterator[App]:
+def tiles() -> Iterator[TileServer]:
+    """The only map tile service that the program offers."""
+    with serving() as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
+def app(tmp_path_factory: pytest.TempPathFactory, sample_folder: Path, tiles: TileServer) -> Iterator[App]:
     """The program with a library that has the sample's files already, so that the start is quick."""
     library = tmp_path_factory.mktemp("served") / "maps"
     shutil.copytree(sample_folder, library / "sample")
-    with App(library) as running:
+    services = library.with_name("services.json")
+    one = {"name": "Local imagery", "url": tiles.url, "attribution": "© these tests", "max_zoom": 19}
+    services.write_text(json.dumps([one]), encoding="utf-8")
+    with App(library, environ={"EXPMAP_TILES": str(services)}) as running:
         yield running
 
 

@@ -25,7 +25,7 @@ class Watch:
     def __init__(self, context: BrowserContext, url: str) -> None:
         self.faults: list[str] = []
         self.expected: set[int] = set()
-        self._url = url
+        self._allowed = [url]
         context.add_init_script(REPORT_VIOLATIONS)
         context.route(lambda address: not self._ours(address), self._refuse)
         context.on("console", self._console)
@@ -37,12 +37,17 @@ class Watch:
         """Allow answers that the test causes on purpose."""
         self.expected |= set(statuses)
 
+    def allow(self, url: str) -> None:
+        """Allow requests to another server that the test runs."""
+        self._allowed.append(url)
+
     def check(self) -> None:
         """Raise when something happened."""
         assert not self.faults, "\n".join(self.faults)
 
     def _ours(self, address: str) -> bool:
-        return address.startswith((self._url + "/", "data:", "blob:", "about:"))
+        servers = [f"{url}/" for url in self._allowed]
+        return address.startswith((*servers, "data:", "blob:", "about:"))
 
     def _refuse(self, route: Route) -> None:
         self.faults.append(f"asks somebody else: {route.request.url}")

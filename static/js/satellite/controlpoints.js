@@ -20,7 +20,10 @@ export class ControlPoints {
     this.points = [];
     this.image = null;
     this.earth = null;
-    byId("point-load").addEventListener("click", () => this._loadEarth());
+    byId("point-load").addEventListener("click", (event) => {
+      event.stopPropagation(); // or the map would take the click for a point
+      this._loadEarth();
+    });
     byId("point-add").addEventListener("click", () => this._written(this._add()));
     byId("point-model").addEventListener("change", changed);
     goTo(byId("point-goto"), () => this._loadEarth());
@@ -161,6 +164,7 @@ export class ControlPoints {
 
   /** Rows are named by their numbers, which change when one is removed. */
   _number() {
+    byId("points-frame").hidden = this.points.length === 0;
     const names = { x: "x", y: "y", lat: t("latitude"), lon: t("longitude") };
     this.points.forEach(({ row }, n) => {
       row.querySelector("th").textContent = n + 1;

@@ -18,8 +18,7 @@ export function cornersForm(changed) {
   const fill = (corners) => {
     all.checked = Boolean(corners.top_right && corners.bottom_left);
     for (const name of FOUR) {
-      byId(`${name}-lat`).value = corners[name]?.lat ?? "";
-      byId(`${name}-lon`).value = corners[name]?.lon ?? "";
+      for (const axis of ["lat", "lon"]) byId(`${name}-${axis}`).value = rounded(corners[name]?.[axis]);
     }
     show();
   };
@@ -71,4 +70,9 @@ export function worldfileForm(changed) {
     const crs = byId("worldfile-crs").value.trim() || null;
     return text.value.trim() ? { kind: "worldfile", worldfile: text.value, crs } : null;
   };
+}
+
+/** Degrees to a millimetre. */
+function rounded(degrees) {
+  return Number.isFinite(degrees) ? Number(degrees.toFixed(8)) : "";
 }

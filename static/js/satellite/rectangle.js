@@ -62,7 +62,7 @@ export class Rectangle {
     this._move(edges, this.map.containerPointToLatLng(point));
   }
 
-  /** Corners that are dragged over each other change their roles only when they are let go. */
+  /** A corner stops before it would come to the other side of another one. */
   _move([lat, lon], { lat: north, lng: east }) {
     const box = { ...this.box, [lat]: north, [lon]: east };
     if (box.north > box.south && box.west < box.east) this._set(box);

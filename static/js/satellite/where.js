@@ -12,8 +12,14 @@ import { moved } from "./tiles.js";
 
 const WAIT_MS = 350;
 
-/** Connect the section. */
+/** Connect the section; where it is folded, it waits: a map needs a size to be drawn. */
 export function whereSection() {
+  const section = byId("where");
+  if (section.open) connect();
+  else section.addEventListener("toggle", connect, { once: true });
+}
+
+function connect() {
   const verdict = new Verdict();
   const points = new ControlPoints(() => verdict.ask());
   const sources = {
@@ -99,14 +105,14 @@ class Verdict {
 function verdict(told) {
   const facts = [[t("Fit"), kindName(told.kind)]];
   if (told.rms_m !== null && told.rms_m !== undefined) {
-    facts.push([t("Residuals"), t("{rms} m in the mean, {most} m at most", { rms: metres(told.rms_m), most: metres(Math.max(...told.residuals)) })]);
+    facts.push([t("Residuals"), t("{rms} m root mean square, {most} m at most", { rms: metres(told.rms_m), most: metres(Math.max(...told.residuals)) })]);
   }
   if (told.metres_per_pixel) {
     facts.push([t("Scale"), t("{metres} m a pixel", { metres: metres(told.metres_per_pixel) })]);
     const { width, height } = page.satellite;
     facts.push([t("Extent"), `${Math.round(width * told.metres_per_pixel)} × ${Math.round(height * told.metres_per_pixel)} m`]);
   }
-  if (told.north_deg !== null) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: told.north_deg.toFixed(1) })]);
+  if (Math.abs(told.north_deg ?? 0) >= 0.05) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: told.north_deg.toFixed(1) })]);
   const list = h("dl", { class: "facts number" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
   return [list, ...told.warnings.map((text) => note("warning", text))];
 }
