@@ -9,13 +9,18 @@ from webapp.store import maps
 from webapp.tasks import build_map, library_export
 from webapp.tasks.calibrate import MOST_PHOTOS
 from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.ready_maps import Way
 
 _NAMED = 100
 """At most so many photos that could not be used are named in the result."""
 
 
 def run(context: Context) -> dict[str, Any]:
-    """Build, as `expmap build` does; what is finished when it is interrupted stays finished."""
+    """Build, as `expmap build` does; what is finished when it is interrupted stays finished.
+
+    The argument `features` names others than the library's own.
+    """
+    features = context.arguments.get("features") or Way().resolved()[1]
     library, record = context.library, context.map()
     library_export.run(library, record.id)
     with library.database.read() as session:
@@ -23,7 +28,10 @@ def run(context: Context) -> dict[str, Any]:
     context.progress.plan(placed, min(placed, MOST_PHOTOS))
     context.progress.note("describing photos")
     report = build_map.run(
-        library.cfg(record.slug), OpenOptions(), settings=context.settings, progress=context.progress
+        library.cfg(record.slug),
+        OpenOptions(features=features),
+        settings=context.settings,
+        progress=context.progress,
     )
     failed = [{"id": id, "photo": photo, "reason": reason} for id, photo, reason in report.index.failed]
     return {

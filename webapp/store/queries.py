@@ -81,4 +81,4 @@ def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
     """Give the names of who asked, by account."""
     ids = {row.account_id for row in rows if row.account_id is not None}
     found = session.execute(select(Account.id, Account.name).where(Account.id.in_(ids)))
-    return {id: name for id, name in found}
+    return dict(found.tuples().all())

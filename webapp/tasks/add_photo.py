@@ -117,7 +117,7 @@ def run(
         record = _record(session, map_id)
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
-        row.path = _free_path(folder, row, suffix=_SUFFIXES[facts.format])
+        row.path = _free_path(folder, row, suffix=suffix_of(facts))
         problem = _place(row, record, facts) if by_gps else None
         before = record.revision
         kept = maps.add_photo(session, record, row=row)
@@ -128,6 +128,11 @@ def run(
     if kept is row:
         preview.write_previews(folder, intake.id, previews=previews)
     return intake
+
+
+def suffix_of(facts: PhotoFacts) -> str:
+    """Give the ending of a photo's file, by its content."""
+    return _SUFFIXES[facts.format]
 
 
 def tidy_name(name: str) -> str:

@@ -193,7 +193,7 @@ def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
     there = [f for f in folders if (manifest := f.read_manifest()) is not None and manifest.codebook]
     if not there:
         raise NotReady(
-            "the map has no index with these features yet", where=str(cfg), hint=f"run expmap build {cfg}"
+            "the map has no index with these features yet", where=str(cfg), hint="run expmap build on it"
         )
     return max(there, key=lambda f: f.manifest_path.stat().st_mtime_ns)
 

@@ -14,6 +14,7 @@ from threading import Lock
 from webapp.core.features.table import METHODS, Method, choose
 from webapp.core.mapmodel.model import Map
 from webapp.errors import MapError, NotFound, NotReady, UsageError
+from webapp.files.partfile import told_as
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -161,7 +162,8 @@ class ReadyMaps:
         if the_map is None:
             raise MapError("the map has no satellite image yet", hint="add one, and place photos on it")
         opened = there.localizer.opened if there is not None and same_index else None
-        return self._open(slot, cfg, the_map, options=options, opened=opened)
+        with told_as(cfg.parent.name, cfg):
+            return self._open(slot, cfg, the_map, options=options, opened=opened)
 
     def _open(
         self, slot: _Slot, cfg: Path, the_map: Map, *, options: OpenOptions, opened: OpenMap | None

@@ -9,10 +9,12 @@ from webapp.web.api_checks import blueprint as api_checks
 from webapp.web.api_exchange import blueprint as api_exchange
 from webapp.web.api_georeference import blueprint as api_georeference
 from webapp.web.api_jobs import blueprint as api_jobs
+from webapp.web.api_localize import blueprint as api_localize
 from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.api_photos import blueprint as api_photos
 from webapp.web.api_placements import blueprint as api_placements
 from webapp.web.api_placing import blueprint as api_placing
+from webapp.web.api_queries import blueprint as api_queries
 from webapp.web.api_satellite import blueprint as api_satellite
 from webapp.web.api_uploads import blueprint as api_uploads
 from webapp.web.editor import blueprint as editor
@@ -30,10 +32,12 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_exchange,
     api_georeference,
     api_jobs,
+    api_localize,
     api_maps,
     api_photos,
     api_placements,
     api_placing,
+    api_queries,
     api_satellite,
     api_uploads,
     editor,

@@ -125,7 +125,8 @@ class Answer:
         Why there is no hypothesis, when there is none.
     statistics : MatchStatistics
     evidence : tuple of Evidence
-        The matches with the best hypothesis' photos, the best first.
+        The matches with the best hypothesis' photos, the best first; then those with the best photo of each
+        further hypothesis, as far as the method knows them.
     seconds : dict of str to float
         Time of each stage: read, extract, retrieve, verify, position, total.
     fov : FieldOfView or None

@@ -89,13 +89,15 @@ def localize(
         _hypothesis(indexed, found.places[i], rank=rank, probability=probability[i], calibration=calibration)
         for rank, i in enumerate(order[:top], 1)
     )
+    first, *further = (found.places[i].photos for i in order[:top])
+    shown = [*first[:_EVIDENCE_PHOTOS], *(photos[0] for photos in further)]
     return Answer(
         hypotheses=hypotheses,
         off_map_probability=off_map,
         other_probability=float(probability[order[top:]].sum()),
         no_pose=None,
         statistics=found.answer.statistics,
-        evidence=tuple(_evidence(indexed, v) for v in found.places[order[0]].photos[:_EVIDENCE_PHOTOS]),
+        evidence=tuple(_evidence(indexed, photo) for photo in shown),
         seconds=found.answer.seconds,
     )
 

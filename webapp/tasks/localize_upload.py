@@ -1,0 +1,238 @@
+"""Says where photos that somebody sent were taken, and remembers photo and answer."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import BoundedSemaphore
+from typing import Any
+
+from webapp.core.hypotheses import joint
+from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
+from webapp.core.hypotheses.model import Answer, Evidence
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.errors import NotFound, UsageError
+from webapp.files.partfile import move_in, told_as
+from webapp.files.photo import read_facts
+from webapp.settings import Settings
+from webapp.store import queries
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord, QueryRecord
+from webapp.tasks import show_query
+from webapp.tasks.add_photo import suffix_of, tidy_name
+from webapp.tasks.localize_photo import PhotoLocalizer
+from webapp.tasks.ready_maps import ReadyMap, ReadyMaps, Way
+
+MOST_PHOTOS = 8
+"""Of one spot, in one question."""
+
+_OTHER_WAY_DEG = 100.0
+"""Photos that look so far away from a heading show nothing of what is seen in it."""
+
+_AT_ONCE = BoundedSemaphore(2)
+"""More at the same time would only wait for each other, and each takes memory for its photo."""
+
+
+@dataclass(frozen=True, slots=True)
+class Near:
+    """About where the photo was taken: map pixels."""
+
+    x: float
+    y: float
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A file that has arrived, and what its sender calls it."""
+
+    path: Path
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is to be localized, and what is known about it.
+
+    Attributes
+    ----------
+    photos : tuple of Sent
+        All taken at one spot.
+    way : Way
+    top : int
+        At most so many hypotheses.
+    fov_deg : float or None
+        Horizontal field of view, instead of what EXIF says.
+    near : Near or None
+        Photos of the map outside this circle are left out.
+    heading_deg : float or None
+        Photos of the map that look the other way are left out.
+    """
+
+    photos: tuple[Sent, ...]
+    way: Way = field(default_factory=Way)
+    top: int = 5
+    fov_deg: float | None = None
+    near: Near | None = None
+    heading_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """An answer, not remembered yet.
+
+    Attributes
+    ----------
+    form : dict
+        As `localize --json` prints it.
+    evidence : tuple of Evidence
+    best : int
+        Number of the photo that the evidence is about.
+    ready : ReadyMap
+        What answered.
+    """
+
+    form: dict[str, Any]
+    evidence: tuple[Evidence, ...]
+    best: int
+    ready: ReadyMap
+
+
+def run(ready_maps: ReadyMaps, map_id: int, *, question: Question, settings: Settings) -> Asked:
+    """Localize photos of one spot on a map of the library.
+
+    Raises
+    ------
+    PhotoError
+        One of them cannot be used.
+    UsageError
+        Hints that leave no photo of the map; too many photos.
+    NotReady, MapError, NotFound, IndexDamaged
+        The map cannot answer.
+    """
+    if not 1 <= len(question.photos) <= MOST_PHOTOS:
+        raise UsageError(f"{len(question.photos)} photos", where="file", hint=f"send 1 to {MOST_PHOTOS}")
+    for photo in question.photos:
+        with told_as(photo.name, photo.path):
+            read_facts(photo.path, limits=settings.photo)
+    ready = ready_maps.get(map_id, question.way)
+    localizer = replace(ready.localizer, fov_deg=question.fov_deg)
+    hide = _hidden(localizer.map, question)
+    with _AT_ONCE:
+        answers = [_localize(localizer, photo, top=question.top, hide=hide) for photo in question.photos]
+    answer = joint.join(answers, place_radius_px=localizer.place_radius_px, top=question.top)
+    the_map = localizer.map
+    source = AnswerSource(localizer.method, localizer.features, the_map.georeference, ready.revision)
+    name = ", ".join(photo.name for photo in question.photos)
+    form = answer_to_json(answer, query=name, source=source)
+    return Asked(form, answer.evidence, joint.surest(answers, answer), ready)
+
+
+def remember(
+    library: Library, map_id: int, *, asked: Asked, question: Question, account_id: int, settings: Settings
+) -> int:
+    """Keep an answer and the photo that it is about; of several photos, the one that says most.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    asked : Asked
+    question : Question
+        Its file is moved.
+    account_id : int
+        Who asked.
+    settings : Settings
+
+    Returns
+    -------
+    int
+        Id of the answer.
+
+    Raises
+    ------
+    NotFound
+        The map is gone.
+    DiskFull, StorageError
+        Nothing was kept.
+    """
+    photo = question.photos[asked.best]
+    facts = read_facts(photo.path, limits=settings.photo)
+    row = QueryRecord(
+        account_id=account_id,
+        name=tidy_name(photo.name),
+        file=f"{secrets.token_hex(12)}.{suffix_of(facts)}",
+        width=facts.width,
+        height=facts.height,
+        options=_options(question),
+        answer=asked.form,
+        evidence=[_evidence_json(e) for e in asked.evidence],
+    )
+    with library.database.write() as session:
+        record = session.get(MapRecord, map_id)
+        if record is None:
+            raise NotFound("the map is gone")
+        old = queries.add(session, record, row=row, most=settings.upload.queries_per_map)
+        move_in(photo.path, queries.folder(library, map_id) / row.file)
+    show_query.delete_files(library, old)
+    return row.id
+
+
+def _localize(localizer: PhotoLocalizer, photo: Sent, *, top: int, hide: frozenset[int]) -> Answer:
+    with told_as(photo.name, photo.path):
+        return localizer.localize(photo.path, top=top, hide=hide)
+
+
+def _hidden(the_map: Map, question: Question) -> frozenset[int]:
+    """Tell which photos of the map the hints rule out.
+
+    Raises
+    ------
+    UsageError
+        All of them.
+    """
+    seen = [e for e in the_map.experiences if _is_near(e, question.near) and _looks(e, question.heading_deg)]
+    if not seen:
+        raise UsageError(
+            "no photo of the map is where the hints say",
+            where="hint_radius_px" if question.near else "heading_deg",
+            hint="make the circle larger, or leave the hint out",
+        )
+    return frozenset(e.id for e in the_map.experiences) - {e.id for e in seen}
+
+
+def _is_near(experience: Experience, near: Near | None) -> bool:
+    return near is None or math.dist(experience.position, (near.x, near.y)) <= near.radius
+
+
+def _looks(experience: Experience, heading_deg: float | None) -> bool:
+    if heading_deg is None or experience.heading_deg is None:
+        return True
+    return abs(math.remainder(experience.heading_deg - heading_deg, 360.0)) <= _OTHER_WAY_DEG
+
+
+def _options(question: Question) -> dict[str, Any]:
+    near = question.near
+    return {
+        "photos": len(question.photos),
+        "top": question.top,
+        "fov": question.fov_deg,
+        "hint": None if near is None else {"x_px": near.x, "y_px": near.y, "radius_px": near.radius},
+        "heading_deg": question.heading_deg,
+    }
+
+
+def _evidence_json(evidence: Evidence) -> dict[str, Any]:
+    return {
+        "experience": evidence.experience,
+        "query_xy": _rounded(evidence.query_xy.tolist()),
+        "photo_xy": _rounded(evidence.photo_xy.tolist()),
+        "inlier": evidence.inlier.tolist(),
+    }
+
+
+def _rounded(points: Sequence[Sequence[float]]) -> list[list[float]]:
+    return [[round(x, 1), round(y, 1)] for x, y in points]

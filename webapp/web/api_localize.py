@@ -1,0 +1,242 @@
+"""Where photos were taken, through the API."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, cast
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Dict, File, Float, Integer, List, String
+from apiflask.validators import Length, OneOf, Range
+from flask import current_app, request
+from flask.blueprints import BlueprintSetupState
+from werkzeug.datastructures import FileStorage
+
+from webapp.core.features.table import BUNDLES, METHODS
+from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
+from webapp.core.geo.types import MapPixel
+from webapp.errors import IndexDamaged, NotReady, UsageError
+from webapp.files.partfile import check_space, discard, receive
+from webapp.store import jobs, maps, queries
+from webapp.store.schema import MapRecord
+from webapp.tasks import localize_upload, show_query
+from webapp.tasks.add_photo import tidy_name
+from webapp.tasks.adopt_query import link_or_copy
+from webapp.tasks.library_export import INDEX_JOB
+from webapp.tasks.library_map import georeference
+from webapp.tasks.localize_upload import MOST_PHOTOS, Asked, Near, Question, Sent
+from webapp.tasks.ready_maps import ReadyMaps, Way
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.state import KEY as STATE
+
+blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
+
+_KEY = "expmap-ready-maps"
+_MOST_TOP = 20
+_OTHER_BYTES = 100_000
+"""Of a request, beside its files."""
+
+
+class QuestionIn(Schema):
+    """A photo, or several of one spot, and what is known besides."""
+
+    file = List(
+        File(),  # type: ignore[no-untyped-call]
+        load_default=[],
+        validate=Length(max=MOST_PHOTOS),
+        metadata={"description": "repeated: several photos that were taken at one spot"},
+    )
+    method = String(load_default="verified", validate=OneOf(METHODS))
+    features = String(load_default="auto", validate=OneOf(("auto", *BUNDLES)))
+    top = Integer(load_default=5, validate=Range(1, _MOST_TOP))
+    fov = Float(
+        validate=Range(1, 179),
+        metadata={"description": "Horizontal field of view of the upright photo, degrees."},
+    )
+    hint_x_px = Float(
+        metadata={"description": "About where it was: only photos of this circle are searched."}
+    )
+    hint_y_px = Float()
+    hint_radius_px = Float(validate=Range(0, min_inclusive=False))
+    heading_deg = Float(
+        metadata={"description": "About where the camera looked, clockwise from north, by a compass."}
+    )
+    query = Integer(metadata={"description": "Ask again about the photo of this answer, instead of a file."})
+    keep = Boolean(load_default=True, metadata={"description": "Remember photo and answer."})
+
+
+class AnswerOut(Schema):
+    """The answer, as `expmap localize --json` gives it."""
+
+    id = Integer(allow_none=True, metadata={"description": "Of the answer; null for one that is not kept."})
+    query = String()
+    method = String()
+    features = String()
+    fov_deg = Float(allow_none=True)
+    fov_source = String(allow_none=True, metadata={"enum": ["option", "exif", "guess", None]})
+    hypotheses = List(Dict())
+    other_probability = Float()
+    off_map_probability = Float(allow_none=True)
+    statistics = Dict()
+    seconds = Dict()
+    map_revision = Integer()
+    calibrated = Boolean(metadata={"description": "False: the probabilities are those of most maps so far."})
+    not_indexed = Integer(metadata={"description": "Photos of the map that cannot be found yet."})
+
+
+class PointIn(Schema):
+    """A position on the image."""
+
+    x_px = Float(required=True)
+    y_px = Float(required=True)
+
+
+class CoordinatesOut(Schema):
+    """A position in the notations of maps and radios; null where there is none."""
+
+    lat = Float(allow_none=True)
+    lon = Float(allow_none=True)
+    decimal = String(allow_none=True)
+    dms = String(allow_none=True)
+    utm = String(allow_none=True)
+    mgrs = String(allow_none=True)
+
+
+@blueprint.record_once
+def _make_ready(state: BlueprintSetupState) -> None:
+    made_with = state.app.extensions[STATE]
+    state.app.extensions[_KEY] = ReadyMaps(made_with.library, made_with.settings)
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse what is too large while it is read."""
+    request.max_content_length = int(settings().photo.max_mb * 1e6 * MOST_PHOTOS) + _OTHER_BYTES
+
+
+@blueprint.post("/localize")
+@blueprint.input(QuestionIn, location="form_and_files", arg_name="given")
+@blueprint.output(AnswerOut)
+def localize(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Tell where a photo was taken."""
+    record = open_map(slug)
+    way = Way(given["method"], given["features"])
+    with _received(record, given["file"], given.get("query")) as photos:
+        question = _question(photos, way, given)
+        asked = _asked(record, question)
+        id = None
+        if given["keep"]:
+            id = localize_upload.remember(
+                library(),
+                record.id,
+                asked=asked,
+                question=question,
+                account_id=account().id,
+                settings=settings(),
+            )
+    extra = {"calibrated": asked.ready.calibrated, "not_indexed": asked.ready.not_indexed}
+    return {"id": id, **asked.form, **extra}
+
+
+@blueprint.get("/coordinates")
+@blueprint.input(PointIn, location="query", arg_name="point")
+@blueprint.output(CoordinatesOut)
+def coordinates(slug: str, point: dict[str, float]) -> dict[str, Any]:
+    """Write a position on the image as latitude and longitude, UTM and MGRS."""
+    found = georeference(open_map(slug))
+    position = None if found is None else found.latlon_of(MapPixel(point["x_px"], point["y_px"]))
+    if position is None or not abs(position.lat) <= 90:  # NaN, where the image has no counterpart
+        return dict.fromkeys(CoordinatesOut().fields)
+    grid = utm(position)
+    return {
+        "lat": position.lat,
+        "lon": position.lon,
+        "decimal": decimal(position),
+        "dms": degrees_minutes_seconds(position),
+        "utm": None if grid is None else str(grid),
+        "mgrs": mgrs(position),
+    }
+
+
+def _ready_maps() -> ReadyMaps:
+    return cast(ReadyMaps, current_app.extensions[_KEY])
+
+
+@contextmanager
+def _received(record: MapRecord, files: list[FileStorage], again: int | None) -> Iterator[tuple[Sent, ...]]:
+    """Write what was sent to files, which are gone afterwards."""
+    if bool(files) == (again is not None):
+        raise UsageError(
+            "send a photo", where="file", hint="one or more files, or the id of an earlier query"
+        )
+    folder, limits = library().uploads, settings()
+    sent: list[Sent] = []
+    try:
+        for file in files:
+            check_space(folder, 0, reserve_mb=limits.upload.reserve_mb)
+            part = folder / f"{secrets.token_hex(16)}.part"
+            sent.append(Sent(part, tidy_name(file.filename or "")))
+            receive(part, file.stream, max_bytes=int(limits.photo.max_mb * 1e6))
+        if again is not None:
+            with library().database.read() as session:
+                query = queries.find(session, record, again)
+            part = folder / f"{secrets.token_hex(16)}.part"
+            sent.append(Sent(part, query.name))
+            link_or_copy(show_query.original(library(), query), part)
+        yield tuple(sent)
+    finally:
+        for one in sent:
+            discard(one.path)
+
+
+def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Question:
+    x, y, radius = (given.get(f"hint_{part}_px") for part in ("x", "y", "radius"))
+    near = None
+    if x is not None and y is not None and radius is not None:
+        near = Near(x, y, radius)
+    elif (x, y, radius) != (None, None, None):
+        raise UsageError(
+            "the hint is not complete", where="hint_x_px", hint="give hint_x_px, hint_y_px and hint_radius_px"
+        )
+    return Question(
+        photos,
+        way,
+        top=given["top"],
+        fov_deg=given.get("fov"),
+        near=near,
+        heading_deg=given.get("heading_deg"),
+    )
+
+
+def _asked(record: MapRecord, question: Question) -> Asked:
+    """Ask; where the index is missing, or lacks photos, it is built in the background."""
+    features = question.way.resolved()[1]
+    try:
+        asked = localize_upload.run(_ready_maps(), record.id, question=question, settings=settings())
+    except (NotReady, IndexDamaged) as error:
+        if not _build_index(record, features):
+            raise
+        raise NotReady(
+            "the index of this map is being built",
+            where=record.slug,
+            hint="ask again in a moment; the list of jobs shows how far it is",
+        ) from error
+    if asked.ready.not_indexed:
+        _build_index(record, features)
+    return asked
+
+
+def _build_index(record: MapRecord, features: str) -> bool:
+    """Have the index built, if nobody has yet; False for a map that has nothing to build from."""
+    own = Way().resolved()[1]
+    key = "" if features == own else features
+    with library().database.write() as session:
+        row = session.get_one(MapRecord, record.id)
+        if not maps.counts(session, row)[1] or row.satellite_path is None:
+            return False
+        at_work = [j for j in jobs.current(session, row.id) if j.kind == INDEX_JOB and j.key == key]
+        if all(job.state in jobs.ENDED for job in at_work):
+            jobs.enqueue(session, INDEX_JOB, map_id=row.id, arguments={"features": features}, key=key)
+    return True
