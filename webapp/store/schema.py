@@ -264,7 +264,11 @@ class QueryRecord(Base):
     """A photo that somebody asked about: where on a map was it taken? With the answer."""
 
     __tablename__ = "query"
-    __table_args__ = (Index(None, "map_id", "id"), {"sqlite_autoincrement": True})
+    __table_args__ = (
+        Index(None, "map_id", "id"),
+        Index("uq_query_key", "map_id", "account_id", "key", unique=True),
+        {"sqlite_autoincrement": True},
+    )
 
     id: Mapped[int] = mapped_column(primary_key=True)
     """Never used again: links name it."""
@@ -286,3 +290,28 @@ class QueryRecord(Base):
     """Matches with photos of the map: `experience`, `query_xy`, `photo_xy` and `inlier` each."""
     adopted_id: Mapped[int | None]
     """Id of the photo of the map that it has become."""
+    key: Mapped[str | None]
+    """That the sender chose: sent once more with it, the photo is not asked about again."""
+
+
+class Share(Base):
+    """A view of a map, or of one answer, that is open without a sign-in."""
+
+    __tablename__ = "share"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), index=True)
+    query_id: Mapped[int | None] = mapped_column(ForeignKey("query.id", ondelete="CASCADE"))
+    """Of the only answer that is shown; None for the whole map."""
+    token_hash: Mapped[str] = mapped_column(unique=True)
+    public_token: Mapped[str | None]
+    """The end of the address, of a share that is listed for everybody; of a secret one nothing is kept."""
+    account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
+    """Who made it."""
+    created_at: Mapped[datetime] = mapped_column(default=now)
+    photos: Mapped[bool] = mapped_column(default=False)
+    """Whether previews of photos are shown."""
+    localize: Mapped[bool] = mapped_column(default=False)
+    """Whether visitors may ask about photos of their own."""
+    originals: Mapped[bool] = mapped_column(default=False)
+    """Whether files as they came, and what their EXIF says, are given out."""
