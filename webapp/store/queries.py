@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
 from webapp.store.library import Library
-from webapp.store.schema import Account, MapRecord, QueryRecord
+from webapp.store.schema import Account, MapRecord, QueryRecord, Share
 
 
 def folder(library: Library, map_id: int) -> Path:
@@ -33,12 +33,14 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
     Returns
     -------
     list of QueryRecord
-        The oldest ones, which are forgotten now: their files can go.
+        The oldest ones, which are forgotten now: their files can go. Answers that are shared stay.
     """
     row.map_id = record.id
     session.add(row)
     session.flush()
-    newest_first = select(QueryRecord).where(QueryRecord.map_id == record.id).order_by(QueryRecord.id.desc())
+    shared = select(Share.query_id).where(Share.map_id == record.id, Share.query_id.is_not(None))
+    unshared = select(QueryRecord).where(QueryRecord.map_id == record.id, QueryRecord.id.not_in(shared))
+    newest_first = unshared.order_by(QueryRecord.id.desc())
     old = list(session.scalars(newest_first.offset(most)))
     for forgotten in old:
         session.delete(forgotten)
@@ -56,6 +58,12 @@ def find(session: Session, record: MapRecord, id: int) -> QueryRecord:
     if found is None or found.map_id != record.id:
         raise NotFound(f"the map has no answer {id}", hint="it may have been deleted")
     return found
+
+
+def keyed(session: Session, record: MapRecord, *, key: str | None, account_id: int) -> QueryRecord | None:
+    """Find the answer to a question that came before with the same key; None for a new one."""
+    mine = (QueryRecord.map_id == record.id, QueryRecord.account_id == account_id, QueryRecord.key == key)
+    return None if key is None else session.scalars(select(QueryRecord).where(*mine)).first()
 
 
 def listed(
@@ -81,4 +89,4 @@ def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
     """Give the names of who asked, by account."""
     ids = {row.account_id for row in rows if row.account_id is not None}
     found = session.execute(select(Account.id, Account.name).where(Account.id.in_(ids)))
-    return dict(found.tuples().all())
+    return dict(found.all())

@@ -70,6 +70,8 @@ class Question:
         Photos of the map outside this circle are left out.
     heading_deg : float or None
         Photos of the map that look the other way are left out.
+    key : str or None
+        By which who asks knows this question: its answer is kept once, however often it is sent.
     """
 
     photos: tuple[Sent, ...]
@@ -78,6 +80,7 @@ class Question:
     fov_deg: float | None = None
     near: Near | None = None
     heading_deg: float | None = None
+    key: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,11 +173,15 @@ def remember(
         options=_options(question),
         answer=asked.form,
         evidence=[_evidence_json(e) for e in asked.evidence],
+        key=question.key,
     )
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         if record is None:
             raise NotFound("the map is gone")
+        known = queries.keyed(session, record, key=question.key, account_id=account_id)
+        if known is not None:  # sent twice at the same time
+            return known.id
         old = queries.add(session, record, row=row, most=settings.upload.queries_per_map)
         move_in(photo.path, queries.folder(library, map_id) / row.file)
     show_query.delete_files(library, old)

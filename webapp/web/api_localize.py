@@ -5,10 +5,11 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Dict, File, Float, Integer, List, String
+from apiflask.fields import Boolean, File, Float, Integer, List, String
 from apiflask.validators import Length, OneOf, Range
 from flask import current_app, request
 from flask.blueprints import BlueprintSetupState
@@ -28,13 +29,15 @@ from webapp.tasks.library_export import INDEX_JOB
 from webapp.tasks.library_map import georeference
 from webapp.tasks.localize_upload import MOST_PHOTOS, Asked, Near, Question, Sent
 from webapp.tasks.ready_maps import ReadyMaps, Way
+from webapp.web.answer_schemas import AnswerOut
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
 
-_KEY = "expmap-ready-maps"
+_READY = "expmap-ready-maps"
 _MOST_TOP = 20
+_MOST_KEY = 100
 _OTHER_BYTES = 100_000
 """Of a request, beside its files."""
 
@@ -67,26 +70,20 @@ class QuestionIn(Schema):
     keep = Boolean(load_default=True, metadata={"description": "Remember photo and answer."})
 
 
-class AnswerOut(Schema):
-    """The answer, as `expmap localize --json` gives it."""
+class KeyIn(Schema):
+    """By what a question is known when it is sent once more."""
 
-    id = Integer(allow_none=True, metadata={"description": "Of the answer; null for one that is not kept."})
-    query = String()
-    method = String()
-    features = String()
-    fov_deg = Float(allow_none=True)
-    fov_source = String(allow_none=True, metadata={"enum": ["option", "exif", "guess", None]})
-    hypotheses = List(Dict())
-    other_probability = Float()
-    off_map_probability = Float(allow_none=True)
-    statistics = Dict()
-    seconds = Dict()
-    map_revision = Integer()
-    calibrated = Boolean(metadata={"description": "False: the probabilities are those of most maps so far."})
-    not_indexed = Integer(metadata={"description": "Photos of the map that cannot be found yet."})
+    key = String(
+        load_default=None,
+        data_key="Idempotency-Key",
+        validate=Length(1, _MOST_KEY),
+        metadata={
+            "description": "Chosen by you, another one for each question: sent again, it is asked once."
+        },
+    )
 
 
-class PointIn(Schema):
+class PixelIn(Schema):
     """A position on the image."""
 
     x_px = Float(required=True)
@@ -107,7 +104,7 @@ class CoordinatesOut(Schema):
 @blueprint.record_once
 def _make_ready(state: BlueprintSetupState) -> None:
     made_with = state.app.extensions[STATE]
-    state.app.extensions[_KEY] = ReadyMaps(made_with.library, made_with.settings)
+    state.app.extensions[_READY] = ReadyMaps(made_with.library, made_with.settings)
 
 
 @blueprint.before_request
@@ -118,13 +115,18 @@ def limit_bytes() -> None:
 
 @blueprint.post("/localize")
 @blueprint.input(QuestionIn, location="form_and_files", arg_name="given")
+@blueprint.input(KeyIn, location="headers", arg_name="sent")
 @blueprint.output(AnswerOut)
-def localize(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+def localize(slug: str, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
     """Tell where a photo was taken."""
-    record = open_map(slug)
+    record, key = open_map(slug), sent["key"] if given["keep"] else None
+    with library().database.read() as session:
+        known = queries.keyed(session, record, key=key, account_id=account().id)
+    if known is not None:
+        return {"id": known.id, **known.answer}
     way = Way(given["method"], given["features"])
-    with _received(record, given["file"], given.get("query")) as photos:
-        question = _question(photos, way, given)
+    with received(record, given["file"], given.get("query")) as photos:
+        question = replace(_question(photos, way, given), key=key)
         asked = _asked(record, question)
         id = None
         if given["keep"]:
@@ -141,7 +143,7 @@ def localize(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.get("/coordinates")
-@blueprint.input(PointIn, location="query", arg_name="point")
+@blueprint.input(PixelIn, location="query", arg_name="point")
 @blueprint.output(CoordinatesOut)
 def coordinates(slug: str, point: dict[str, float]) -> dict[str, Any]:
     """Write a position on the image as latitude and longitude, UTM and MGRS."""
@@ -160,13 +162,26 @@ def coordinates(slug: str, point: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _ready_maps() -> ReadyMaps:
-    return cast(ReadyMaps, current_app.extensions[_KEY])
+def ready_maps() -> ReadyMaps:
+    """Give the maps that this process keeps open."""
+    return cast(ReadyMaps, current_app.extensions[_READY])
 
 
 @contextmanager
-def _received(record: MapRecord, files: list[FileStorage], again: int | None) -> Iterator[tuple[Sent, ...]]:
-    """Write what was sent to files, which are gone afterwards."""
+def received(record: MapRecord, files: list[FileStorage], again: int | None) -> Iterator[tuple[Sent, ...]]:
+    """Write what was sent to files, which are gone afterwards.
+
+    Parameters
+    ----------
+    record : MapRecord
+    files : list of FileStorage
+    again : int or None
+        Id of an answer whose photo is asked about, instead of files.
+
+    Raises
+    ------
+    UsageError, InputError, NotFound, StorageError
+    """
     if bool(files) == (again is not None):
         raise UsageError(
             "send a photo", where="file", hint="one or more files, or the id of an earlier query"
@@ -214,7 +229,7 @@ def _asked(record: MapRecord, question: Question) -> Asked:
     """Ask; where the index is missing, or lacks photos, it is built in the background."""
     features = question.way.resolved()[1]
     try:
-        asked = localize_upload.run(_ready_maps(), record.id, question=question, settings=settings())
+        asked = localize_upload.run(ready_maps(), record.id, question=question, settings=settings())
     except (NotReady, IndexDamaged) as error:
         if not _build_index(record, features):
             raise

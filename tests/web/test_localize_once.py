@@ -1,0 +1,112 @@
+"""A question that is sent again with its key is asked once; shared answers are not forgotten."""
+
+import io
+from types import SimpleNamespace
+
+import pytest
+
+from webapp.store import maps, members, queries, shares
+from webapp.store.schema import QueryRecord
+from webapp.store.shares import Allows
+from webapp.tasks import localize_upload
+from webapp.tasks.localize_upload import Asked
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Names of the photos that were localized; each is answered off the map."""
+    names = []
+
+    def run(_maps, _map_id, *, question, settings):
+        names.append(question.photos[0].name)
+        form = {"query": names[-1], "hypotheses": [], "off_map_probability": 1.0, "other_probability": 0.0}
+        return Asked(form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0))
+
+    monkeypatch.setattr(localize_upload, "run", run)
+    return names
+
+
+@pytest.fixture
+def send(client, park, sample_folder):
+    """Ask about a photo, with a key."""
+    photo = (sample_folder / "queries" / "query_02.jpg").read_bytes()
+
+    def post(key=None, *, browser=client, **fields):
+        headers = {} if key is None else {"Idempotency-Key": key}
+        data = {"file": (io.BytesIO(photo), "a.jpg"), **fields}
+        return browser.post(f"/api/v1/maps/{park}/localize", data=data, headers=headers)
+
+    return post
+
+
+def history(client, park):
+    return [row["id"] for row in client.get(f"/api/v1/maps/{park}/queries").json["queries"]]
+
+
+def test_the_same_key_gets_the_same_answer(client, park, send, asked):
+    first, again, other = send("one"), send("one"), send("two")
+    assert first.status_code == again.status_code == 200
+    assert first.json["id"] == again.json["id"] != other.json["id"]
+    assert again.json["off_map_probability"] == 1.0
+    assert len(asked) == 2
+    assert history(client, park) == [other.json["id"], first.json["id"]]
+
+
+def test_without_a_key_each_one_is_a_new_question(client, park, send, asked):
+    assert send().json["id"] != send().json["id"]
+    assert len(history(client, park)) == 2
+
+
+def test_keys_of_others_are_others(park, send, asked, sign_in, new_account, library, owner):
+    ana = new_account("Ana")
+    assert sign_in(ana).get(f"/api/v1/maps/{park}").status_code == 404
+    with library.database.write() as session:
+        record = maps.find(session, park, account=owner)
+        members.set_role(session, record, account=ana, role="viewer")
+    assert send("one").json["id"] != send("one", browser=sign_in(ana)).json["id"]
+
+
+def test_what_is_not_kept_has_no_key(send, asked):
+    assert send("one", keep="false").json["id"] is None
+    assert send("one", keep="false").json["id"] is None
+    assert len(asked) == 2
+
+
+def test_a_key_that_is_too_long_is_refused(send, asked):
+    assert send("x" * 101).status_code == 422
+    assert asked == []
+
+
+def test_two_at_the_same_time_leave_one_answer(client, park, send, asked, monkeypatch):
+    first = send("one").json["id"]
+    # The first look finds nothing, as for one that came while the other was being answered.
+    monkeypatch.setattr(queries, "keyed", _blind_once(queries.keyed))
+    assert send("one").json["id"] == first
+    assert len(asked) == 2
+    assert history(client, park) == [first]
+
+
+def _blind_once(real):
+    looks = []
+
+    def keyed(*args, **kwargs):
+        looks.append(1)
+        return None if len(looks) == 1 else real(*args, **kwargs)
+
+    return keyed
+
+
+def test_shared_answers_are_not_forgotten(library, park, owner, send, asked):
+    shared = send("one").json["id"]
+    with library.database.write() as session:
+        record = maps.find(session, park, account=owner)
+        shares.create(session, record, allows=Allows(), account_id=owner.id, query_id=shared)
+        unshared = row()
+        queries.add(session, record, row=unshared, most=9)
+        assert queries.add(session, record, row=row(), most=1) == [unshared]
+        assert {q.id for q in queries.listed(session, record)} >= {shared}
+
+
+def row():
+    facts = {"options": {}, "answer": {}, "evidence": [], "width": 1, "height": 1}
+    return QueryRecord(name="b.jpg", file="b.jpg", **facts)
