@@ -12,7 +12,7 @@ from webapp import __version__
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
-from webapp.web import errors, language, pages, security, sessions
+from webapp.web import errors, language, openapi, pages, security, sessions
 from webapp.web.blueprints import BLUEPRINTS
 from webapp.web.secretkey import secret_key
 from webapp.web.state import KEY, State
@@ -37,11 +37,11 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
         The library cannot be opened.
     """
     library = library or open_library(settings.library)
-    app = APIFlask(
+    app = openapi.Application(
         __name__,
         title="Experience Map",
         version=__version__,
-        spec_path="/api/v1/openapi.json",
+        spec_path=openapi.PATH,
         docs_path=None,
         json_errors=False,
         static_folder=str(resource_folder("static")),
@@ -55,7 +55,7 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
         PERMANENT_SESSION_LIFETIME=timedelta(days=settings.web.session_days),
     )
     app.jinja_options = {"trim_blocks": True, "lstrip_blocks": True}
-    for part in (security, sessions, language, pages, errors):
+    for part in (security, sessions, language, pages, errors, openapi):
         part.init_app(app)
     for blueprint in BLUEPRINTS:
         app.register_blueprint(blueprint)

@@ -22,6 +22,11 @@ def public(view: View) -> View:
     return view
 
 
+def is_public(view: Callable[..., Any]) -> bool:
+    """Tell whether a view is open to everyone."""
+    return bool(getattr(view, _MARK, False))
+
+
 def init_app(app: Flask) -> None:
     """Have every request checked before anything of its body is read."""
     app.before_request(_check)
@@ -31,5 +36,5 @@ def _check() -> None:
     endpoint = request.endpoint
     if endpoint is None or endpoint in _PUBLIC_ENDPOINTS:
         return
-    if not getattr(current_app.view_functions[endpoint], _MARK, False):
+    if not is_public(current_app.view_functions[endpoint]):
         context.account()

@@ -18,8 +18,8 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks import findings, fix_findings, map_health, outside_edit
 from webapp.tasks.findings import Fix
 from webapp.web import map_state
-from webapp.web.api_maps import EditAnswer
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.map_schemas import EditAnswer
 
 blueprint = APIBlueprint("api_checks", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
 
@@ -105,7 +105,7 @@ class OutsideOut(Schema):
     georeference = Boolean()
 
 
-class OutsideIn(Schema):
+class OutsideSeen(Schema):
     """The file that was shown."""
 
     sha256 = String(required=True, validate=Length(equal=64))
@@ -167,7 +167,7 @@ def show_outside(slug: str) -> dict[str, Any]:
 
 
 @blueprint.post("/outside-edit/take")
-@blueprint.input(OutsideIn, arg_name="wish")
+@blueprint.input(OutsideSeen, arg_name="wish")
 @blueprint.output(OutsideAnswer)
 def take_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     """Take the changed file over as one edit, which undo takes back."""
@@ -179,7 +179,7 @@ def take_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
 
 
 @blueprint.post("/outside-edit/discard")
-@blueprint.input(OutsideIn, arg_name="wish")
+@blueprint.input(OutsideSeen, arg_name="wish")
 @blueprint.output(OutsideOut)
 def discard_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     """Write the file anew, as the map is here."""

@@ -24,6 +24,7 @@ from webapp.tasks.export_source import Download
 from webapp.tasks.import_map import MapRefused
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
+from webapp.web.openapi import file_answer, json_answer
 
 blueprint = APIBlueprint("api_exchange", __name__, url_prefix="/api/v1/maps", tag="Import and export")
 
@@ -73,21 +74,21 @@ class JobOut(Schema):
 
 
 @blueprint.get("/<slug>/map.cfg")
-@blueprint.doc(responses={200: "The map file."})
+@blueprint.doc(responses=file_answer("The map file.", "*/*"))
 def cfg(slug: str) -> Response:
     """Take the map file away, as it is on the disk."""
     return _sent(export_cfg.run(library(), open_map(slug).id))
 
 
 @blueprint.get("/<slug>/placements/<name>.cfg")
-@blueprint.doc(responses={200: "The map file of the placement."})
+@blueprint.doc(responses=file_answer("The map file of the placement.", "*/*"))
 def placement_cfg(slug: str, name: str) -> Response:
     """Take the map file of a further placement away."""
     return _sent(export_cfg.run(library(), open_map(slug).id, placement=name))
 
 
 @blueprint.get("/<slug>/export.<string(maxlength=8):form>")
-@blueprint.doc(responses={200: "The file, made while it is sent."})
+@blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export(slug: str, form: str) -> Response:
     """Take a map away as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline."""
     if form not in FORMATS:
@@ -110,7 +111,7 @@ def export_by_job(slug: str, wish: dict[str, str]) -> dict[str, int]:
 
 
 @blueprint.get("/<slug>/exports/<string(maxlength=200):name>")
-@blueprint.doc(responses={200: "The file."})
+@blueprint.doc(responses=file_answer("The file.", "*/*"))
 def exported(slug: str, name: str) -> Response:
     """Fetch what an export job has made."""
     folder = export_file.exports_folder(library(), open_map(slug).slug)
@@ -123,6 +124,7 @@ def exported(slug: str, name: str) -> Response:
 @blueprint.post("/import")
 @blueprint.input(ImportIn, location="form_and_files", arg_name="given")
 @blueprint.output(NewMapOut, status_code=201)
+@blueprint.doc(responses=json_answer("A job fills the new map.", NewMapOut, status=202))
 def import_zip(given: dict[str, Any]) -> Any:
     """Make a map of a zip: at once, or by a job (202) where it is large."""
     who, place = account(), library()

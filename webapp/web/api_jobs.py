@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Dict, Float, Integer, List, Nested, String
+from apiflask.fields import List, Nested, String
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
@@ -13,6 +13,7 @@ from webapp.store import jobs, maps
 from webapp.store.maps import Role
 from webapp.store.schema import Job, MapRecord
 from webapp.web.context import account, library, open_map
+from webapp.web.map_schemas import JobSchema
 
 blueprint = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
 
@@ -21,22 +22,6 @@ class JobQuery(Schema):
     """Which jobs are listed."""
 
     map = String(required=True, metadata={"description": "Slug of the map."})
-
-
-class JobSchema(Schema):
-    """A job: long work outside a request."""
-
-    id = Integer()
-    kind = String()
-    state = String(metadata={"enum": ["queued", "running", "done", "failed", "cancelled"]})
-    done = Integer()
-    total = Integer(metadata={"description": "0 while it is not known."})
-    note = String(metadata={"description": "What is being done just now."})
-    error = Dict(allow_none=True, metadata={"description": "Why it failed: message, where, hint."})
-    result = Dict(allow_none=True)
-    seconds_left = Float(allow_none=True)
-    created_at = String()
-    map = String(allow_none=True)
 
 
 class JobList(Schema):

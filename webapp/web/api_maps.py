@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
+from apiflask.fields import Boolean, Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 from flask import request
 
@@ -16,6 +16,8 @@ from webapp.tasks import delete_map, edit_map
 from webapp.tasks.edit_map import KINDS, Edit
 from webapp.web import map_state
 from webapp.web.context import account, library, open_map
+from webapp.web.map_schemas import EditAnswer, MapChanges, MapState
+from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps")
 
@@ -96,20 +98,6 @@ class Since(Schema):
     since = Integer(load_default=-1, validate=Range(min=-1))
 
 
-class EditAnswer(Schema):
-    """What an edit changed."""
-
-    revision = Integer(
-        allow_none=True, metadata={"description": "of this edit; null when everything was so already"}
-    )
-    photos = List(Dict(), metadata={"description": "those that it changed and nobody has changed since"})
-    placements = List(Dict())
-    satellite = Dict(allow_none=True, metadata={"description": "only where the edit was about the image"})
-    georeference = Dict(allow_none=True)
-    undo = Dict(allow_none=True)
-    redo = Dict(allow_none=True)
-
-
 @blueprint.get("")
 @blueprint.input(MapQuery, location="query", arg_name="query")
 @blueprint.output(MapList)
@@ -134,7 +122,7 @@ def create(wish: dict[str, str]) -> dict[str, Any]:
 
 
 @blueprint.get("/<slug>")
-@blueprint.doc(responses={200: "The whole state of a map."})
+@blueprint.doc(responses=json_answer("The whole state of a map.", MapState))
 def show(slug: str) -> dict[str, Any]:
     """Tell everything about a map."""
     record, who = open_map(slug, binned=True), account()
@@ -177,7 +165,7 @@ def restore(slug: str) -> dict[str, Any]:
 
 @blueprint.get("/<slug>/changes")
 @blueprint.input(Since, location="query", arg_name="query")
-@blueprint.doc(responses={200: "What changed since a revision, and the jobs of the map."})
+@blueprint.doc(responses=json_answer("What changed, and the jobs of the map.", MapChanges))
 def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
     """Tell what changed since a revision."""
     record, who = open_map(slug), account()

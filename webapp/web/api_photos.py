@@ -21,6 +21,7 @@ from webapp.tasks import add_photo, show_photo
 from webapp.tasks.add_photo import Intake
 from webapp.web.context import after_change, library, open_map, settings
 from webapp.web.errors import as_json
+from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 
@@ -99,21 +100,21 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
 
 
 @blueprint.get("/<int(max=2147483647):id>/thumb")
-@blueprint.doc(responses={200: "JPEG of at most 256 x 256 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
 def thumb(slug: str, id: int) -> Response:
     """Get a photo as a small picture."""
     return _preview(slug, id, "thumb")
 
 
 @blueprint.get("/<int(max=2147483647):id>/preview")
-@blueprint.doc(responses={200: "JPEG of at most 1600 x 1600 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def preview(slug: str, id: int) -> Response:
     """Get a photo as a picture that fills a screen."""
     return _preview(slug, id, "preview")
 
 
 @blueprint.get("/<int(max=2147483647):id>/original")
-@blueprint.doc(responses={200: "The file as it came"})
+@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
 def original(slug: str, id: int) -> Response:
     """Get the file of a photo as it came."""
     record, photo = _find(slug, id)

@@ -13,8 +13,8 @@ from webapp.errors import UsageError
 from webapp.store.schema import MapRecord
 from webapp.tasks import placements
 from webapp.web import map_state
-from webapp.web.api_maps import EditAnswer
 from webapp.web.context import account, library, open_map
+from webapp.web.map_schemas import EditAnswer
 
 blueprint = APIBlueprint(
     "api_placements", __name__, url_prefix="/api/v1/maps/<slug>/placements", tag="Placements"

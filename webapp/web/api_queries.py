@@ -19,7 +19,9 @@ from webapp.store import maps, queries
 from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks import adopt_query, show_query
 from webapp.tasks.adopt_query import Spot
+from webapp.web.answer_schemas import Located
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint(
     "api_queries", __name__, url_prefix="/api/v1/maps/<slug>/queries", tag="Localization"
@@ -46,7 +48,7 @@ class QueryOut(Schema):
     width = Integer()
     height = Integer()
     options = Dict()
-    answer = Dict(metadata={"description": "As `expmap localize --json` gives it."})
+    answer = Nested(Located)
     adopted = Integer(allow_none=True, metadata={"description": "Id of the photo that it has become."})
     photo = String()
     preview = String()
@@ -157,7 +159,7 @@ def adopt(slug: str, id: int, place: dict[str, float | None]) -> dict[str, Any]:
 
 
 @blueprint.get(f"/{_ID}/photo")
-@blueprint.doc(responses={200: "The file as it came"})
+@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
 def photo(slug: str, id: int) -> Response:
     """Get the file of a query as it came."""
     row = _find(slug, id)
@@ -169,14 +171,14 @@ def photo(slug: str, id: int) -> Response:
 
 
 @blueprint.get(f"/{_ID}/preview")
-@blueprint.doc(responses={200: "JPEG of at most 1600 x 1600 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def preview(slug: str, id: int) -> Response:
     """Get a query as a picture that fills a screen."""
     return _preview(slug, id, "preview")
 
 
 @blueprint.get(f"/{_ID}/thumb")
-@blueprint.doc(responses={200: "JPEG of at most 256 x 256 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
 def thumb(slug: str, id: int) -> Response:
     """Get a query as a small picture."""
     return _preview(slug, id, "thumb")

@@ -27,6 +27,7 @@ from webapp.tasks.satellite_georeference import GeoWish
 from webapp.tasks.satellite_tiles import TILES_JOB, TileWish
 from webapp.web.context import account, after_change, library, open_map, settings
 from webapp.web.image_answer import ImageAnswer, answer
+from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="Satellite image")
 
@@ -198,21 +199,21 @@ def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.get("/maps/<slug>/satellite")
-@blueprint.doc(responses={200: "The image, or a smaller copy of a large one."})
+@blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
 def get_image(slug: str) -> Response:
     """Give the image for display."""
     return _sent(satellite_display.whole(library(), open_map(slug), settings=settings()))
 
 
 @blueprint.get("/maps/<slug>/thumbnail")
-@blueprint.doc(responses={200: "JPEG of at most 480 pixels a side."})
+@blueprint.doc(responses=file_answer("A picture of at most 480 pixels a side.", "image/*"))
 def get_thumbnail(slug: str) -> Response:
     """Give a small copy of the image, for lists."""
     return _sent(satellite_display.thumbnail(library(), open_map(slug, binned=True), settings=settings()))
 
 
 @blueprint.get("/maps/<slug>/satellite/tiles/<int:z>/<int:x>/<int:y>")
-@blueprint.doc(responses={200: "JPEG or WebP of 256 x 256 pixels."})
+@blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def get_tile(slug: str, *, z: int, x: int, y: int) -> Response:
     """Give a tile of a large image; at the largest zoom its pixels are the image's."""
     return _sent(satellite_display.tile(library(), open_map(slug), z=z, x=x, y=y))

@@ -5,25 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from apiflask import Schema
-from apiflask.fields import Dict, Integer, List, String
+from apiflask.fields import Integer, List, String
 
 from webapp.store.schema import MapRecord
 from webapp.tasks.satellite_apply import Applied
 from webapp.web import map_state
 from webapp.web.context import account, library
+from webapp.web.map_schemas import EditAnswer
 
 
-class ImageAnswer(Schema):
+class ImageAnswer(EditAnswer):
     """The map's new image, and the photos that changed with it."""
 
-    revision = Integer()
-    satellite = Dict(allow_none=True)
-    georeference = Dict(allow_none=True)
-    photos = List(Dict())
-    placements = List(Dict())
-    undo = Dict(allow_none=True)
-    redo = Dict(allow_none=True)
     to_tray = Integer(metadata={"description": "Photos that went back to the tray."})
     from_tray = Integer(metadata={"description": "Photos that were placed by their GPS."})
     warnings = List(String())

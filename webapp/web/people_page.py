@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flask import Blueprint, flash, render_template, url_for
+from apiflask import APIBlueprint
+from flask import flash, render_template, url_for
 from flask_babel import gettext as _
 from werkzeug.wrappers import Response
 
@@ -13,7 +14,8 @@ from webapp.web import errors
 from webapp.web.context import account, library, settings
 from webapp.web.forms import back, text
 
-blueprint = Blueprint("people_page", __name__, url_prefix="/people")
+# A plain blueprint with a `before_request` has APIFlask fail while it writes the OpenAPI document.
+blueprint = APIBlueprint("people_page", __name__, url_prefix="/people", enable_openapi=False)
 
 
 @blueprint.before_request

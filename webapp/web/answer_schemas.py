@@ -1,0 +1,73 @@
+"""The shape of an answer to "where was this photo taken?", as `expmap localize --json` gives it."""
+
+from __future__ import annotations
+
+from apiflask import Schema
+from apiflask.fields import Boolean, Float, Integer, List, Nested, String
+
+
+class HypothesisOut(Schema):
+    """A place where the photo may have been taken."""
+
+    rank = Integer(metadata={"description": "From 1."})
+    kind = String(metadata={"enum": ["position", "photo"], "description": "`photo`: near that photo."})
+    x_px = Float()
+    y_px = Float()
+    radius_px = Float(allow_none=True, metadata={"description": "Of 68 %, given that the place is right."})
+    heading_deg = Float(allow_none=True)
+    lat = Float(allow_none=True)
+    lon = Float(allow_none=True)
+    radius_m = Float(allow_none=True)
+    probability = Float(metadata={"description": "That the photo was taken at this place."})
+    experiences = List(Integer(), metadata={"description": "Ids of the photos that speak for it."})
+    inliers = Integer(allow_none=True, metadata={"description": "Matches that agree with the geometry."})
+    matches = Integer(allow_none=True)
+
+
+class StatisticsOut(Schema):
+    """What the matching looked like."""
+
+    keypoints = Integer()
+    matches = Integer()
+    matches_pruned = Integer()
+    distance_min = Float(allow_none=True)
+    distance_max = Float(allow_none=True)
+    distance_mean = Float(allow_none=True)
+    distance_total = Float(allow_none=True)
+
+
+class SecondsOut(Schema):
+    """How long it took; null for what this method does not do."""
+
+    read = Float(allow_none=True)
+    extract = Float(allow_none=True)
+    retrieve = Float(allow_none=True)
+    verify = Float(allow_none=True)
+    position = Float(allow_none=True)
+    total = Float(allow_none=True)
+
+
+class Located(Schema):
+    """Hypotheses, whose probabilities with `other_` and `off_map_probability` add up to 1."""
+
+    query = String(metadata={"description": "The photo, as its file was named."})
+    method = String()
+    features = String()
+    fov_deg = Float(allow_none=True)
+    fov_source = String(allow_none=True, metadata={"enum": ["option", "exif", "guess", None]})
+    hypotheses = List(Nested(HypothesisOut), metadata={"description": "The most probable first."})
+    other_probability = Float(metadata={"description": "Of places that were cut from the list."})
+    off_map_probability = Float(
+        allow_none=True, metadata={"description": "That it was not taken on this map; null: not known."}
+    )
+    statistics = Nested(StatisticsOut)
+    seconds = Nested(SecondsOut)
+    map_revision = Integer()
+
+
+class AnswerOut(Located):
+    """The answer to a question."""
+
+    id = Integer(allow_none=True, metadata={"description": "Of the answer; null for one that is not kept."})
+    calibrated = Boolean(metadata={"description": "False: the probabilities are those of most maps so far."})
+    not_indexed = Integer(metadata={"description": "Photos of the map that cannot be found yet."})

@@ -1,0 +1,138 @@
+"""The shapes of what `map_state` tells, for the API's document and its answers."""
+
+from __future__ import annotations
+
+from apiflask import Schema
+from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
+
+_ROLES = ("owner", "editor", "viewer")
+
+
+class GpsOut(Schema):
+    """Where a photo says that it was taken."""
+
+    lat = Float()
+    lon = Float()
+    accuracy_m = Float(allow_none=True)
+    x_px = Float(allow_none=True, metadata={"description": "The same on the image; null without one."})
+    y_px = Float(allow_none=True)
+    radius_px = Float(allow_none=True, metadata={"description": "The accuracy, on the image."})
+
+
+class PhotoOut(Schema):
+    """A photo of a map; one that was taken out has `id`, `removed` and `revision` alone."""
+
+    id = Integer()
+    name = String(metadata={"description": "Of the file as it came."})
+    x_px = Float(allow_none=True, metadata={"description": "null: in the tray, without a place."})
+    y_px = Float(allow_none=True)
+    heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
+    fov_deg = Float(
+        allow_none=True, metadata={"description": "Horizontal field of view of the upright photo."}
+    )
+    taken_at = String(allow_none=True)
+    width = Integer(metadata={"description": "Pixels of the upright photo."})
+    height = Integer()
+    gps = Nested(GpsOut, allow_none=True)
+    gps_problem = String(
+        allow_none=True, metadata={"description": "Why there is no GPS position, for people."}
+    )
+    revision = Integer(metadata={"description": "Of the map, when the photo last changed."})
+    preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
+    thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})
+    removed = Boolean()
+
+
+class PyramidOut(Schema):
+    """Tiles of a large image."""
+
+    url = String(metadata={"description": "With {z}, {x} and {y}."})
+    max_zoom = Integer()
+
+
+class SatelliteOut(Schema):
+    """The image of a map."""
+
+    url = String(metadata={"description": "Another content has another address."})
+    width = Integer()
+    height = Integer()
+    tiles = Nested(PyramidOut, allow_none=True)
+    attribution = String(allow_none=True, metadata={"description": "Who is to be named beside it."})
+
+
+class PlacementOut(Schema):
+    """A further set of places for the photos of a map."""
+
+    name = String()
+    positions = Dict(
+        keys=String(), values=List(Float()), metadata={"description": "x and y, pixels, by the photo's id."}
+    )
+
+
+class StepOut(Schema):
+    """An edit that can be undone or redone."""
+
+    kind = String()
+    count = Integer(metadata={"description": "Photos it changed."})
+
+
+class JobErrorOut(Schema):
+    """Why a job failed."""
+
+    message = String()
+    where = String(allow_none=True)
+    hint = String(allow_none=True)
+
+
+class JobSchema(Schema):
+    """A job: long work outside a request."""
+
+    id = Integer()
+    kind = String()
+    state = String(metadata={"enum": ["queued", "running", "done", "failed", "cancelled"]})
+    done = Integer()
+    total = Integer(metadata={"description": "0 while it is not known."})
+    note = String(metadata={"description": "What is being done just now."})
+    error = Nested(JobErrorOut, allow_none=True)
+    result = Dict(allow_none=True, metadata={"description": "Depends on the kind."})
+    seconds_left = Float(allow_none=True)
+    created_at = String()
+    map = String(allow_none=True, metadata={"description": "Its slug."})
+
+
+class _Changed(Schema):
+    satellite = Nested(SatelliteOut, allow_none=True)
+    georeference = Dict(
+        allow_none=True,
+        metadata={"description": "As in `map.json`, with `metres_per_pixel` and a `latlon_grid` for pages."},
+    )
+    photos = List(Nested(PhotoOut))
+    placements = List(Nested(PlacementOut))
+    undo = Nested(StepOut, allow_none=True, metadata={"description": "Your last edit."})
+    redo = Nested(StepOut, allow_none=True, metadata={"description": "Your last undone edit."})
+
+
+class MapState(_Changed):
+    """All of a map."""
+
+    slug = String()
+    name = String()
+    role = String(metadata={"enum": list(_ROLES), "description": "Of who asks."})
+    can_edit = Boolean()
+    binned = Boolean()
+    revision = Integer()
+
+
+class MapChanges(_Changed):
+    """What changed since a revision; `satellite`, `georeference` and `placements` only where they did."""
+
+    revision = Integer()
+    jobs = List(Nested(JobSchema), metadata={"description": "Waiting, at work, or just ended."})
+
+
+class EditAnswer(_Changed):
+    """What an edit changed; `satellite` and `georeference` only where it was about the image."""
+
+    revision = Integer(
+        allow_none=True, metadata={"description": "Of this edit; null when everything was so already."}
+    )
