@@ -137,7 +137,7 @@ class SatelliteLimits:
     max_mb: float = 1000.0
     """Size of an uploaded file, megabytes (10^6 bytes)."""
 
-    max_megapixels: float = 500.0
+    max_megapixels: float = 300.0
     """Pixels, millions."""
 
 

@@ -86,7 +86,7 @@ def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = Tru
     return name
 
 
-def keep_source(folder: Path, name: str, source: Mapping[str, Any]) -> None:
+def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
     """Write down beside an image where it comes from, above all whom to name for it."""
     write_text(
         (folder / name).with_suffix(".json"), json.dumps(dict(source), indent=1, ensure_ascii=False) + "\n"

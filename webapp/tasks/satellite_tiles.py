@@ -141,7 +141,7 @@ def run(library: Library, map_id: int, *, wish: TileWish, settings: Settings, pr
             hint="choose a smaller zoom or another service",
         )
     name = keep_pixels(canvas, folder, lossless=lossless)
-    keep_source(folder, name, _source(service, wish, missing=missing))
+    keep_source(folder, name, source=_source(service, wish, missing=missing))
     small = satellite_display.shrunk(canvas, satellite_display.PREVIEW_PX)[:, :, ::-1]
     large = max(cut.width, cut.height) > DISPLAY_SIDE_PX
     satellite_display.write_small(folder, name, small=small, large=large)

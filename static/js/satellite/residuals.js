@@ -2,9 +2,10 @@
 
 import { t } from "../i18n.js";
 
-const READABLE_PX = 36;
+const READABLE_PX = 64;
 const FACTORS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 const INVISIBLE_PX = 0.02;
+const PANE = "arrows";
 
 /** Arrows on one map; small ones are drawn longer, all by the same factor, which is told. */
 export class Arrows {
@@ -13,6 +14,8 @@ export class Arrows {
     this.map = map;
     this.pairs = [];
     this.group = L.layerGroup().addTo(map);
+    // above the markers, and not in the way of the mouse
+    Object.assign(map.createPane(PANE).style, { zIndex: 620, pointerEvents: "none" });
     this.legend = L.control({ position: "bottomleft" });
     this.legend.onAdd = () => (this.box = L.DomUtil.create("div", "sat-legend"));
     this.legend.addTo(map);
@@ -51,7 +54,7 @@ export class Arrows {
       return end.subtract(L.point(Math.cos(angle), Math.sin(angle)).multiplyBy(Math.min(12, length / 2)));
     };
     const at = (point) => this.map.layerPointToLatLng(point);
-    const options = { className: "sat-arrow", interactive: false };
+    const options = { pane: PANE, className: "sat-arrow", interactive: false };
     L.polyline([[at(start), at(end)], [at(side(0.45)), at(end), at(side(-0.45))]], options).addTo(this.group);
   }
 }
