@@ -98,6 +98,7 @@ class EditPage:
         """File names of the photos of the tray, in their order."""
         state = self.page.request.get(f"/api/v1/maps/{self.slug}").json()
         names = {str(photo["id"]): photo["name"] for photo in state["photos"]}
+        self.tray.first.wait_for(state="attached")
         return [names[id] for id in self.tray.evaluate_all("all => all.map(one => one.dataset.id)")]
 
     def turn_by_hand(self, spot: Sequence[float], *, heading: float, to: float) -> None:

@@ -106,6 +106,7 @@ def test_an_uploaded_file_and_points_on_it(image_page, tiles):
     latitude.fill(str(float(latitude.input_value()) + 0.0004))
     expect(page.locator(".sat-arrow").first).to_be_visible()
     assert page.locator(".sat-arrow").count() == 8
+    assert page.locator(".leaflet-arrows-pane svg").first.bounding_box()["width"] > 100, "they can be seen"
     assert state()["georeference"] is None, "nothing is applied before it is asked for"
     assert axe.findings(page) == []
 
