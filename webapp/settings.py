@@ -95,6 +95,12 @@ class WebSettings:
     sign_in_minutes: int = 15
     """Within so many minutes those failures count."""
 
+    visitor_questions_per_minute: int = 10
+    """Photos that one visitor of a shared map may ask about, in each worker process."""
+
+    share_questions_per_minute: int = 60
+    """... and all visitors of a shared map together."""
+
     proxies: int = 0
     """Reverse proxies in front of the server; what they say about the client is believed."""
 

@@ -81,7 +81,7 @@ export function upload(path, { method = "POST", body, headers = {}, onProgress, 
 }
 
 function csrfToken() {
-  return document.querySelector('meta[name="csrf-token"]').content;
+  return document.querySelector('meta[name="csrf-token"]')?.content ?? ""; // pages for visitors have none
 }
 
 function answerOf(request) {

@@ -86,6 +86,11 @@ def whole(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
     return _small(library, record, original, name="preview", settings=settings)
 
 
+def copy(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
+    """Give a copy without anything that the file says besides its pixels; see `whole`."""
+    return _small(library, record, _original(library, record), name="preview", settings=settings)
+
+
 def thumbnail(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
     """Give a small copy for lists; see `whole`."""
     return _small(library, record, _original(library, record), name="thumbnail", settings=settings)

@@ -16,6 +16,8 @@ from webapp.web.api_placements import blueprint as api_placements
 from webapp.web.api_placing import blueprint as api_placing
 from webapp.web.api_queries import blueprint as api_queries
 from webapp.web.api_satellite import blueprint as api_satellite
+from webapp.web.api_shared import blueprint as api_shared
+from webapp.web.api_shares import blueprint as api_shares
 from webapp.web.api_uploads import blueprint as api_uploads
 from webapp.web.editor import blueprint as editor
 from webapp.web.health import blueprint as health
@@ -23,6 +25,7 @@ from webapp.web.jobs_page import blueprint as jobs_page
 from webapp.web.map_settings import blueprint as map_settings
 from webapp.web.maps_page import blueprint as maps_page
 from webapp.web.people_page import blueprint as people_page
+from webapp.web.public_pages import blueprint as public_pages
 from webapp.web.satellite import blueprint as satellite
 from webapp.web.sign_in import blueprint as sign_in
 
@@ -39,6 +42,8 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_placing,
     api_queries,
     api_satellite,
+    api_shared,
+    api_shares,
     api_uploads,
     editor,
     health,
@@ -46,6 +51,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     map_settings,
     maps_page,
     people_page,
+    public_pages,
     satellite,
     sign_in,
 )

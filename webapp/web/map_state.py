@@ -36,7 +36,7 @@ def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str,
         "can_edit": role in ("owner", "editor"),
         "binned": record.binned_at is not None,
         "revision": record.revision,
-        **_image(record),
+        **image(record),
         "photos": _photos(record, present),
         "placements": _placements(session, record),
         **_history(session, record, account=account),
@@ -55,7 +55,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
     changed = maps.photos(session, record, since=since)
     return {
         "revision": record.revision,
-        **(_image(record) if record.satellite_revision > since else {}),
+        **(image(record) if record.satellite_revision > since else {}),
         "photos": _changed(record, changed),
         **({"placements": _placements(session, record)} if changed else {}),
         **_history(session, record, account=account),
@@ -75,7 +75,7 @@ def edited(session: Session, record: MapRecord, *, account: Account, revision: i
     changed = [p for p in maps.photos(session, record, since=since) if p.revision == revision]
     return {
         "revision": revision,
-        **(_image(record) if record.satellite_revision == revision else {}),
+        **(image(record) if record.satellite_revision == revision else {}),
         "photos": _changed(record, changed),
         "placements": _placements(session, record),
         **_history(session, record, account=account),
@@ -102,11 +102,18 @@ def summary(session: Session, record: MapRecord, *, account: Account) -> dict[st
     }
 
 
-def _image(record: MapRecord) -> dict[str, Any]:
+def image(record: MapRecord, *, base: str | None = None) -> dict[str, Any]:
+    """Tell of a map's image and its georeference; `base` as for `satellite_json`.
+
+    Returns
+    -------
+    dict
+        `satellite` and `georeference`, each None where there is none.
+    """
     found = georeference(record)
     size = (record.satellite_width or 0, record.satellite_height or 0)
     return {
-        "satellite": satellite_json(record),
+        "satellite": satellite_json(record, base=base),
         "georeference": None if found is None or not all(size) else _georeference(record, found, size),
     }
 

@@ -39,6 +39,8 @@ _TAGS = {
     "Placing": "Many photos placed at once.",
     "Placements": "Further sets of places for the photos of a map.",
     "Localization": "Where was this photo taken? And what was asked before.",
+    "Sharing": "Links that show a map or an answer without a sign-in.",
+    "Shared": "What such a link shows: for visitors, without a sign-in.",
     "Checks": "What is wrong with a map, and which of its places are weak.",
     "Import and export": "Maps on their way in and out.",
     "Jobs": "Long work outside a request.",
@@ -47,6 +49,7 @@ _TAGS = {
 _PARAMETERS: dict[str, dict[str, Any]] = {
     "slug": {"description": "The map: the last part of its address."},
     "id": {"description": "Id, unique in the map."},
+    "token": {"description": "The end of the address of a shared map or answer."},
     "job_id": {"description": "Id of the job."},
     "name": {"description": "Name, as it is listed."},
     "form": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},

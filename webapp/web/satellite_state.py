@@ -11,8 +11,14 @@ from webapp.tasks.satellite_files import source_of
 from webapp.web.state import library
 
 
-def satellite_json(record: MapRecord) -> dict[str, Any] | None:
+def satellite_json(record: MapRecord, *, base: str | None = None) -> dict[str, Any] | None:
     """Give address and size of a map's image; None without one.
+
+    Parameters
+    ----------
+    record : MapRecord
+    base : str, optional
+        Address below which the image is found, instead of the one for people of the map.
 
     Returns
     -------
@@ -25,7 +31,7 @@ def satellite_json(record: MapRecord) -> dict[str, Any] | None:
     width, height = record.satellite_width, record.satellite_height
     if key is None or not width or not height:
         return None
-    base = f"/api/v1/maps/{record.slug}/satellite"
+    base = base or f"/api/v1/maps/{record.slug}/satellite"
     tiles = None
     if satellite_display.has_tiles(library(), record):
         tiles = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flask import Flask, Response, g, has_request_context, request, session
+from flask import Flask, Response, current_app, g, has_request_context, request, session
 from flask.sessions import SecureCookieSessionInterface
 from flask_limiter import Limiter
 from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
@@ -36,6 +36,11 @@ def allow_images(*origins: str) -> None:
         `https://host` each, from the settings and never from a client.
     """
     g.image_origins = (*g.get("image_origins", ()), *origins)
+
+
+def allow_framing() -> None:
+    """Let other sites show the page of this request in a frame: it must do nothing in anybody's name."""
+    g.framable = True
 
 
 def init_app(app: Flask) -> None:
@@ -79,6 +84,8 @@ def _protect() -> None:
     """Refuse what another site made a browser send."""
     if request.method in _SAFE or bearer() is not None:
         return
+    if is_api() and _takes_no_session():
+        return
     if not is_api():
         request.max_content_length = _PAGE_FORM_BYTES
         _csrf.protect()
@@ -89,9 +96,17 @@ def _protect() -> None:
         raise CSRFError(str(error)) from error
 
 
+def _takes_no_session() -> bool:
+    """Tell whether the address is open to everyone, where a session gives nothing."""
+    view = current_app.view_functions.get(request.endpoint or "")
+    return view is not None and access.is_public(view)
+
+
 def _add_headers(response: Response) -> Response:
     for name, value in _HEADERS.items():
         response.headers.setdefault(name, value)
+    if g.get("framable", False):
+        del response.headers["X-Frame-Options"]
     response.headers.setdefault("Content-Security-Policy", _policy())
     if request.endpoint != "static":
         response.headers.setdefault("Cache-Control", "private, no-cache")
@@ -99,13 +114,15 @@ def _add_headers(response: Response) -> Response:
 
 
 def _policy() -> str:
+    frames = "*" if g.get("framable", False) else "'none'"
     images = " ".join(("'self'", "data:", "blob:", *g.get("image_origins", ())))
     rules = (
         "default-src 'self'",
         f"img-src {images}",
         "media-src 'self' blob:",
+        "worker-src 'self'",
         "object-src 'none'",
-        "frame-ancestors 'none'",
+        f"frame-ancestors {frames}",
         "base-uri 'none'",
         "form-action 'self'",
     )
