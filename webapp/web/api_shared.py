@@ -27,6 +27,7 @@ from webapp.web.access import public
 from webapp.web.answer_schemas import Located
 from webapp.web.api_localize import ready_maps, received
 from webapp.web.context import library, settings
+from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<token>", tag="Shared")
 
@@ -84,7 +85,7 @@ def show(token: str) -> dict[str, Any]:
 
 @blueprint.get("/satellite")
 @public
-@blueprint.doc(responses={200: "The image, or a smaller copy of a large one."})
+@blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
 def image(token: str) -> Response:
     """Get the image of the map."""
     opened = _opened(token)
@@ -94,7 +95,7 @@ def image(token: str) -> Response:
 
 @blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")
 @public
-@blueprint.doc(responses={200: "JPEG or WebP of 256 x 256 pixels."})
+@blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def tile(token: str, *, z: int, x: int, y: int) -> Response:
     """Get a tile of a large image."""
     return _shown(satellite_display.tile(library(), _opened(token).map, z=z, x=x, y=y))
@@ -102,7 +103,7 @@ def tile(token: str, *, z: int, x: int, y: int) -> Response:
 
 @blueprint.get(f"/photos/{_ID}/thumb")
 @public
-@blueprint.doc(responses={200: "JPEG of at most 256 x 256 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
 def photo_thumb(token: str, id: int) -> Response:
     """Get a photo of the map as a small picture."""
     return _photo_preview(token, id, "thumb")
@@ -110,7 +111,7 @@ def photo_thumb(token: str, id: int) -> Response:
 
 @blueprint.get(f"/photos/{_ID}/preview")
 @public
-@blueprint.doc(responses={200: "JPEG of at most 1600 x 1600 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def photo_preview(token: str, id: int) -> Response:
     """Get a photo of the map as a picture that fills a screen."""
     return _photo_preview(token, id, "preview")
@@ -118,7 +119,7 @@ def photo_preview(token: str, id: int) -> Response:
 
 @blueprint.get(f"/photos/{_ID}/original")
 @public
-@blueprint.doc(responses={200: "The file as it came"})
+@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
 def photo_original(token: str, id: int) -> Response:
     """Get the file of a photo of the map, where the owner gives files out."""
     opened = _opened(token, originals=True)
@@ -129,7 +130,7 @@ def photo_original(token: str, id: int) -> Response:
 
 @blueprint.get("/query/thumb")
 @public
-@blueprint.doc(responses={200: "JPEG of at most 256 x 256 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
 def query_thumb(token: str) -> Response:
     """Get the photo of the shared answer as a small picture."""
     return _query_preview(token, "thumb")
@@ -137,7 +138,7 @@ def query_thumb(token: str) -> Response:
 
 @blueprint.get("/query/preview")
 @public
-@blueprint.doc(responses={200: "JPEG of at most 1600 x 1600 pixels"})
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def query_preview(token: str) -> Response:
     """Get the photo of the shared answer as a picture that fills a screen."""
     return _query_preview(token, "preview")
@@ -145,7 +146,7 @@ def query_preview(token: str) -> Response:
 
 @blueprint.get("/query/original")
 @public
-@blueprint.doc(responses={200: "The file as it came"})
+@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
 def query_original(token: str) -> Response:
     """Get the file of the photo of the shared answer, where the owner gives files out."""
     query = shared_state.query(_opened(token, originals=True))

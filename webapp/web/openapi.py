@@ -61,7 +61,7 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
 _LIMITS = {"max": "maximum", "maxlength": "maxLength"}
 
 _ALWAYS = (401, 429)
-_OF_PATH = (404,)
+_OF_PATH = (404, 405)
 _OF_INPUT = (400, 422)
 _OF_BODY = (413, 415)
 _OF_CHANGE = (400, 403, 404, 409, 422, 507)
@@ -71,6 +71,7 @@ _MEANINGS = {
     401: "Nobody is signed in, or the token is not known.",
     403: "Who asks may see it, but not do this.",
     404: "It does not exist, or is not shared with who asks.",
+    405: "This cannot be done at this address.",
     409: "Somebody else has changed it in the meantime, or it is not ready yet.",
     412: "Somebody else has changed it since the revision in `If-Match`.",
     413: "The request is too large.",
@@ -249,7 +250,7 @@ def _statuses(operation: dict[str, Any], *, changes: bool) -> list[int]:
     places = {parameter["in"] for parameter in operation["parameters"]}
     found = {*_ALWAYS}
     found.update(_OF_PATH if "path" in places else ())
-    found.update(_OF_INPUT if "query" in places else ())
+    found.update((*_OF_PATH, *_OF_INPUT) if "query" in places else ())
     found.update((*_OF_INPUT, *_OF_BODY) if "requestBody" in operation else ())
     found.update((*_OF_CHANGE, *_OF_REVISION) if changes else ())
     return sorted(HTTPStatus(status) for status in found)

@@ -1,0 +1,290 @@
+"""The document of the API tells all of it; whatever is sent, answers keep to it, and to who may see what."""
+
+import io
+import itertools
+import json
+
+import hypothesis
+import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, given
+from hypothesis import strategies as st
+from PIL import Image
+from schemathesis import GenerationMode
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+from webapp.store import accounts, jobs, members, queries, uploads
+from webapp.store.schema import MapRecord, Photo, QueryRecord
+from webapp.tasks import adopt_map
+from webapp.web.map_schemas import MapChanges, MapState
+from webapp.web.openapi import PATH
+
+# schemathesis does not close answers that are files
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+]
+GEO = {
+    "format": "experience-map",
+    "version": 1,
+    "georeference": {
+        "plane": "EPSG:4326",
+        "plane_from_pixel": [[1e-5, 0, 26.5], [0, -1e-5, 60.4], [0, 0, 1]],
+        "method": "corners",
+    },
+}
+HOSTILE = ["..", "a\x00b", "%2e%2e", "map.cfg", "' OR 1=1 --", "\u202e", "é" * 300, "C:\\x"]
+NUMBERS = [0, 1, 10**4, 2**31 - 1, 2**31, 2**63 - 1, 2**63, 10**40]
+
+
+@pytest.fixture(autouse=True)
+def not_in_anger(app):
+    """Answer mistakes of the program as the server does, instead of raising them here."""
+    app.testing = False
+
+
+@pytest.fixture
+def document(app):
+    return app.test_client().get(PATH).json
+
+
+@pytest.fixture
+def api(document, app):
+    schema = schemathesis.openapi.from_dict(document)
+    schema.app = app
+    return schema
+
+
+@pytest.fixture
+def operations(api):
+    found = [result.ok() for result in api.get_all_operations()]
+    assert len(found) > 50
+    return found
+
+
+def picture():
+    """A JPEG file."""
+    file = io.BytesIO()
+    Image.new("RGB", (40, 30)).save(file, "JPEG")
+    return file.getvalue()
+
+
+@pytest.fixture
+def fresh(library, owner, make_map):
+    """Make a map with photos, a placement, a query, an upload and a job; gives its slug and ids of all."""
+    numbers = itertools.count()
+
+    def make():
+        slug = f"park-{next(numbers)}"
+        cfg = make_map(library.map_folder(slug), 2)
+        cfg.with_name("map.json").write_text(json.dumps(GEO))
+        map_id = adopt_map.run(library, slug, account_id=owner.id)
+        with library.database.write() as session:
+            record = session.get_one(MapRecord, map_id)
+            row = QueryRecord(
+                name="q.jpg",
+                file="0.jpg",
+                width=4,
+                height=3,
+                options={},
+                answer={"hypotheses": []},
+                evidence=[],
+            )
+            queries.add(session, record, row=row, most=10)
+            upload = uploads.begin(
+                session, map_id=map_id, account_id=owner.id, name="a.jpg", size_bytes=10, fingerprint="f"
+            )
+            job = jobs.enqueue(session, "health", map_id=map_id, account_id=owner.id)
+            session.flush()
+            photos = [0, 1]
+            ids = {"photos": photos, "experiences": photos, "queries": [row.id], "uploads": [upload.id]}
+            ids |= {"jobs": [job.id], "placements": ["other"]}
+        folder = queries.folder(library, map_id)
+        folder.mkdir(parents=True)
+        (folder / "0.jpg").write_bytes(picture())
+        return slug, ids
+
+    return make
+
+
+@pytest.fixture
+def token(library):
+    """Make a token for an account, or for the one of a name."""
+
+    def make(account):
+        with library.database.write() as session:
+            return accounts.new_token(session, session.merge(account), name="test")
+
+    return make
+
+
+def cases(operation, slug, ids, modes=GenerationMode):
+    """Requests to an address of a map: well-formed ones and others; ids that exist, and some that cannot."""
+    made = st.one_of(operation.as_strategy(generation_mode=mode) for mode in modes)
+
+    @st.composite
+    def addressed(draw):
+        case = draw(made)
+        parts = operation.path.split("/")
+        for name in case.path_parameters:
+            place = parts.index(f"{{{name}}}") if f"{{{name}}}" in parts else 0
+            known = [slug] if name == "slug" else ids.get(parts[place - 1], [])
+            wild = HOSTILE if name in ("slug", "name", "form") else NUMBERS
+            pick = draw(st.integers(0, 9))
+            if known and pick < 8:
+                case.path_parameters[name] = draw(st.sampled_from(known))
+            elif pick == 9:
+                case.path_parameters[name] = draw(st.sampled_from(wild))
+        if isinstance(case.body, dict) and "file" in case.body and draw(st.booleans()):
+            case.body["file"] = [picture()] if isinstance(case.body["file"], list) else picture()
+        return case
+
+    return addressed()
+
+
+def each(strategy, *, examples, call):
+    """Call with so many examples of a strategy."""
+
+    @hypothesis.settings(
+        max_examples=examples,
+        derandomize=True,
+        deadline=None,
+        database=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(case=strategy)
+    def run(case):
+        call(case)
+
+    run()
+
+
+def state(library, slug):
+    """What nobody may change who must not: the records of a map and of its photos."""
+    with library.database.read() as session:
+        record = session.query(MapRecord).filter_by(slug=slug).one()
+        rows = session.query(Photo).filter_by(map_id=record.id).order_by(Photo.id)
+        return record.revision, record.name, record.binned_at, [(p.x_px, p.removed, p.revision) for p in rows]
+
+
+def test_the_document_is_valid_and_tells_every_route(app, document, api):
+    api.validate()
+    assert document["openapi"].startswith("3.")
+    assert document["security"] == [{"token": []}]
+    told = sum(len(operations) for operations in document["paths"].values())
+    rules = [r for r in app.url_map.iter_rules() if r.rule.startswith("/api/v1/") and r.rule != PATH]
+    assert told == sum(len(r.methods - {"HEAD", "OPTIONS"}) for r in rules)
+    ids = [o["operationId"] for operations in document["paths"].values() for o in operations.values()]
+    assert len(ids) == len(set(ids))
+
+
+def test_every_operation_says_what_it_takes_gives_and_fails_with(document):
+    tags = {tag["name"] for tag in document["tags"] if tag["description"]}
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            place = f"{method} {path}"
+            assert operation["summary"], place
+            assert set(operation["tags"]) <= tags, place
+            assert all(p["description"] for p in operation["parameters"] if p["in"] == "path"), place
+            good = {s: r for s, r in operation["responses"].items() if s < "400"}
+            assert good, place
+            for status, response in good.items():
+                assert status == "204" or response["content"], place
+                for kind, content in response.get("content", {}).items():
+                    assert content["schema"] or kind != "application/json", place
+            bad = [r for s, r in operation["responses"].items() if s >= "400"]
+            assert bad and all(r["$ref"].startswith("#/components/responses/Error") for r in bad), place
+    for response in document["components"]["responses"].values():
+        assert response["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/Error"}
+
+
+def test_schemas_have_names_of_their_own(document):
+    """A number at the end is what a second schema of the same name gets."""
+    assert [name for name in document["components"]["schemas"] if name[-1].isdigit()] == []
+
+
+def test_the_document_is_the_same_for_everyone(app, document):
+    other = app.test_client().get(PATH, headers={"Host": "evil.example"}).json
+    assert other == document
+    assert document["servers"] == [{"url": "/"}]
+
+
+def test_the_state_of_a_map_has_no_field_that_the_document_does_not_tell(client, fresh):
+    slug, _ = fresh()
+    whole = client.get(f"/api/v1/maps/{slug}").json
+    assert whole["photos"] and whole["satellite"] and whole["georeference"]
+    assert MapState().dump(whole) == whole
+    changes = client.get(f"/api/v1/maps/{slug}/changes").json
+    assert changes["jobs"] and MapChanges().dump(changes) == changes
+
+
+def test_whatever_the_owner_sends_is_answered_as_the_document_says(operations, fresh, owner, token):
+    headers = {"Authorization": f"Bearer {token(owner)}"}
+    seen = set()
+
+    def call(case):
+        answer = case.call_and_validate(headers=headers, checks=CHECKS)
+        seen.add(answer.status_code)
+
+    slug, ids = fresh()
+    for operation in sorted(operations, key=lambda operation: operation.method != "get"):
+        if operation.method != "get":
+            slug, ids = fresh()
+        each(cases(operation, slug, ids), examples=4, call=call)
+    assert {200, 201, 400, 404, 422} <= seen
+
+
+def test_nobody_gets_in_without_a_sign_in(operations, fresh, library):
+    slug, ids = fresh()
+    before = state(library, slug)
+
+    def call(case):
+        answer = case.call_and_validate(headers={"Authorization": "Bearer wrong"}, checks=CHECKS)
+        assert answer.status_code in (401, 404, 405)
+
+    for operation in operations:
+        each(cases(operation, slug, ids, [GenerationMode.POSITIVE]), examples=1, call=call)
+    assert state(library, slug) == before
+
+
+def test_others_get_nothing_of_what_is_not_shared(operations, fresh, library, new_account, token):
+    slug, ids = fresh()
+    before = state(library, slug)
+    headers = {"Authorization": f"Bearer {token(new_account('Mallory'))}"}
+
+    def call(case):
+        answer = case.call_and_validate(headers=headers, checks=CHECKS)
+        assert answer.status_code >= 400, answer.text
+
+    for operation in operations:
+        if "{slug}" in operation.path or "{job_id}" in operation.path:
+            each(cases(operation, slug, ids, [GenerationMode.POSITIVE]), examples=1, call=call)
+    assert state(library, slug) == before
+
+
+def test_viewers_change_nothing(operations, fresh, library, new_account, token):
+    slug, ids = fresh()
+    viewer = new_account("Vera")
+    with library.database.write() as session:
+        record = session.query(MapRecord).filter_by(slug=slug).one()
+        members.set_role(session, record, account=viewer, role="viewer")
+    before = state(library, slug)
+    headers = {"Authorization": f"Bearer {token(viewer)}"}
+
+    def call(case):
+        case.call_and_validate(headers=headers, checks=CHECKS)
+
+    for operation in operations:
+        if "{slug}" in operation.path and operation.method != "get":
+            each(cases(operation, slug, ids), examples=2, call=call)
+    assert state(library, slug) == before
