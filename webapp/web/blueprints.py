@@ -22,6 +22,7 @@ from webapp.web.api_uploads import blueprint as api_uploads
 from webapp.web.editor import blueprint as editor
 from webapp.web.health import blueprint as health
 from webapp.web.jobs_page import blueprint as jobs_page
+from webapp.web.localize import blueprint as localize
 from webapp.web.map_settings import blueprint as map_settings
 from webapp.web.maps_page import blueprint as maps_page
 from webapp.web.people_page import blueprint as people_page
@@ -48,6 +49,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     editor,
     health,
     jobs_page,
+    localize,
     map_settings,
     maps_page,
     people_page,

@@ -28,6 +28,7 @@ def map_tabs() -> list[tuple[str, str, str]]:
     """List the pages of a map: last part of the address, icon, and name."""
     return [
         ("edit", "pin", _("Edit")),
+        ("localize", "target", _("Localize")),
         ("image", "image", _("Image")),
         ("jobs", "clock", _("Jobs")),
         ("settings", "settings", _("Settings")),

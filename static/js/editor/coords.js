@@ -49,6 +49,7 @@ export class Georeference {
    * @param {?{width: number, height: number}} satellite
    */
   constructor(state, satellite) {
+    this.state = state;
     this.grid = satellite && state ? state.latlon_grid || null : null;
     this.metresPerPixel = (satellite && state && state.metres_per_pixel) || null;
     this.size = satellite ? [satellite.width, satellite.height] : [0, 0];

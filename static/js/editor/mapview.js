@@ -57,7 +57,7 @@ export class MapView {
     this._layer = satellite.tiles ? tileLayer(satellite, bounds) : L.imageOverlay(satellite.url, bounds, { alt: "" });
     this._layer.addTo(this.map);
     this.map.setMinZoom(-Infinity);
-    this.map.setMaxBounds(bounds.pad(1));
+    this._limit();
     this.fit();
     this.map.setMinZoom(this.map.getBoundsZoom(bounds) - 1.5);
   }
@@ -69,11 +69,21 @@ export class MapView {
     this._whole = true;
   }
 
+  /** The image cannot be lost out of sight. */
+  _limit() {
+    this.map.setMaxBounds(imageBounds(this.store.satellite).pad(1));
+  }
+
   /** What showed the whole image still does; else the view stays where it is. */
   _resize() {
-    const whole = this._whole;
+    if (!this.element.clientWidth) return; // hidden
+    const whole = this._whole && Boolean(this.store.satellite);
+    if (whole) this.map.setMaxBounds(null); // at the old zoom they would set the image moving
     this.map.invalidateSize({ pan: !whole, animate: false });
-    if (whole) this.fit();
+    if (!whole) return;
+    this.fit();
+    this._limit();
+    this._whole = true;
   }
 
   /** Bring a map pixel into view, and change nothing where it is in view already. */

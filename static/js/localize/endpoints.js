@@ -1,0 +1,32 @@
+/** What the localization page asks of the server, by name. */
+
+import { api, del, get, post, upload } from "../api.js";
+
+/**
+ * The requests about one map.
+ * @param {string} slug
+ */
+export function endpointsOf(slug) {
+  const map = `/maps/${encodeURIComponent(slug)}`;
+  return {
+    changes: (since) => get(`${map}/changes?since=${since}`),
+    ask: (files, options, onProgress, signal) =>
+      upload(`${map}/localize`, { body: form(files, options), onProgress, signal }),
+    askAgain: (query, options) => api(`${map}/localize`, { method: "POST", body: form([], { ...options, query }) }),
+    query: (id) => get(`${map}/queries/${id}`),
+    matches: (id, signal) => get(`${map}/queries/${id}/matches`, { signal }),
+    history: (before) => get(`${map}/queries?limit=30${before ? `&before=${before}` : ""}`),
+    forget: (id) => del(`${map}/queries/${id}`),
+    adopt: (id, place) => post(`${map}/queries/${id}/adopt`, place),
+    coordinates: ([x, y], signal) => get(`${map}/coordinates?x_px=${x}&y_px=${y}`, { signal }),
+  };
+}
+
+function form(files, options) {
+  const made = new FormData();
+  for (const file of files) made.append("file", file, file.name || "photo.jpg");
+  for (const [name, value] of Object.entries(options)) {
+    if (value !== null && value !== undefined && value !== "") made.append(name, value);
+  }
+  return made;
+}

@@ -1,0 +1,203 @@
+/**
+ * What the map shows: all photos as plain dots, the hypotheses as numbered markers that are the brighter the more
+ * probable, their radius and heading, the circle of a hint, and a place that was said by hand. One canvas.
+ */
+
+import { latLngOf } from "../editor/coords.js";
+import { eachFrame } from "../editor/page.js";
+import { spotsOf } from "./spots.js";
+import { colours, shades } from "./words.js";
+
+const DOT = 4;
+const SMALL_ZOOM = 0.5;
+const MARKER = 12;
+const WEDGE = 42;
+const GUESSED_FOV = 60;
+const NEAR = { mouse: 16, touch: 26 };
+const EVENTS = "move zoom viewreset resize zoomend moveend";
+
+/** A layer of Leaflet. */
+export const Marks = L.Layer.extend({
+  /**
+   * @param {import("../editor/store.js").Store} store
+   * @param {import("./session.js").Session} session
+   */
+  initialize(store, session) {
+    Object.assign(this, { store, session, _spots: [] });
+    this.draft = null;
+    this._draw = eachFrame(() => this._map && this._paint());
+    store.on("photos placement satellite", this._draw);
+    session.on("answer chosen hint spot", this._draw);
+  },
+
+  onAdd(map) {
+    this._canvas = L.DomUtil.create("canvas", "ed-dots leaflet-zoom-animated");
+    map.getPane("overlayPane").append(this._canvas);
+    map.on(EVENTS, this._draw, this);
+    map.on("zoomanim", this._animate, this);
+    this._draw();
+  },
+
+  onRemove(map) {
+    this._canvas.remove();
+    map.off(EVENTS, this._draw, this);
+    map.off("zoomanim", this._animate, this);
+  },
+
+  /** Show a circle that is just being drawn. @param {?Object} hint */
+  setDraft(hint) {
+    this.draft = hint;
+    this._draw();
+  },
+
+  /** Ranks of the hypotheses under a point of the screen, the nearest first. */
+  near(point, pointer = "mouse") {
+    return this._spots
+      .map((spot) => ({ ...spot, away: Math.hypot(spot.x - point.x, spot.y - point.y) }))
+      .filter(({ away }) => away <= NEAR[pointer])
+      .sort((a, b) => a.away - b.away)
+      .flatMap(({ ranks }) => ranks);
+  },
+
+  _animate(event) {
+    const scale = this._map.getZoomScale(event.zoom);
+    const offset = this._map._latLngToNewLayerPoint(this._northWest, event.zoom, event.center);
+    L.DomUtil.setTransform(this._canvas, offset, scale);
+  },
+
+  _paint() {
+    const [map, canvas] = [this._map, this._canvas];
+    const size = map.getSize();
+    const ratio = devicePixelRatio || 1;
+    const [width, height] = [Math.round(size.x * ratio), Math.round(size.y * ratio)];
+    if (canvas.width !== width || canvas.height !== height) {
+      Object.assign(canvas, { width, height });
+      Object.assign(canvas.style, { width: `${size.x}px`, height: `${size.y}px` });
+    }
+    this._northWest = map.getBounds().getNorthWest();
+    L.DomUtil.setTransform(canvas, map.containerPointToLayerPoint([0, 0]), 1);
+    this._pen = canvas.getContext("2d");
+    this._pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this._pen.clearRect(0, 0, size.x, size.y);
+    this._zoom = map.getZoomScale(map.getZoom(), 0);
+    if (this.store.satellite) this._all();
+  },
+
+  _all() {
+    const { session } = this;
+    this._hint(this.draft || session.hint);
+    this._spots = spotsOf(session.answer, this.store).map((spot) => ({ ...spot, ...this._at(spot.position) }));
+    const chosen = this._spots.find(({ ranks }) => ranks.includes(session.chosen));
+    const ordered = [...this._spots.filter((spot) => spot !== chosen), ...(chosen ? [chosen] : [])];
+    for (const spot of ordered) this._reach(spot, spot === chosen);
+    this._photos(chosen ? new Set(chosen.experiences) : new Set());
+    for (const spot of ordered) this._marker(spot, spot === chosen && !session.spot);
+    if (session.spot && this.store.placement === null) this._pin(this._at(session.spot));
+  },
+
+  _at(position) {
+    const { x, y } = this._map.latLngToContainerPoint(latLngOf(position));
+    return { x, y };
+  },
+
+  /** Plain dots; those that speak for the hypothesis that is looked at are larger. */
+  _photos(speaking) {
+    const pen = this._pen;
+    const dot = this._zoom < SMALL_ZOOM ? DOT - 1 : DOT;
+    pen.lineWidth = 1.5;
+    for (const id of this.store.order) {
+      const position = this.store.position(id);
+      if (!position) continue;
+      const { x, y } = this._at(position);
+      pen.beginPath();
+      pen.arc(x, y, speaking.has(id) ? dot + 2 : dot, 0, 2 * Math.PI);
+      pen.fillStyle = "#fff";
+      pen.fill();
+      pen.strokeStyle = colours.ink;
+      pen.stroke();
+    }
+  },
+
+  /** Where the truth is in 68 of 100 cases, and where the camera looked. */
+  _reach({ x, y, radius, heading, position, probability }, chosen) {
+    const pen = this._pen;
+    const { fill } = shades(probability);
+    if (radius) {
+      pen.beginPath();
+      pen.arc(x, y, Math.max(radius * this._zoom, MARKER), 0, 2 * Math.PI);
+      pen.globalAlpha = chosen ? 0.28 : 0.16;
+      pen.fillStyle = fill;
+      pen.fill();
+      pen.globalAlpha = chosen ? 1 : 0.6;
+      this._stroke(fill, chosen ? 2 : 1.25);
+      pen.globalAlpha = 1;
+    }
+    if (heading === null || (!chosen && probability < 0.1)) return;
+    const middle = ((heading + this.store.georeference.north(position) - 90) * Math.PI) / 180;
+    const half = (((this.session.answer.fov_deg || GUESSED_FOV) / 2) * Math.PI) / 180;
+    pen.beginPath();
+    pen.moveTo(x, y);
+    pen.arc(x, y, WEDGE, middle - half, middle + half);
+    pen.closePath();
+    pen.globalAlpha = chosen ? 0.6 : 0.35;
+    pen.fillStyle = fill;
+    pen.fill();
+    pen.globalAlpha = 1;
+  },
+
+  _marker({ x, y, probability, ranks }, chosen) {
+    const pen = this._pen;
+    const { fill, text } = shades(probability);
+    const radius = chosen ? MARKER + 3 : MARKER;
+    for (const [rim, colour] of [[radius + 3, colours.ink], [radius + 1.5, "#fff"], [radius - 0.5, fill]]) {
+      pen.beginPath();
+      pen.arc(x, y, rim, 0, 2 * Math.PI);
+      pen.fillStyle = colour;
+      pen.fill();
+    }
+    pen.fillStyle = text;
+    pen.font = `700 ${chosen ? 15 : 13}px system-ui, sans-serif`;
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(String(ranks[0]), x, y + 0.5);
+  },
+
+  _hint(hint) {
+    if (!hint || this.store.placement !== null) return;
+    const pen = this._pen;
+    const { x, y } = this._at([hint.x_px, hint.y_px]);
+    pen.beginPath();
+    pen.arc(x, y, hint.radius_px * this._zoom, 0, 2 * Math.PI);
+    pen.setLineDash([7, 5]);
+    this._stroke("#fff", 2);
+    pen.setLineDash([]);
+  },
+
+  /** The place that a person says: the one red thing. */
+  _pin({ x, y }) {
+    const pen = this._pen;
+    pen.beginPath();
+    pen.moveTo(x, y);
+    pen.bezierCurveTo(x - 3, y - 9, x - 11, y - 14, x - 11, y - 23);
+    pen.arc(x, y - 23, 11, Math.PI, 0);
+    pen.bezierCurveTo(x + 11, y - 14, x + 3, y - 9, x, y);
+    pen.fillStyle = colours.truth;
+    pen.fill();
+    this._stroke("#fff", 2);
+    pen.beginPath();
+    pen.arc(x, y - 23, 4, 0, 2 * Math.PI);
+    pen.fillStyle = "#fff";
+    pen.fill();
+  },
+
+  /** A line that is seen on any ground. */
+  _stroke(colour, width) {
+    const pen = this._pen;
+    pen.lineWidth = width + 2;
+    pen.strokeStyle = "rgb(0 0 0 / 0.45)";
+    pen.stroke();
+    pen.lineWidth = width;
+    pen.strokeStyle = colour;
+    pen.stroke();
+  },
+});

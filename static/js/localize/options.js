@@ -1,0 +1,81 @@
+/** What is known besides the photo, and how to look: the form of the menu. */
+
+import { t } from "../i18n.js";
+import { byId } from "../editor/page.js";
+import { lengthText } from "./words.js";
+
+const USUAL = { method: "verified", features: "auto", fov: "", heading_deg: "" };
+
+/** The options of the next question. */
+export class Options {
+  /**
+   * @param {import("./session.js").Session} session
+   * @param {import("../editor/store.js").Store} store
+   * @param {function(): void} askAgain
+   */
+  constructor(session, store, askAgain) {
+    Object.assign(this, { session, store });
+    this.form = byId("options-form");
+    this.menu = byId("options");
+    this.form.addEventListener("input", () => this._count());
+    this.form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      if (!this.form.reportValidity()) return;
+      this.menu.open = false;
+      askAgain();
+    });
+    byId("hint-draw").addEventListener("click", () => {
+      this.menu.open = false;
+      session.setMode("hint");
+      byId("map-canvas").focus({ preventScroll: true });
+    });
+    byId("hint-clear").addEventListener("click", (event) => {
+      event.stopPropagation(); // the button hides itself, which would look like a click outside the menu
+      session.setHint(null);
+      byId("hint-draw").focus();
+    });
+    byId("options-reset").addEventListener("click", () => {
+      for (const [name, value] of Object.entries(USUAL)) this.form.elements[name].value = value;
+      session.setHint(null);
+    });
+    let hint = null;
+    session.on("hint", () => {
+      this._count();
+      if (session.hint && session.hint !== hint && session.query) askAgain();
+      hint = session.hint;
+    });
+    session.on("query", () => this._count());
+    this._count();
+  }
+
+  /** Fields of the request. */
+  values() {
+    const { hint } = this.session;
+    const fields = Object.fromEntries(Object.keys(USUAL).map((name) => [name, this.form.elements[name].value]));
+    return hint ? { ...fields, hint_x_px: hint.x_px, hint_y_px: hint.y_px, hint_radius_px: hint.radius_px } : fields;
+  }
+
+  /** Set one of the fields. */
+  set(name, value) {
+    this.form.elements[name].value = value;
+    this._count();
+  }
+
+  /** Tell on the button how many options are not as usual. */
+  _count() {
+    const { hint, query } = this.session;
+    const changed = Object.entries(USUAL).filter(([name, value]) => this.form.elements[name].value !== value).length;
+    const count = changed + (hint ? 1 : 0);
+    const badge = byId("options-count");
+    badge.hidden = !count;
+    badge.textContent = String(count);
+    byId("hint-clear").hidden = !hint;
+    byId("hint-text").textContent = hint ? this._told(hint) : t("Only photos of the map inside a circle are searched.");
+    byId("ask-again").hidden = !query;
+  }
+
+  _told({ radius_px }) {
+    const scale = this.store.georeference.metresPerPixel;
+    return t("A circle with a radius of {length}", { length: lengthText(scale && radius_px * scale, radius_px) });
+  }
+}

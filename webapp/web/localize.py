@@ -1,0 +1,29 @@
+"""The page that tells where a photo was taken."""
+
+from __future__ import annotations
+
+from flask import Blueprint, render_template
+
+from webapp.core.features.table import BUNDLES
+from webapp.store.schema import MapRecord
+from webapp.web import map_state
+from webapp.web.answer_colours import answer_colours
+from webapp.web.context import account, library, open_map
+
+blueprint = Blueprint("localize", __name__, url_prefix="/maps/<slug>")
+
+
+@blueprint.get("/localize")
+def show(slug: str) -> str:
+    """Show the page; `?query=ID` opens an earlier answer."""
+    record, who = open_map(slug), account()
+    with library().database.read() as session:
+        state = map_state.whole(session, session.get_one(MapRecord, record.id), account=who)
+    return render_template(
+        "localize/localize.html",
+        map=record,
+        tab="localize",
+        state=state,
+        features=sorted(BUNDLES),
+        colours=answer_colours(),
+    )
