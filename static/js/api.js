@@ -117,7 +117,7 @@ async function patiently(path, options) {
 
 async function read(response) {
   const isJson = (response.headers.get("Content-Type") || "").includes("json");
-  if (response.ok) return isJson ? response.json() : null;
+  if (response.ok) return isJson && response.status !== 204 ? response.json() : null;
   const told = isJson ? (await response.json()).error : null;
   const error = new ApiError({ status: response.status, ...(told || unreadable(response)) });
   if (error.status === 401) location.assign(`/sign-in?next=${encodeURIComponent(location.pathname)}`);

@@ -15,7 +15,7 @@ from limits.storage import MemoryStorage
 from limits.strategies import FixedWindowRateLimiter
 from werkzeug.datastructures import FileStorage
 
-from webapp.errors import NotFound, TooMany
+from webapp.errors import IndexDamaged, NotFound, NotReady, TooMany
 from webapp.files.preview import Kind
 from webapp.store import shares
 from webapp.store.shares import Opened
@@ -164,9 +164,12 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
         raise NotFound("photos cannot be localized here")
     _count_visit(opened)
     with received(opened.map, [given["file"]], None) as photos:
-        asked = localize_upload.run(
-            ready_maps(), opened.map.id, question=Question(photos), settings=settings()
-        )
+        try:
+            asked = localize_upload.run(
+                ready_maps(), opened.map.id, question=Question(photos), settings=settings()
+            )
+        except (NotReady, IndexDamaged) as error:
+            raise NotReady("this map cannot answer yet", hint="come back in a few minutes") from error
     return asked.form
 
 

@@ -2,15 +2,16 @@
 
 import { confirmDialog } from "../dialog.js";
 import { moment, t, tn } from "../i18n.js";
+import { shareDialog } from "../shares/dialog.js";
 import { toast, toastError } from "../toast.js";
 import { PhotoZoom } from "../editor/photozoom.js";
 import { byId } from "../editor/page.js";
 
 /**
- * @param {{session: import("./session.js").Session, server: Object}} page
+ * @param {{session: import("./session.js").Session, server: Object, slug: string}} page
  * @param {{forgotten: function(): void}} on
  */
-export function showQuery({ session, server }, on) {
+export function showQuery({ session, server, slug }, on) {
   const [box, image, frame] = [byId("query"), byId("query-image"), byId("query-frame")];
   const zoom = new PhotoZoom(frame, image);
   image.addEventListener("error", () => frame.classList.add("is-broken"));
@@ -39,6 +40,10 @@ export function showQuery({ session, server }, on) {
     byId("busy").hidden = !session.busy;
   });
   byId("query-link").addEventListener("click", () => copy(location.href, t("The link has been copied.")));
+  document.getElementById("query-share")?.addEventListener("click", () => {
+    byId("query-menu").open = false;
+    shareDialog({ slug, query: session.query.id });
+  });
   byId("query-delete").addEventListener("click", async () => {
     byId("query-menu").open = false;
     const { id, name } = session.query;

@@ -51,7 +51,12 @@ function show(answer) {
 function listen() {
   const look = () => session.position && view.reveal(session.position, { margin: 70 });
   answerList(session, look);
-  session.on("answer", look);
+  session.on("answer", () => {
+    look();
+    byId("hypotheses").scrollIntoView({ block: "nearest" });
+  });
+  store.on("current", advised);
+  session.on("answer", advised);
   view.map.on("click", ({ containerPoint, originalEvent }) => {
     const pointer = originalEvent.pointerType === "touch" ? "touch" : "mouse";
     if (session.answer) {
@@ -67,6 +72,11 @@ function listen() {
     event.preventDefault();
     view.map.panBy(PAN[event.key], { animate: false });
   });
+}
+
+/** What was found out needs no advice. */
+function advised() {
+  document.getElementById("advice")?.remove();
 }
 
 function zoomButtons() {

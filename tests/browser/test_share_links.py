@@ -1,0 +1,105 @@
+"""A secret link, as its owner makes it and a visitor opens it, until it is taken back."""
+
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser import axe
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+
+
+@pytest.fixture
+def visitor(open_context):
+    """A page of somebody who has no account."""
+    return open_context().new_page()
+
+
+@pytest.fixture
+def make_link(page, sample_map):
+    """Share the sample map on its settings page; gives the address."""
+
+    def make(*wishes):
+        page.goto(f"/maps/{sample_map}/settings")
+        page.get_by_test_id("share-new").click()
+        for wish in wishes:
+            page.get_by_label(wish).check()
+        page.get_by_role("dialog").get_by_role("button", name="Make the link").click()
+        address = page.get_by_test_id("share-url").input_value()
+        assert "/embed/" in page.get_by_test_id("share-embed").input_value()
+        page.keyboard.press("Escape")
+        return address
+
+    return make
+
+
+@pytest.fixture
+def elsewhere():
+    """Serve a page from another site; gives its address once it is told what it shows."""
+    pages = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(
+                f'<!doctype html><title>x</title><link rel="icon" href="data:,">{pages[-1]}'.encode()
+            )
+
+        def log_message(self, *_args):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+
+    def serve(body):
+        pages.append(body)
+        return f"http://localhost:{server.server_port}"
+
+    yield serve
+    server.shutdown()
+    server.server_close()
+
+
+def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_folder, api, sample_map):
+    api.wait_for_jobs(sample_map)
+    address = make_link("Visitors may ask")
+    visitor.goto(address)
+    expect(visitor.locator("#map-canvas canvas")).to_be_visible()
+    visitor.locator("#map-canvas").click()
+    photo = sample_folder / "queries" / "query_02.jpg"
+    visitor.get_by_test_id("query-input").set_input_files(photo)
+    expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
+    expect(visitor.get_by_test_id("off-map")).to_be_visible()
+    assert axe.findings(visitor) == []
+    page.get_by_role("button", name="Take the link back").first.click()
+    page.get_by_role("button", name="Take it back").click()
+    expect(page.get_by_test_id("share")).to_have_count(0)
+    visitor.context.watch.expect(404)
+    visitor.goto(address)
+    expect(visitor.get_by_test_id("error-message")).to_be_visible()
+
+
+def test_another_site_shows_it_in_a_frame(visitor, make_link, elsewhere):
+    framed = make_link().replace("/s/", "/embed/")
+    site = elsewhere(f'<iframe src="{framed}" title="map" width="800" height="600"></iframe>')
+    visitor.context.watch.allow(site)
+    visitor.goto(f"{site}/")
+    frame = visitor.frame_locator("iframe")
+    expect(frame.locator("#map-canvas canvas")).to_be_visible()
+    expect(frame.locator("header")).to_have_count(0)
+    assert visitor.context.cookies() == []
+
+
+def test_a_public_map_is_found_without_an_account(make_link, open_context, page, sample_map):
+    make_link("Everybody")
+    phone = open_context(**PHONE).new_page()
+    phone.goto("/sign-in")
+    phone.get_by_role("link", name="Public maps").click()
+    phone.get_by_role("link", name="Sample").click()
+    expect(phone.locator("#map-canvas canvas")).to_be_visible()
+    assert phone.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    assert axe.findings(phone) == []
