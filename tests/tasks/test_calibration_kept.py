@@ -22,7 +22,7 @@ def cfg(make_map, tmp_path):
 def made(monkeypatch):
     """Count calibrations; none is really made."""
     count = []
-    monkeypatch.setattr(calibrate, "calibrate", lambda indexed, progress: count.append(1) or DEFAULT)
+    monkeypatch.setattr(calibrate, "calibrate", lambda indexed, progress, **_: count.append(1) or DEFAULT)
     return count
 
 
@@ -63,3 +63,28 @@ def test_other_options_need_another(cfg, made, options):
     open_and_calibrate(cfg)
     open_and_calibrate(cfg, **options)
     assert len(made) == 2
+
+
+def test_a_killed_calibration_goes_on_where_it_was(cfg, monkeypatch):
+    class Killed(BaseException):
+        pass
+
+    tried = []
+    try_one = calibrate._try
+
+    def counted(indexed, photo, *, off_map):
+        if len(tried) == 5:
+            raise Killed
+        tried.append(photo)
+        return try_one(indexed, photo, off_map=off_map)
+
+    monkeypatch.setattr(calibrate, "_try", counted)
+    opened = open_map.run(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
+    whole = calibrate.calibrate
+    with pytest.raises(Killed):
+        calibrate.run(opened, map_fov_deg=None, progress=Progress())
+    monkeypatch.setattr(calibrate, "_try", lambda *a, **k: tried.append(a[1]) or try_one(*a, **k))
+    stored = calibrate.run(opened, map_fov_deg=None, progress=Progress())
+    assert sorted(tried) == list(range(12))
+    assert stored.calibration == whole(opened.indexed, Progress())
+    assert not list(opened.writable.glob("*.trials"))

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
+from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
 from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.places import Place
 from webapp.core.localize.verified import find_places
-from webapp.files import calibrationfile
+from webapp.files import calibrationfile, trialslog
 from webapp.files.calibrationfile import StoredCalibration
+from webapp.files.trialslog import Trial
 from webapp.progress import Progress
 from webapp.tasks.open_map import OpenMap
 
@@ -50,6 +53,18 @@ class _Trial:
     spread_px: float
     error_px: float
 
+    def to_record(self) -> dict[str, Any]:
+        """Give plain values."""
+        case = {"evidence": self.case.evidence.tolist(), "right": self.case.right.tolist()}
+        return {**case, "weight": self.case.weight, "spread_px": self.spread_px, "error_px": self.error_px}
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> _Trial:
+        """Build it from plain values."""
+        evidence = np.array(record["evidence"], np.float64).reshape(-1, EVIDENCE)
+        case = Case(evidence, np.array(record["right"], np.bool_), record["weight"])
+        return cls(case, record["spread_px"], record["error_px"])
+
 
 def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
     """Take the stored calibration where it still fits the map, else make and store a new one.
@@ -68,15 +83,18 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
     """
     photos = _photos(opened)
     radius = opened.indexed.place_radius_px
-    for path in paths(opened):
-        known = calibrationfile.read(path)
+    for there in paths(opened):
+        known = calibrationfile.read(there)
         if known is not None and known.map_fov_deg == map_fov_deg and _still_fits(known, photos, radius):
             return known
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
-    calibration = calibrate(opened.indexed, progress)
+    key = f"{calibrationfile.FORMAT} {opened.map_hash} {radius} {map_fov_deg}"
+    path = paths(opened)[-1]
+    with trialslog.resumed(path.with_suffix(".trials"), key) as (known_trials, keep):
+        calibration = calibrate(opened.indexed, progress, known=known_trials, keep=keep)
     stored = StoredCalibration(calibration, map_fov_deg, radius, photos, time.perf_counter() - started)
-    calibrationfile.write(paths(opened)[-1], stored)
+    calibrationfile.write(path, stored)
     return stored
 
 
@@ -92,16 +110,37 @@ def newest(opened: OpenMap) -> StoredCalibration | None:
     return next((k for k in known if k is not None), None)
 
 
-def calibrate(indexed: IndexedMap, progress: Progress) -> Calibration:
-    """Fit the calibration on at most `MOST_PHOTOS` photos of the map, evenly spread over it."""
+def calibrate(
+    indexed: IndexedMap,
+    progress: Progress,
+    *,
+    known: Mapping[int, Trial] = MappingProxyType({}),
+    keep: Callable[[int, Trial], None] = lambda number, trial: None,
+) -> Calibration:
+    """Fit the calibration on at most `MOST_PHOTOS` photos of the map, evenly spread over it.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    progress : Progress
+    known : mapping of int to Trial
+        Photos that an earlier run has tried.
+    keep : callable
+        Is given each other photo and its trial.
+    """
     count = min(MOST_PHOTOS, len(indexed.ids))
     chosen = [i * len(indexed.ids) // count for i in range(count)]
     progress.size(count)
     trials: list[_Trial] = []
     for number, photo in enumerate(chosen):
         progress.check()
-        trial = _try(indexed, photo, off_map=number % _OFF_MAP_EVERY == 1)
-        trials += [trial] if trial else []
+        if number in known:
+            tried = known[number]
+        else:
+            trial = _try(indexed, photo, off_map=number % _OFF_MAP_EVERY == 1)
+            tried = None if trial is None else trial.to_record()
+            keep(number, tried)
+        trials += [] if tried is None else [_Trial.from_record(tried)]
         progress.advance()
     slope, offset = fit([t.case for t in trials])
     fitted = Calibration(slope, offset, DEFAULT.radius_scale, len(trials))
