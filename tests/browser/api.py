@@ -77,3 +77,9 @@ class Api:
                 return jobs
             time.sleep(0.3)
         raise AssertionError(f"still at work: {jobs}")
+
+    def cancel_jobs(self, slug: str) -> None:
+        """Cancel all jobs of a map that have not ended."""
+        for job in self.ask("GET", f"/jobs?map={slug}")["jobs"]:
+            if job["state"] in BUSY:
+                self.call("POST", f"/jobs/{job['id']}/cancel")

@@ -143,12 +143,14 @@ def small_photos(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) 
 @pytest.fixture
 def make_page(
     page: Page, api: Api, sample_folder: Path, small_photos: list[Path], request: pytest.FixtureRequest
-) -> Callable[..., EditPage]:
+) -> Iterator[Callable[..., EditPage]]:
     """Open the edit page of a new map with the sample's image and some of the small photos, placed or not."""
+    made: list[str] = []
 
     def make(photos: int, *, placed: bool = False) -> EditPage:
         satellite = sample_folder / "satellite.png"
         slug = api.make_map(request.node.name[:60], satellite=satellite, photos=small_photos[:photos])
+        made.append(slug)
         if placed:
             ids = [photo["id"] for photo in api.state(slug)["photos"]]
             changes = [
@@ -160,7 +162,9 @@ def make_page(
             )
         return EditPage(page, slug).open()
 
-    return make
+    yield make
+    for slug in made:
+        api.cancel_jobs(slug)  # nobody needs the index of this map, and the next test needs the processor
 
 
 @pytest.fixture

@@ -17,11 +17,8 @@ PAGES = {
     "settings": "/maps/sample/settings",
     "nowhere": "/nowhere",
 }
-LOOKS = {
-    "wide": {},
-    "dark": {"color_scheme": "dark"},
-    "phone": {"viewport": PHONE, "has_touch": True, "is_mobile": True, "device_scale_factor": 2},
-}
+TOUCH = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
+LOOKS = {"wide-light": {}, "phone-dark": {"viewport": PHONE, "color_scheme": "dark", **TOUCH}}
 CALM = """
 () => document.getAnimations().every((animation) =>
   animation.playState !== "running" || !isFinite(animation.effect.getTiming().iterations))
