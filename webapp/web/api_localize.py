@@ -125,7 +125,8 @@ def localize(slug: str, given: dict[str, Any], sent: dict[str, str | None]) -> d
     if known is not None:
         return {"id": known.id, **known.answer}
     way = Way(given["method"], given["features"])
-    with received(record, given["file"], given.get("query")) as photos:
+    files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
+    with received(record, files, given.get("query")) as photos:
         question = replace(_question(photos, way, given), key=key)
         asked = _asked(record, question)
         id = None

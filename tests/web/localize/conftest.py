@@ -1,0 +1,60 @@
+"""The sample map in a library, with its index built once for all tests of this folder."""
+
+import io
+import shutil
+from pathlib import Path
+
+import pytest
+
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.schema import MapRecord
+from webapp.tasks import adopt_map, build_map
+from webapp.tasks.open_map import OpenOptions
+
+SLUG = "sample"
+
+
+@pytest.fixture(scope="session")
+def ready_sample(sample_folder, tmp_path_factory):
+    """The folder of the sample map with its index and calibration; nobody may change it."""
+    folder = tmp_path_factory.mktemp("ready") / SLUG
+    shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
+    build_map.run(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
+    return folder
+
+
+@pytest.fixture
+def sample(library, owner, ready_sample):
+    """The id of the sample map, ready to answer."""
+    shutil.copytree(ready_sample, library.map_folder(SLUG))
+    return adopt_map.run(library, SLUG, account_id=owner.id)
+
+
+@pytest.fixture
+def queries(sample_folder):
+    """The folder with the sample's queries."""
+    return sample_folder / "queries"
+
+
+@pytest.fixture
+def ask():
+    """Ask where photos were taken, as a browser."""
+
+    def run(browser, *photos, slug=SLUG, **options):
+        files = [(io.BytesIO(p.read_bytes()), p.name) if isinstance(p, Path) else p for p in photos]
+        fields = {**options, **({"file": files} if files else {})}
+        return browser.post(f"/api/v1/maps/{slug}/localize", data=fields, content_type="multipart/form-data")
+
+    return run
+
+
+@pytest.fixture
+def record(library, sample):
+    """Read the record of the sample map."""
+
+    def read():
+        with library.database.read() as session:
+            return session.get_one(MapRecord, sample)
+
+    return read

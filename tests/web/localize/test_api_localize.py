@@ -1,0 +1,241 @@
+"""Localizing through the API: the answer, who may ask, what is refused."""
+
+import csv
+import io
+import json
+import math
+import shutil
+
+import pytest
+from sqlalchemy import select
+
+from webapp.store import members
+from webapp.store import queries as stored
+from webapp.store.schema import Job, MapRecord, QueryRecord
+from webapp.tasks import adopt_map
+
+KEYS = {
+    "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
+    "off_map_probability", "statistics", "seconds", "map_revision",
+}  # fmt: skip
+"""Of `expmap localize --json`."""
+
+
+def jobs_of(library):
+    with library.database.read() as session:
+        return [(job.kind, job.key) for job in session.scalars(select(Job).where(Job.state == "queued"))]
+
+
+def truth(queries, name):
+    with (queries.parent / "queries.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["path"]: row for row in csv.DictReader(file, delimiter=";")}
+    return float(rows[f"queries/{name}"]["x"]), float(rows[f"queries/{name}"]["y"])
+
+
+def test_a_query_is_found_and_remembered(client, sample, ask, queries):
+    answer = ask(client, queries / "query_01.jpg").get_json()
+    assert KEYS | {"id", "calibrated", "not_indexed"} == answer.keys()
+    assert (answer["query"], answer["calibrated"], answer["not_indexed"]) == ("query_01.jpg", True, 0)
+    first = answer["hypotheses"][0]
+    assert math.dist((first["x_px"], first["y_px"]), truth(queries, "query_01.jpg")) < 40
+    total = sum(h["probability"] for h in answer["hypotheses"])
+    assert total + answer["other_probability"] + answer["off_map_probability"] == pytest.approx(1.0)
+    told = client.get(f"/api/v1/maps/sample/queries/{answer['id']}").get_json()
+    assert told["answer"].keys() == KEYS
+    assert {key: answer[key] for key in KEYS} == told["answer"]
+    assert (told["who"], told["name"], told["adopted"]) == ("owner", "query_01.jpg", None)
+
+
+def test_a_photo_from_elsewhere_is_off_the_map(client, sample, ask, queries):
+    answer = ask(client, queries / "off_map.jpg").get_json()
+    assert answer["off_map_probability"] > max(h["probability"] for h in answer["hypotheses"])
+
+
+def test_the_matches_lie_in_the_photos(client, sample, ask, queries):
+    id = ask(client, queries / "query_02.jpg", top=2).get_json()["id"]
+    told = client.get(f"/api/v1/maps/sample/queries/{id}").get_json()
+    matches = client.get(f"/api/v1/maps/sample/queries/{id}/matches").get_json()["matches"]
+    spoken_for = [h["experiences"][0] for h in told["answer"]["hypotheses"]]
+    assert set(spoken_for) <= {m["experience"] for m in matches}
+    for match in matches:
+        assert len(match["query_xy"]) == len(match["photo_xy"]) == len(match["inlier"]) > 0
+        assert all(0 <= x <= told["width"] and 0 <= y <= told["height"] for x, y in match["query_xy"])
+    assert sum(matches[0]["inlier"]) == told["answer"]["hypotheses"][0]["inliers"]
+
+
+def test_pictures_of_a_query(client, sample, ask, queries):
+    id = ask(client, queries / "query_00.jpg").get_json()["id"]
+    told = client.get(f"/api/v1/maps/sample/queries/{id}").get_json()
+    assert client.get(told["photo"], buffered=True).data == (queries / "query_00.jpg").read_bytes()
+    for kind in ("preview", "thumb"):
+        picture = client.get(told[kind], buffered=True)
+        assert picture.mimetype == "image/jpeg" and picture.data[:2] == b"\xff\xd8"
+        assert b"Exif" not in picture.data
+
+
+@pytest.mark.parametrize(("method", "features"), [("vote", "auto"), ("vote", "sift"), ("verified", "sift")])
+def test_methods_and_features(client, sample, ask, queries, method, features):
+    answer = ask(client, queries / "query_01.jpg", method=method, features=features).get_json()
+    assert (answer["method"], answer["features"]) == (method, "sift")
+    assert (answer["off_map_probability"] is None) == (method == "vote")
+
+
+def test_the_field_of_view_can_be_given(client, sample, ask, queries):
+    answer = ask(client, queries / "query_01.jpg", fov=70).get_json()
+    assert (answer["fov_deg"], answer["fov_source"]) == (70.0, "option")
+
+
+def test_hints_leave_photos_out(client, sample, ask, queries):
+    x, y = truth(queries, "query_01.jpg")
+    near = {"hint_x_px": x, "hint_y_px": y, "hint_radius_px": 200}
+    answer = ask(client, queries / "query_01.jpg", **near).get_json()
+    assert math.dist((answer["hypotheses"][0]["x_px"], answer["hypotheses"][0]["y_px"]), (x, y)) < 40
+    photos = client.get("/api/v1/maps/sample").get_json()["photos"]
+    at = {p["id"]: (p["x_px"], p["y_px"], p["heading_deg"]) for p in photos}
+    used = [id for h in answer["hypotheses"] for id in h["experiences"]]
+    assert all(math.dist(at[id][:2], (x, y)) <= 200 for id in used)
+    turned = ask(client, queries / "query_01.jpg", heading_deg=120).get_json()
+    used = [id for h in turned["hypotheses"] for id in h["experiences"]]
+    assert used and all(abs(math.remainder(at[id][2] - 120, 360)) <= 100 for id in used)
+
+
+@pytest.mark.parametrize(
+    ("fields", "where"),
+    [
+        ({"hint_x_px": 1, "hint_y_px": 1, "hint_radius_px": 1}, "hint_radius_px"),
+        ({"hint_x_px": 1}, "hint_x_px"),
+        ({"method": "guess"}, "method"),
+        ({"features": "../../etc"}, "features"),
+        ({"fov": "wide"}, "fov"),
+        ({"fov": 200}, "fov"),
+        ({"top": 0}, "top"),
+    ],
+)
+def test_what_cannot_be_asked(client, sample, ask, queries, fields, where):
+    response = ask(client, queries / "query_01.jpg", **fields)
+    assert response.status_code in (400, 422)
+    assert where in response.get_json()["error"]["where"]
+
+
+@pytest.mark.parametrize("fields", [{}, {"file": ""}, {"file": "text"}])
+def test_a_question_needs_a_photo(client, sample, ask, fields):
+    response = ask(client, **fields)
+    assert response.status_code in (400, 422)
+    assert "file" in response.get_json()["error"]["where"]
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"not a photo", b"\xff\xd8\xff\xe0" + b"\0" * 200, b"<svg onload='alert(1)'/>"]
+)
+def test_hostile_files_leave_nothing(client, library, sample, ask, data):
+    response = ask(client, (io.BytesIO(data), "../../evil.jpg"))
+    assert response.status_code == 422
+    told = response.get_json()["error"]
+    assert told["code"] == "photo_error" and str(library.folder) not in json.dumps(told)
+    assert list(library.uploads.glob("*.part")) == []
+    assert client.get("/api/v1/maps/sample/queries").get_json()["queries"] == []
+
+
+def test_what_is_not_to_be_kept_is_not(client, library, sample, ask, queries):
+    answer = ask(client, queries / "query_01.jpg", keep="false").get_json()
+    assert answer["id"] is None and answer["hypotheses"]
+    assert client.get("/api/v1/maps/sample/queries").get_json()["queries"] == []
+    assert list(library.uploads.glob("*.part")) == [] and not (library.inner / "queries").exists()
+
+
+def test_the_same_photo_is_asked_again_without_sending_it(client, sample, ask, queries):
+    first = ask(client, queries / "query_01.jpg").get_json()
+    again = ask(client, query=first["id"], method="vote").get_json()
+    assert (again["method"], again["query"]) == ("vote", "query_01.jpg") and again["id"] != first["id"]
+    ask(client, query=first["id"])
+    client.delete(f"/api/v1/maps/sample/queries/{first['id']}")
+    photo = client.get(f"/api/v1/maps/sample/queries/{again['id']}/photo", buffered=True)
+    assert photo.data == (queries / "query_01.jpg").read_bytes()
+
+
+def test_photos_of_one_spot_are_one_question(client, sample, ask, queries):
+    photos = sorted((queries.parent / "photos").glob("*.jpg"))
+    answer = ask(client, photos[20], photos[21]).get_json()
+    assert answer["query"] == f"{photos[20].name}, {photos[21].name}"
+    total = sum(h["probability"] for h in answer["hypotheses"])
+    assert total + answer["other_probability"] + answer["off_map_probability"] == pytest.approx(1.0)
+    (told,) = client.get("/api/v1/maps/sample/queries").get_json()["queries"]
+    assert told["name"] in {photos[20].name, photos[21].name} and told["options"]["photos"] == 2
+
+
+def test_who_may_ask(library, sample, ask, queries, new_account, sign_in, stranger, owner):
+    viewer, nobody = new_account("vera"), new_account("nora")
+    with library.database.write() as session:
+        members.set_role(session, session.get_one(MapRecord, sample), account=viewer, role="viewer")
+    assert ask(stranger, queries / "query_01.jpg").status_code == 401
+    assert ask(sign_in(nobody), queries / "query_01.jpg").status_code == 404
+    response = ask(sign_in(viewer), queries / "query_01.jpg")
+    assert response.status_code == 200
+    id = response.get_json()["id"]
+    assert sign_in(nobody).get(f"/api/v1/maps/sample/queries/{id}/photo").status_code == 404
+    assert sign_in(viewer).post(f"/api/v1/maps/sample/queries/{id}/adopt", json={}).status_code == 403
+    theirs = ask(sign_in(owner), queries / "query_02.jpg").get_json()["id"]
+    assert sign_in(viewer).delete(f"/api/v1/maps/sample/queries/{theirs}").status_code == 403
+    assert sign_in(viewer).delete(f"/api/v1/maps/sample/queries/{id}").status_code == 204
+
+
+def test_an_answer_belongs_to_its_map(client, sample, ask, queries, park):
+    id = ask(client, queries / "query_01.jpg").get_json()["id"]
+    assert client.get(f"/api/v1/maps/{park}/queries/{id}").status_code == 404
+    assert client.get("/api/v1/maps/sample/queries/99999999999").status_code == 404
+
+
+def test_a_map_that_is_not_ready_says_so_and_is_made_ready(
+    client, library, owner, ready_sample, ask, queries
+):
+    folder = library.map_folder("sample")
+    shutil.copytree(ready_sample, folder, ignore=shutil.ignore_patterns("derived"))
+    adopt_map.run(library, "sample", account_id=owner.id)
+    for _ in range(2):
+        response = ask(client, queries / "query_01.jpg")
+        error = response.get_json()["error"]
+        assert (response.status_code, error["code"]) == (409, "not_ready") and error["hint"]
+    assert [job for job in jobs_of(library) if job[0] == "index"] == [("index", "")]
+    response = ask(client, queries / "query_01.jpg", features="orb")
+    assert response.status_code == 409 and ("index", "orb") in jobs_of(library)
+
+
+def test_a_map_without_photos_cannot_answer(client, park, ask, queries):
+    response = ask(client, queries / "query_01.jpg", slug=park)
+    assert response.status_code == 422 and response.get_json()["error"]["hint"]
+
+
+def test_the_oldest_answers_are_forgotten(library, sample, record):
+    with library.database.write() as session:
+        for number in range(4):
+            row = QueryRecord(
+                name=f"{number}.jpg",
+                file=f"{number}.jpg",
+                width=1,
+                height=1,
+                options={},
+                answer={},
+                evidence=[],
+            )
+            gone = stored.add(session, record(), row=row, most=3)
+        assert [old.name for old in gone] == ["0.jpg"]
+    with library.database.read() as session:
+        assert [row.name for row in stored.listed(session, record())] == ["3.jpg", "2.jpg", "1.jpg"]
+
+
+def test_coordinates(client, sample):
+    told = client.get("/api/v1/maps/sample/coordinates?x_px=300&y_px=200").get_json()
+    assert told["mgrs"].startswith("33U WR ") and told["utm"].startswith("33U ")
+    assert told["decimal"].startswith("50.21") and "°" in told["dms"]
+    assert client.get("/api/v1/maps/sample/coordinates?x_px=nan&y_px=1").status_code < 500
+
+
+def test_coordinates_of_a_map_without_georeference(client, park):
+    told = client.get(f"/api/v1/maps/{park}/coordinates?x_px=1&y_px=1").get_json()
+    assert set(told.values()) == {None}
+
+
+def test_the_page_opens_also_without_an_image(client, sample, park):
+    for slug in ("sample", park):
+        page = client.get(f"/maps/{slug}/localize")
+        assert page.status_code == 200 and b'data-testid="query-input"' in page.data
