@@ -13,6 +13,7 @@ PAGES = {
     "people": "/people",
     "edit": "/maps/sample/edit",
     "image": "/maps/sample/image",
+    "localize": "/maps/sample/localize",
     "jobs": "/maps/sample/jobs",
     "settings": "/maps/sample/settings",
     "nowhere": "/nowhere",
