@@ -117,7 +117,7 @@ def limit_bytes() -> None:
 @blueprint.input(QuestionIn, location="form_and_files", arg_name="given")
 @blueprint.input(KeyIn, location="headers", arg_name="sent")
 @blueprint.output(AnswerOut)
-def localize(slug: str, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
+def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
     """Tell where a photo was taken."""
     record, key = open_map(slug), sent["key"] if given["keep"] else None
     with library().database.read() as session:
@@ -126,7 +126,7 @@ def localize(slug: str, given: dict[str, Any], sent: dict[str, str | None]) -> d
         return {"id": known.id, **known.answer}
     way = Way(given["method"], given["features"])
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
-    with received(record, files, given.get("query")) as photos:
+    with received(record, files, again=given.get("query")) as photos:
         question = replace(_question(photos, way, given), key=key)
         asked = _asked(record, question)
         id = None
@@ -169,7 +169,7 @@ def ready_maps() -> ReadyMaps:
 
 
 @contextmanager
-def received(record: MapRecord, files: list[FileStorage], again: int | None) -> Iterator[tuple[Sent, ...]]:
+def received(record: MapRecord, files: list[FileStorage], *, again: int | None) -> Iterator[tuple[Sent, ...]]:
     """Write what was sent to files, which are gone afterwards.
 
     Parameters

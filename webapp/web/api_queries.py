@@ -139,7 +139,7 @@ def delete(slug: str, id: int) -> str:
 @blueprint.post(f"/{_ID}/adopt")
 @blueprint.input(AdoptIn, arg_name="place")
 @blueprint.output(AdoptOut, status_code=201)
-def adopt(slug: str, id: int, place: dict[str, float | None]) -> dict[str, Any]:
+def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, Any]:
     """Make the photo an experience of the map."""
     record = open_map(slug, "editor")
     x, y = place["x_px"], place["y_px"]

@@ -163,7 +163,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     if not opened.share.localize:
         raise NotFound("photos cannot be localized here")
     _count_visit(opened)
-    with received(opened.map, [given["file"]], None) as photos:
+    with received(opened.map, [given["file"]], again=None) as photos:
         try:
             asked = localize_upload.run(
                 ready_maps(), opened.map.id, question=Question(photos), settings=settings()
