@@ -79,6 +79,8 @@ root = LazyGroup(
         "serve": "webapp.cli.serve:serve",
         "worker": "webapp.cli.worker:worker",
         "account": "webapp.cli.main:account_group",
+        "backup": "webapp.cli.backup:backup",
+        "restore": "webapp.cli.backup:restore",
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[

@@ -11,7 +11,12 @@ from webapp.errors import StorageError
 from webapp.store.database import Database
 from webapp.store.migrate import migrate
 
-_INNER = ".library"
+INNER = ".library"
+"""Folder of what is no map."""
+
+DATABASE = "library.db"
+"""Its file in there."""
+
 _WAIT_S = 120
 
 
@@ -32,7 +37,7 @@ class Library:
     @property
     def inner(self) -> Path:
         """What is no map: database, secrets, uploads on their way in."""
-        return self.folder / _INNER
+        return self.folder / INNER
 
     @property
     def uploads(self) -> Path:
@@ -63,7 +68,7 @@ def open_library(folder: Path, *, url: str | None = None) -> Library:
         The folder cannot be written.
     """
     folder = folder.resolve()
-    library = Library(folder, Database(url or f"sqlite:///{folder / _INNER / 'library.db'}"))
+    library = Library(folder, Database(url or f"sqlite:///{folder / INNER / DATABASE}"))
     try:
         library.uploads.mkdir(parents=True, exist_ok=True)
         with FileLock(library.inner / "migrate.lock", timeout=_WAIT_S):

@@ -1,0 +1,79 @@
+"""`expmap backup` and `expmap restore`: a whole library in one file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from webapp.cli.exitcodes import DONE, SOME_FAILED
+from webapp.cli.progressbar import terminal_progress
+from webapp.errors import NotFound
+from webapp.settings import from_environment
+from webapp.store.library import DATABASE, INNER, open_library
+from webapp.tasks import backup_library, restore_library
+
+
+def _library_option(command: Callable[..., None]) -> Callable[..., None]:
+    return click.option(
+        "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+        help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+    )(command)  # fmt: skip
+
+
+@click.command()
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@_library_option
+def backup(file: Path, library: Path | None) -> None:
+    """Put a whole library into FILE, a zip.
+
+    The library may be served and changed meanwhile. Accounts are part of it: keep FILE where only you can
+    read it.
+    """
+    folder = _folder(library)
+    if not (folder / INNER / DATABASE).is_file():
+        raise NotFound(
+            "there is no library in this folder", where=str(folder), hint="name it: --library FOLDER"
+        )
+    opened = open_library(folder)
+    try:
+        with terminal_progress("copying") as progress:
+            report = backup_library.run(opened, file, progress=progress)
+    finally:
+        opened.database.close()
+    for name in report.missing:
+        click.echo(f"{name}: the library has lost this file", err=True)
+    click.echo(
+        f"{file}: {report.maps} maps, {report.photos} photos, {report.files} files, "
+        f"{report.size_bytes / 1e6:.1f} MB"
+    )
+    sys.exit(SOME_FAILED if report.missing else DONE)
+
+
+@click.command()
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@_library_option
+@click.option(
+    "--force", is_flag=True, help="Also where there is something; it is kept in a folder of its own."
+)
+def restore(file: Path, library: Path | None, force: bool) -> None:
+    """Make a library of the backup FILE.
+
+    All of it is checked first. Indexes are built anew, by the first server or worker.
+    """
+    folder = _folder(library)
+    with terminal_progress("unpacking") as progress:
+        report = restore_library.run(file, folder, force=force, progress=progress)
+    if report.before is not None:
+        click.echo(f"what was there before is in {report.before}", err=True)
+    click.echo(
+        f"{folder}: {report.maps} maps, {report.photos} photos, {report.files} files, as of {report.made_at}"
+    )
+
+
+def _folder(given: Path | None) -> Path:
+    settings = from_environment()
+    return (replace(settings, library=given) if given is not None else settings).library

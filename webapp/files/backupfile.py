@@ -1,0 +1,296 @@
+"""A backup: a zip of files as they are, and a manifest with their hashes, without which it is none.
+
+It is written under another name and gets its own when it is complete and was read again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import lzma
+import os
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from filelock import FileLock, Timeout
+
+from webapp.errors import Conflict, InputError
+from webapp.files.atomic import storage_error, sync_folder
+from webapp.progress import Progress
+
+MANIFEST = "manifest.json"
+FORMAT = "experience-map-backup"
+VERSION = 1
+
+_BLOCK = 1 << 20
+_TIME = (1980, 1, 1, 0, 0, 0)
+_MAX_MANIFEST = 1 << 30
+_PART = r"(?!\.{1,2}(?:/|$))[^/\x00]+"
+_NAME = re.compile(rf"{_PART}(?:/{_PART})*")
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+_BROKEN = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, NotImplementedError, KeyError,
+)  # fmt: skip
+_HINT = "take another backup: nothing was changed"
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A file of a backup.
+
+    Attributes
+    ----------
+    size_bytes : int
+    sha256 : str
+    """
+
+    size_bytes: int
+    sha256: str
+
+
+Files = dict[str, Kept]
+"""By name, with forward slashes."""
+
+
+class Archive:
+    """A backup that is being written.
+
+    Attributes
+    ----------
+    files : dict of str to Kept
+    scratch : Path
+        For a file of the writer's own, which nobody else may read, and which is gone with the end.
+    """
+
+    def __init__(self, file: zipfile.ZipFile, scratch: Path) -> None:
+        self._file = file
+        self.files: Files = {}
+        self.scratch = scratch
+
+    def add(self, name: str, source: Path) -> None:
+        """Put a file in, once: files of the same name never differ.
+
+        Raises
+        ------
+        FileNotFoundError
+            It is not there (any more); nothing was put in.
+        OSError
+        """
+        if name in self.files:
+            return
+        with source.open("rb") as opened:
+            info = zipfile.ZipInfo.from_file(source, name, strict_timestamps=False)
+            with self._file.open(info, "w", force_zip64=True) as target:
+                self.files[name] = _copy(opened, target.write)
+
+    def add_bytes(self, name: str, data: bytes) -> None:
+        """Put a small file in.
+
+        Raises
+        ------
+        OSError
+        """
+        self._file.writestr(zipfile.ZipInfo(name, _TIME), data)
+        self.files[name] = Kept(len(data), hashlib.sha256(data).hexdigest())
+
+    def keep(self, wanted: Callable[[str], bool]) -> None:
+        """Leave out files that turned out not to be wanted; their bytes stay, but are never unpacked."""
+        self.files = {name: kept for name, kept in self.files.items() if wanted(name)}
+
+
+@contextmanager
+def new_backup(target: Path, *, about: Mapping[str, Any], progress: Progress) -> Iterator[Archive]:
+    """Write a backup; it stands under its name when the block has ended without an error.
+
+    Parameters
+    ----------
+    target : Path
+        One that is there is replaced by the complete new one.
+    about : mapping
+        Plain values for the manifest.
+    progress : Progress
+        One step for each file that is read again.
+
+    Raises
+    ------
+    StorageError, DiskFull
+        The disk refused; nothing of it is left.
+    Conflict
+        Another process writes the same backup.
+    InputError
+        What was written is not what is read again: the disk is damaged.
+    """
+    part, scratch, lock = (target.with_name(f".{target.name}.{kind}") for kind in ("part", "db", "lock"))
+    try:
+        with FileLock(lock, timeout=0):
+            try:
+                yield from _written(part, scratch, about)
+                check(part, progress=progress)
+                part.replace(target)
+                sync_folder(target.parent)
+            finally:
+                for path in (part, scratch):
+                    path.unlink(missing_ok=True)
+                with suppress(PermissionError):  # Windows deletes it by itself
+                    lock.unlink(missing_ok=True)
+    except Timeout as error:
+        raise Conflict("another process writes this backup", where=str(target)) from error
+    except OSError as error:
+        raise storage_error(error, where=str(target)) from error
+
+
+def _written(part: Path, scratch: Path, about: Mapping[str, Any]) -> Iterator[Archive]:
+    """Write a zip that nobody else may read: it holds all that accounts are made of."""
+    for path in (part, scratch):  # of one that was killed
+        path.unlink(missing_ok=True)
+        path.touch(mode=0o600, exist_ok=False)
+    with part.open("r+b") as file:
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as zipped:
+            archive = Archive(zipped, scratch)
+            yield archive
+            files = {name: [kept.size_bytes, kept.sha256] for name, kept in archive.files.items()}
+            manifest = {"format": FORMAT, "version": VERSION, **about, "files": files}
+            zipped.writestr(
+                zipfile.ZipInfo(MANIFEST, _TIME), json.dumps(manifest, indent=0), zipfile.ZIP_DEFLATED
+            )
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def check(path: Path, *, progress: Progress) -> Files:
+    """Read a backup through, and compare all of it with its manifest.
+
+    Parameters
+    ----------
+    path : Path
+    progress : Progress
+        One step a file.
+
+    Returns
+    -------
+    dict of str to Kept
+
+    Raises
+    ------
+    InputError
+        It is no backup, or is damaged.
+    StorageError
+        It cannot be read.
+    """
+    return _read(path, progress, lambda _name: _nowhere())
+
+
+def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: Progress) -> Files:
+    """Unpack a backup, comparing all of it with its manifest.
+
+    Parameters
+    ----------
+    path : Path
+    folder : Path
+        Where `place` puts everything below.
+    place : callable
+        From name to path; the folders are made.
+    progress : Progress
+        One step a file.
+
+    Returns
+    -------
+    dict of str to Kept
+
+    Raises
+    ------
+    InputError
+        It is no backup, or is damaged: what was unpacked is worth nothing.
+    StorageError, DiskFull
+        The disk refused.
+    Cancelled
+    """
+
+    @contextmanager
+    def target(name: str) -> Iterator[Callable[[bytes], object]]:
+        file = place(name)
+        if not file.resolve().is_relative_to(folder.resolve()):
+            raise InputError("the backup leads out of its folder", where=name)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("xb") as opened:
+            yield opened.write
+            opened.flush()
+            os.fsync(opened.fileno())
+
+    return _read(path, progress, target)
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Read what a backup says about itself.
+
+    Raises
+    ------
+    InputError
+        It is no backup.
+    StorageError
+    """
+    with _told(path), zipfile.ZipFile(path) as opened:
+        return _manifest(opened)[0]
+
+
+def _read(path: Path, progress: Progress, target: Callable[[str], Any]) -> Files:
+    with _told(path), zipfile.ZipFile(path) as opened:
+        files = _manifest(opened)[1]
+        progress.size(len(files))
+        for name, kept in files.items():
+            progress.check()
+            with opened.open(name) as source, target(name) as write:
+                if _copy(source, write) != kept:
+                    raise InputError(
+                        "the backup is damaged: a file in it has changed", where=name, hint=_HINT
+                    )
+            progress.advance()
+    return files
+
+
+def _manifest(opened: zipfile.ZipFile) -> tuple[dict[str, Any], Files]:
+    if MANIFEST not in opened.namelist() or opened.getinfo(MANIFEST).file_size > _MAX_MANIFEST:
+        raise InputError("this is no backup of a library", hint="expmap backup makes one")
+    try:
+        content = json.loads(opened.read(MANIFEST))
+        if content["format"] != FORMAT or content["version"] != VERSION:
+            raise InputError("another version of the program has made this backup", hint="update the program")
+        files = {str(name): Kept(int(size), str(sha256)) for name, (size, sha256) in content["files"].items()}
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError("the backup's manifest is damaged", where=MANIFEST, hint=_HINT) from error
+    for name, kept in files.items():
+        if not (_NAME.fullmatch(name) and _SHA256.fullmatch(kept.sha256)):
+            raise InputError("the backup's manifest is damaged", where=name, hint=_HINT)
+    return content, files
+
+
+def _copy(source: IO[bytes], write: Callable[[bytes], object]) -> Kept:
+    digest, size = hashlib.sha256(), 0
+    while block := source.read(_BLOCK):
+        write(block)
+        digest.update(block)
+        size += len(block)
+    return Kept(size, digest.hexdigest())
+
+
+@contextmanager
+def _nowhere() -> Iterator[Callable[[bytes], object]]:
+    yield len
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except _BROKEN as error:
+        raise InputError(
+            f"this is no backup, or it is damaged: {error}", where=str(path), hint=_HINT
+        ) from error
+    except OSError as error:
+        raise storage_error(error, where=str(path)) from error

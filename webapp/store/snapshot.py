@@ -1,0 +1,109 @@
+"""A copy of the database as it is at one moment, while others read and write it, and what that copy names."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import make_url
+
+from webapp.errors import DiskFull, StorageError, UsageError
+from webapp.store.database import Database
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What a database holds, and which files it needs.
+
+    Attributes
+    ----------
+    maps : dict of int to str
+        Slug of each map by its id.
+    photos : int
+    files : frozenset of (str, str)
+        Slug of the map and path in its folder, of all photos and images.
+    queries : frozenset of (int, str)
+        Id of the map and name of the file, of all photos that were asked about.
+    """
+
+    maps: dict[int, str]
+    photos: int
+    files: frozenset[tuple[str, str]]
+    queries: frozenset[tuple[int, str]]
+
+
+def copy_to(database: Database, target: Path) -> Contents:
+    """Copy a database to a file.
+
+    Parameters
+    ----------
+    database : Database
+    target : Path
+        What it holds is replaced.
+
+    Returns
+    -------
+    Contents
+        Of the copy.
+
+    Raises
+    ------
+    UsageError
+        It is no SQLite database.
+    StorageError, DiskFull
+        The disk refused.
+    """
+    if make_url(database.url).get_backend_name() != "sqlite":
+        raise UsageError("only SQLite databases are copied here", hint="use the tools of the database server")
+    try:
+        with closing(sqlite3.connect(target)) as copy:
+            with database.engine.connect() as connection:
+                source = connection.connection.driver_connection
+                assert isinstance(source, sqlite3.Connection)
+                source.backup(copy)
+            copy.execute("PRAGMA journal_mode=DELETE")  # one file, and no others beside it
+            return _contents(copy)
+    except sqlite3.Error as error:
+        raise _told(error, target) from error
+
+
+def check(path: Path) -> Contents:
+    """Look through a database file for damage.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Contents
+
+    Raises
+    ------
+    StorageError
+        It is damaged, or no database of a library.
+    """
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+            (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()
+            if found != "ok":
+                raise StorageError(f"the database is damaged: {found}", where=path.name)
+            return _contents(database)
+    except sqlite3.Error as error:
+        raise _told(error, path) from error
+
+
+def _contents(database: sqlite3.Connection) -> Contents:
+    maps: dict[int, str] = dict(database.execute("SELECT id, slug FROM map"))
+    photos = database.execute("SELECT map.slug, path FROM photo JOIN map ON map.id = map_id").fetchall()
+    images = database.execute("SELECT slug, satellite_path FROM map WHERE satellite_path IS NOT NULL")
+    queries = database.execute("SELECT map_id, file FROM query")
+    return Contents(maps, len(photos), frozenset([*photos, *images]), frozenset(queries))
+
+
+def _told(error: sqlite3.Error, path: Path) -> StorageError:
+    full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+    hint = "free some space on the disk" if full else None
+    return (DiskFull if full else StorageError)(f"the database: {error}", where=path.name, hint=hint)
