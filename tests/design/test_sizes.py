@@ -3,7 +3,8 @@
 - A file has at most 400 lines; half of them at most 150.
 - A function's body, its docstring apart, has at most 60 lines; of 95 % of them at most 40. Migrations, which
   list what changed in the tables, are not counted.
-- A function has at most 6 parameters. Those of a command are its options, and are not counted.
+- A function has at most 6 parameters. Those of a command are its options, and those of a view parts of its
+  address and what came with the request: they are not counted.
 - Public functions take at most two parameters by position, private ones three; `self` and `cls` are not
   counted; the coordinates `x, y` count as one, and so does a `record` with the `session` that it belongs to.
 """
@@ -45,8 +46,9 @@ class Function(NamedTuple):
         return len(self.by_position()) + len(self.node.args.kwonlyargs) + sum(r is not None for r in rest)
 
     def is_command(self) -> bool:
-        """Tell whether the parameters are a command's options."""
-        return any(_last_name(d) in ("command", "group") for d in self.node.decorator_list)
+        """Tell whether the parameters are a command's options, or come with a request."""
+        names = ("command", "group", "get", "post", "put", "patch", "delete", "route")
+        return any(_last_name(d) in names for d in self.node.decorator_list)
 
 
 def _last_name(decorator: ast.expr) -> str:
