@@ -1,5 +1,6 @@
 """What was backed up while it was served is served again elsewhere: the same maps, photos and answers."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -48,7 +49,7 @@ def answers(app, token):
     for path in paths:
         answer = client.get(f"/api/v1/maps/park{path}", headers={"Authorization": f"Bearer {token}"})
         assert answer.status_code == 200, path
-        got[path] = answer.data
+        got[path] = re.sub(rb"\?v=\w+", b"", answer.data)  # for browsers: another file, another address
         answer.close()
     return got
 
