@@ -124,7 +124,7 @@ def photo_original(token: str, id: int) -> Response:
     """Get the file of a photo of the map, where the owner gives files out."""
     opened = _opened(token, originals=True)
     with library().database.read() as session:
-        record, photo = shared_state.photo(session, opened, id)
+        record, photo = shared_state.photo(session, opened, id=id)
     return _file(show_photo.original(library(), record.slug, photo=photo), photo.name)
 
 
@@ -198,7 +198,7 @@ def _opened(token: str, *, originals: bool = False) -> Opened:
 def _photo_preview(token: str, id: int, kind: Kind) -> Response:
     opened = _opened(token)
     with library().database.read() as session:
-        record, photo = shared_state.photo(session, opened, id)
+        record, photo = shared_state.photo(session, opened, id=id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
     return _sent(path, etag=f"{photo.sha256}-{kind}")
 

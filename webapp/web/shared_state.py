@@ -43,7 +43,7 @@ def whole(session: Session, opened: Opened, *, token: str) -> dict[str, Any]:
     }
 
 
-def photo(session: Session, opened: Opened, id: int) -> tuple[MapRecord, Photo]:
+def photo(session: Session, opened: Opened, *, id: int) -> tuple[MapRecord, Photo]:
     """Find a photo whose pictures a share gives.
 
     Raises
