@@ -30,7 +30,8 @@ from tests.browser.app import App, expmap
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
 
-PATIENCE_MS = 3_600_000
+PATIENCE_MS = 60_000
+UPLOAD_MS = 1_800_000
 FIGURES = ("median_px", "within_10px", "within_20px", "within_50px", "within_100px")
 POINTS = 0.02
 """By so much the page's index may be worse or better than the command line's."""
@@ -146,7 +147,7 @@ def _fill(page: Page, slug: str, *, source: Path) -> dict[str, float]:
     times: dict[str, float] = {}
     with _timed(times, "upload"):
         page.get_by_test_id("photo-input").set_input_files(photos)
-        page.get_by_test_id("upload-summary").wait_for()
+        page.get_by_test_id("upload-summary").wait_for(timeout=UPLOAD_MS)
     with _timed(times, "positions"):
         _import_positions(page, source, count=len(photos))
     with _timed(times, "index"):

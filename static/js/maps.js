@@ -16,6 +16,7 @@ for (const button of document.querySelectorAll("[data-action]")) {
 }
 for (const button of document.querySelectorAll("#create, [data-opens='create']")) {
   button.addEventListener("click", create);
+  button.disabled = false; // until now a click would have been lost
 }
 connectImport(document.getElementById("import"), document.getElementById("import-file"));
 
@@ -68,6 +69,7 @@ function connectImport(button, input) {
   const frame = document.getElementById("import-progress");
   const bar = frame.querySelector("progress");
   button.addEventListener("click", () => input.click());
+  button.disabled = false;
   input.addEventListener("change", async () => {
     const body = new FormData();
     body.append("file", input.files[0]);
