@@ -83,13 +83,13 @@ def _set_up(app: App, folder: Path, arguments: argparse.Namespace) -> tuple[list
         owner.make_map(f"Map {number}", satellite=plan, photos=photos) for number in range(arguments.maps)
     ]
     editors = []
-    for number, path in enumerate(_sign_in_links(app.library, arguments.clients)):
+    for number, path in enumerate(sign_in_links(app.library, arguments.clients)):
         client = Client(app.url, app.url + path)
         editors.append(Editor(client, slugs[number % len(slugs)], seed=number, pause_s=arguments.pause))
     return slugs, editors
 
 
-def _sign_in_links(folder: Path, count: int) -> list[str]:
+def sign_in_links(folder: Path, count: int) -> list[str]:
     """Make accounts that may do everything; gives the paths that sign in to them."""
     library = open_library(folder)
     with library.database.write() as session:

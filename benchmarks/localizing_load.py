@@ -1,0 +1,179 @@
+"""Lets many people localize photos on one map at once, beside the command line on the same photos.
+
+    python -m benchmarks.localizing_load MAPFOLDER [--clients 20] [--seconds 120] [--fov 73.7]
+
+MAPFOLDER holds `map.cfg`, its image and its photos, and `queries.csv`. A copy of the map goes into a
+temporary library and is indexed by the program itself. Every client is an account of its own and asks one
+photo after the other, without a pause. Printed are errors, seconds of an answer, answers a second, the memory
+of all processes together (proportional set size: shared pages count once), and the command line's own time a
+query.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.client import Client
+from benchmarks.editing_load import sign_in_links
+from tests.browser.app import App, expmap
+from webapp.store import accounts
+from webapp.store.library import open_library
+from webapp.tasks import adopt_map
+
+SLUG = "crowded"
+_BEAT_S = 5.0
+
+
+@dataclass
+class Asker:
+    """A client and what it got."""
+
+    client: Client
+    photos: list[Path]
+    seconds: list[float] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+    def work(self, until: float, fov: float | None) -> None:
+        """Ask until the time is over."""
+        options = {} if fov is None else {"fov": str(fov)}
+        number = 0
+        while time.monotonic() < until:
+            photo = self.photos[number % len(self.photos)]
+            number += 1
+            started = time.perf_counter()
+            with photo.open("rb") as file:
+                answer = self.client.call(
+                    "POST", f"/maps/{SLUG}/localize", files={"file": (photo.name, file)}, data=options
+                )
+            self.seconds.append(time.perf_counter() - started)
+            if not answer.ok or "hypotheses" not in answer.json():
+                self.errors.append(f"{answer.status_code} {answer.text[:200]}")
+
+
+def main() -> None:
+    """Run it and print one JSON object; exit code 1 when there was an error."""
+    arguments = _arguments()
+    lines = (arguments.folder / "queries.csv").read_text(encoding="utf-8").splitlines()[1:]
+    photos = [arguments.folder / line.split(";")[0] for line in lines if line.strip()]
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "maps"
+        _copy_map(arguments.folder, library)
+        with App(library) as app:
+            owner = Client(app.url, app.sign_in)
+            _wait_for_index(owner)
+            links = sign_in_links(library, arguments.clients)
+            askers = [
+                Asker(Client(app.url, app.url + link), photos[n :: arguments.clients])
+                for n, link in enumerate(links)
+            ]
+            memory = _work(askers, arguments, pid=app.pid)
+        alone = _command_line(library, photos[:: max(1, len(photos) // 40)], fov=arguments.fov)
+    print(json.dumps({**_figures(askers, arguments), **memory, **alone}, indent=2))
+    raise SystemExit(1 if any(asker.errors for asker in askers) else 0)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="MAPFOLDER")
+    parser.add_argument("--clients", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=120)
+    parser.add_argument("--fov", type=float, help="field of view of the queries, degrees")
+    return parser.parse_args()
+
+
+def _copy_map(source: Path, library: Path) -> None:
+    """Put a copy of the map, without what was derived from it, into a library."""
+    opened = open_library(library)
+    shutil.copytree(source, library / SLUG, ignore=shutil.ignore_patterns("derived"))
+    with opened.database.write() as session:
+        owner = accounts.ensure_owner(session)
+    adopt_map.run(opened, SLUG, account_id=owner.id)
+    opened.database.close()
+
+
+def _wait_for_index(owner: Client) -> None:
+    while True:
+        jobs = owner.ask("GET", f"/jobs?map={SLUG}")["jobs"]
+        if any(job["state"] == "failed" for job in jobs):
+            raise SystemExit(f"a job failed: {jobs}")
+        if jobs and all(job["state"] == "done" for job in jobs):
+            return
+        time.sleep(1.0)
+
+
+def _work(askers: list[Asker], arguments: argparse.Namespace, *, pid: int) -> dict[str, float]:
+    """Let all ask at once; gives the memory at its highest, megabytes."""
+    until = time.monotonic() + arguments.seconds
+    threads = [threading.Thread(target=asker.work, args=(until, arguments.fov)) for asker in askers]
+    for thread in threads:
+        thread.start()
+    highest = {"pss_mb": 0.0, "rss_mb": 0.0}
+    while any(thread.is_alive() for thread in threads):
+        now = _memory_mb(pid)
+        highest = {name: max(highest[name], now[name]) for name in highest}
+        time.sleep(_BEAT_S)
+    return {name: round(value) for name, value in highest.items()}
+
+
+def _memory_mb(pid: int) -> dict[str, float]:
+    """Sum the proportional and the plain resident memory of a process and all below it."""
+    total = {"pss_mb": 0.0, "rss_mb": 0.0}
+    for process in _family(pid):
+        try:
+            lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()[1:]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        sizes = {line.split(":")[0]: float(line.split()[1]) / 1024 for line in lines}
+        total["pss_mb"] += sizes["Pss"]
+        total["rss_mb"] += sizes["Rss"]
+    return total
+
+
+def _family(pid: int) -> list[int]:
+    parents: dict[int, int] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            try:
+                stat = (entry / "stat").read_text()
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            parents[int(entry.name)] = int(stat.rsplit(")", 1)[1].split()[1])
+    found = [pid]
+    for process in found:
+        found += [child for child, parent in parents.items() if parent == process]
+    return found
+
+
+def _command_line(library: Path, photos: list[Path], *, fov: float | None) -> dict[str, float]:
+    """Time the command line's own queries, one after the other."""
+    options = [] if fov is None else ["--fov", str(fov)]
+    printed = expmap("localize", library / SLUG / "map.cfg", *photos, "--json", *options, library=library)
+    seconds = np.array([answer["seconds"]["total"] for answer in json.loads(printed)])
+    return {f"command_line_p{p}": round(float(np.percentile(seconds, p)), 3) for p in (50, 95)}
+
+
+def _figures(askers: list[Asker], arguments: argparse.Namespace) -> dict[str, Any]:
+    seconds = np.array([s for asker in askers for s in asker.seconds])
+    errors = [error for asker in askers for error in asker.errors]
+    return {
+        "clients": arguments.clients,
+        "answers": len(seconds),
+        "answers_per_second": round(len(seconds) / arguments.seconds, 2),
+        "errors": len(errors),
+        "first_errors": errors[:5],
+        **{f"answer_p{p}": round(float(np.percentile(seconds, p)), 3) for p in (50, 95)},
+    }
+
+
+if __name__ == "__main__":
+    main()
