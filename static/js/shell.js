@@ -7,11 +7,23 @@ import { connectTheme } from "./theme.js";
 closeMenus(document);
 connectTheme(document.body);
 connectCopyButtons();
+workOffline();
 
-const away = h("div", { class: "offline", role: "status", hidden: true }, t("No connection. Trying again..."));
+const field = document.querySelector('meta[name="expmap-account"]')?.content && h("a", { href: "/field" }, t("Take photos for later"));
+const away = h("div", { class: "offline", role: "status", hidden: true }, t("No connection. Trying again..."), " ", field);
 document.body.append(away);
 window.addEventListener("expmap:offline", () => (away.hidden = false));
 window.addEventListener("expmap:online", () => (away.hidden = true));
+
+/** Pages open without a network; what is kept for that belongs to one account. Needs https, or this machine. */
+async function workOffline() {
+  const account = document.querySelector('meta[name="expmap-account"]')?.content;
+  if (account === undefined || !navigator.serviceWorker) return;
+  const known = account ? await navigator.serviceWorker.register("/sw.js") : await navigator.serviceWorker.getRegistration();
+  if (!known) return;
+  const { active } = await navigator.serviceWorker.ready;
+  active.postMessage({ account, page: location.pathname });
+}
 
 /** A button with `data-copy` takes the text of the field before it. */
 function connectCopyButtons() {

@@ -97,7 +97,8 @@ def open_context(app: App, browser: Browser) -> Iterator[Callable[..., BrowserCo
     opened: list[BrowserContext] = []
 
     def open_one(**options: object) -> BrowserContext:
-        context = browser.new_context(**{"viewport": WIDE, "base_url": app.url, **options})
+        usual = {"viewport": WIDE, "base_url": app.url, "service_workers": "block"}
+        context = browser.new_context(**{**usual, **options})
         context.set_default_timeout(PATIENCE_MS)
         context.watch = Watch(context, app.url)
         opened.append(context)

@@ -9,6 +9,7 @@ REPORT_VIOLATIONS = """
 addEventListener("securitypolicyviolation", ({violatedDirective, blockedURI, sourceFile, lineNumber}) =>
   console.error(`policy: ${violatedDirective} ${blockedURI} ${sourceFile}:${lineNumber}`));
 """
+NO_WORKER = "Service Worker registration blocked by Playwright"
 STATUS = re.compile(r"Failed to load resource: the server responded with a status of (\d+)")
 
 
@@ -54,7 +55,7 @@ class Watch:
         route.abort()
 
     def _console(self, message: ConsoleMessage) -> None:
-        if message.type not in ("error", "warning"):
+        if message.type not in ("error", "warning") or NO_WORKER in message.text:
             return
         status = STATUS.search(message.text)
         if status is None or int(status[1]) not in self.expected:

@@ -16,11 +16,13 @@ from webapp.web.api_placements import blueprint as api_placements
 from webapp.web.api_placing import blueprint as api_placing
 from webapp.web.api_queries import blueprint as api_queries
 from webapp.web.api_satellite import blueprint as api_satellite
+from webapp.web.api_session import blueprint as api_session
 from webapp.web.api_shared import blueprint as api_shared
 from webapp.web.api_shares import blueprint as api_shares
 from webapp.web.api_uploads import blueprint as api_uploads
 from webapp.web.editor import blueprint as editor
 from webapp.web.health import blueprint as health
+from webapp.web.installable import blueprint as installable
 from webapp.web.jobs_page import blueprint as jobs_page
 from webapp.web.localize import blueprint as localize
 from webapp.web.map_settings import blueprint as map_settings
@@ -43,11 +45,13 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_placing,
     api_queries,
     api_satellite,
+    api_session,
     api_shared,
     api_shares,
     api_uploads,
     editor,
     health,
+    installable,
     jobs_page,
     localize,
     map_settings,

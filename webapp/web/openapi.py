@@ -39,6 +39,7 @@ _TAGS = {
     "Placing": "Many photos placed at once.",
     "Placements": "Further sets of places for the photos of a map.",
     "Localization": "Where was this photo taken? And what was asked before.",
+    "Session": "Who is signed in.",
     "Sharing": "Links that show a map or an answer without a sign-in.",
     "Shared": "What such a link shows: for visitors, without a sign-in.",
     "Checks": "What is wrong with a map, and which of its places are weak.",

@@ -1,0 +1,140 @@
+/** The page for the field: photos are kept on the device, sent once there is a network, and answered on the map. */
+
+import { get } from "../api.js";
+import { h } from "../dom.js";
+import { MapView } from "../editor/mapview.js";
+import { byId } from "../editor/page.js";
+import { Store } from "../editor/store.js";
+import { t, tn } from "../i18n.js";
+import { answerList } from "../localize/answerlist.js";
+import { Marks } from "../localize/marks.js";
+import { Session } from "../localize/session.js";
+import { toastError } from "../toast.js";
+import { Outbox } from "./outbox.js";
+import { PhotoList } from "./photolist.js";
+import { Sender } from "./sender.js";
+
+const LAST = "expmap-field-map";
+const account = Number(document.querySelector('meta[name="expmap-account"]').content);
+const session = new Session();
+const photos = new PhotoList(byId("outbox"), { open, remove: (entry) => outbox.remove([entry.key]) });
+const outbox = await Outbox.open(account);
+const sender = new Sender(outbox);
+const shown = { slug: null };
+
+outbox.addEventListener("change", render);
+sender.addEventListener("state", status);
+const inputs = ["shot-input", "photo-input"].map(byId);
+for (const input of inputs) input.addEventListener("change", take);
+byId("send").addEventListener("click", () => sender.send().catch(toastError));
+byId("clear").addEventListener("click", clear);
+byId("insecure").hidden = isSecureContext;
+navigator.storage?.persist?.(); // so that the browser does not make room by throwing photos away
+await render();
+sender.start().catch(toastError);
+const mapShown = chooseMap().catch((error) => (error.code === "offline" ? nothing(t("Open this page once with a network: then the map is kept.")) : toastError(error)));
+
+/** Keep what was taken, before anything else can go wrong. */
+async function take(event) {
+  const files = [...event.target.files];
+  event.target.value = "";
+  if (!files.length) return;
+  try {
+    await outbox.add(files, shown.slug);
+    await sender.send();
+  } catch (error) {
+    toastError(error);
+  }
+}
+
+async function render() {
+  const entries = await outbox.all();
+  photos.show(entries);
+  byId("outbox-none").hidden = entries.length > 0;
+  byId("clear-part").hidden = !entries.some(({ state }) => state === "answered");
+  status(entries);
+}
+
+/** Say how many photos wait, and why. */
+async function status(told) {
+  const entries = Array.isArray(told) ? told : await outbox.all();
+  const waiting = entries.filter(({ state }) => state === "waiting").length;
+  const line = byId("waiting");
+  line.textContent = waiting ? tn("waiting: {n} photo", "waiting: {n} photos", waiting) : t("Nothing waits");
+  line.dataset.count = waiting;
+  line.classList.toggle("is-waiting", waiting > 0);
+  byId("send").hidden = !waiting || sender.busy;
+  const { problem } = sender;
+  byId("problem").hidden = !waiting || !problem;
+  if (problem) byId("problem").textContent = problem.code === "offline" ? t("There is no network. They are sent as soon as there is one.") : problem.message;
+}
+
+async function clear() {
+  const entries = await outbox.all();
+  session.setAnswer(null);
+  await outbox.remove(entries.filter(({ state }) => state === "answered").map(({ key }) => key));
+}
+
+/** What was asked before there was a service worker is asked once more, so that it is kept. */
+function keepWhatWasSeen() {
+  navigator.serviceWorker?.addEventListener("controllerchange", async () => {
+    const state = await get(`/maps/${encodeURIComponent(shown.slug)}`);
+    await get("/maps");
+    if (state.satellite) new Image().src = state.satellite.url;
+  }, { once: true });
+}
+
+/** Show the maps that this device knows, and the one that was chosen last. */
+async function chooseMap() {
+  const { maps } = await get("/maps", { patient: false });
+  const choice = byId("field-map");
+  choice.replaceChildren(...maps.map(({ slug, name }) => h("option", { value: slug }, name)));
+  const wanted = [new URLSearchParams(location.search).get("map"), localStorage.getItem(LAST)];
+  const slug = wanted.find((one) => maps.some((map) => map.slug === one)) || maps[0]?.slug;
+  choice.addEventListener("change", () => location.assign(`/field?map=${encodeURIComponent(choice.value)}`));
+  if (!slug) return nothing(t("There is no map yet."));
+  choice.value = slug;
+  localStorage.setItem(LAST, slug);
+  shown.slug = slug;
+  for (const input of inputs) input.disabled = false;
+  if (!navigator.serviceWorker?.controller) keepWhatWasSeen();
+  return showMap(await get(`/maps/${encodeURIComponent(slug)}`, { patient: false }));
+}
+
+function showMap(state) {
+  const satellite = state.satellite && { ...state.satellite, tiles: null }; // one picture is kept more easily than tiles
+  const store = new Store({ ...state, satellite, can_edit: false });
+  const view = new MapView(byId("map-canvas"), store);
+  const marks = new Marks(store, session).addTo(view.map);
+  const look = () => session.position && view.reveal(session.position, { margin: 70 });
+  answerList(session, look);
+  session.on("answer", look);
+  view.map.on("click", ({ containerPoint }) => {
+    const [rank] = marks.near(containerPoint, "touch");
+    if (rank !== undefined) session.choose(rank);
+  });
+  byId("zoom-in").addEventListener("click", () => view.zoom(1));
+  byId("zoom-out").addEventListener("click", () => view.zoom(-1));
+  byId("zoom-fit").addEventListener("click", () => view.fit());
+  byId("map-canvas").dataset.ready = state.slug;
+  if (!satellite) nothing(t("This map has no image yet."));
+}
+
+function nothing(text) {
+  byId("no-map").hidden = false;
+  byId("no-map-text").textContent = text;
+}
+
+/** Show the answer to a photo. @param {import("./outbox.js").Entry} entry */
+async function open(entry) {
+  await mapShown;
+  if (entry.map !== shown.slug) {
+    location.assign(`/field?map=${encodeURIComponent(entry.map)}`);
+    return;
+  }
+  photos.mark(entry.key);
+  byId("answer-name").textContent = entry.name;
+  byId("answer-link").href = `/maps/${encodeURIComponent(entry.map)}/localize?query=${entry.answer.id}`;
+  session.setAnswer(entry.answer);
+  byId("answer").scrollIntoView({ block: "nearest" });
+}

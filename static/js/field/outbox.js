@@ -1,0 +1,105 @@
+/**
+ * Photos that wait to be sent, and the answers that came: on the device's disk, so that a closed page loses nothing.
+ */
+
+/** @typedef {{key: string, account: number, map: string, name: string, at: string, photo: ?Blob, thumb: ?Blob,
+ *   state: "waiting"|"answered"|"refused", answer: ?Object, error: ?string}} Entry */
+
+const DATABASE = "expmap-field";
+const STORE = "photos";
+const THUMB = 256;
+
+/** Photos of one account; fires `change`, also when another tab changed something. */
+export class Outbox extends EventTarget {
+  /**
+   * @param {IDBDatabase} database
+   * @param {number} account
+   */
+  constructor(database, account) {
+    super();
+    Object.assign(this, { database, account });
+    this.channel = "BroadcastChannel" in self ? new BroadcastChannel(DATABASE) : null;
+    if (this.channel) this.channel.onmessage = () => this.dispatchEvent(new Event("change"));
+  }
+
+  /** Open the outbox of an account. @param {number} account @returns {Promise<Outbox>} */
+  static async open(account) {
+    const asked = indexedDB.open(DATABASE, 1);
+    asked.onupgradeneeded = () => asked.result.createObjectStore(STORE, { keyPath: "key" });
+    return new Outbox(await done(asked), account);
+  }
+
+  /**
+   * Put photos in; when this returns, they are on the disk.
+   * @param {File[]} files
+   * @param {string} map slug
+   */
+  async add(files, map) {
+    const at = new Date().toISOString();
+    const entries = await Promise.all([...files].map(async (file, n) => ({
+      key: newKey(), account: this.account, map, name: file.name || "photo.jpg", at, n,
+      photo: file, thumb: await thumbOf(file), state: "waiting", answer: null, error: null,
+    })));
+    await this._write((store) => entries.forEach((entry) => store.put(entry)));
+  }
+
+  /** All photos of the account, the oldest first. @returns {Promise<Entry[]>} */
+  async all() {
+    const found = await done(this.database.transaction(STORE).objectStore(STORE).getAll());
+    const mine = found.filter(({ account }) => account === this.account);
+    return mine.sort((a, b) => (a.at < b.at ? -1 : a.at > b.at ? 1 : a.n - b.n));
+  }
+
+  /** Change fields of a photo; one that was taken out meanwhile stays out. @param {string} key @param {Object} fields */
+  change(key, fields) {
+    return this._write((store) => {
+      const asked = store.get(key);
+      asked.onsuccess = () => asked.result && store.put({ ...asked.result, ...fields });
+    });
+  }
+
+  /** @param {string[]} keys */
+  remove(keys) {
+    return this._write((store) => keys.forEach((key) => store.delete(key)));
+  }
+
+  async _write(run) {
+    const transaction = this.database.transaction(STORE, "readwrite", { durability: "strict" });
+    run(transaction.objectStore(STORE));
+    await new Promise((resolve, reject) => {
+      transaction.oncomplete = resolve;
+      transaction.onabort = () => reject(transaction.error);
+    });
+    this.channel?.postMessage("change");
+    this.dispatchEvent(new Event("change"));
+  }
+}
+
+function done(request) {
+  return new Promise((resolve, reject) => {
+    request.onsuccess = () => resolve(request.result);
+    request.onerror = () => reject(request.error);
+  });
+}
+
+/** A random key, by which the server knows a photo that comes twice. */
+function newKey() {
+  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** A small picture for the list; null where the browser cannot show the format. */
+async function thumbOf(file) {
+  try {
+    const large = await createImageBitmap(file);
+    const scale = Math.min(1, THUMB / Math.max(large.width, large.height));
+    const canvas = document.createElement("canvas");
+    canvas.width = Math.max(1, Math.round(large.width * scale));
+    canvas.height = Math.max(1, Math.round(large.height * scale));
+    canvas.getContext("2d").drawImage(large, 0, 0, canvas.width, canvas.height);
+    large.close();
+    return await new Promise((resolve) => canvas.toBlob(resolve, "image/jpeg", 0.8));
+  } catch (error) {
+    if (error.name === "InvalidStateError") return null;
+    throw error;
+  }
+}

@@ -1,0 +1,77 @@
+"""The manifest, the service worker and what it keeps."""
+
+import json
+import re
+import shutil
+
+import pytest
+
+from webapp.resources import resource_folder
+from webapp.web import shell
+
+
+@pytest.fixture
+def worker(stranger):
+    """What the service worker begins with: version and files."""
+    answer = stranger.get("/sw.js")
+    assert answer.status_code == 200 and answer.mimetype == "text/javascript"
+    return json.loads(re.match(r"const SHELL = (.*);\n", answer.text)[1])
+
+
+def test_the_manifest_names_icons_that_are_there(stranger):
+    manifest = stranger.get("/manifest.webmanifest")
+    assert manifest.mimetype == "application/manifest+json"
+    told = manifest.json
+    assert told["start_url"] == told["scope"] == "/" and told["display"] == "standalone"
+    assert {"192x192", "512x512"} <= {icon["sizes"] for icon in told["icons"]}
+    for icon in told["icons"]:
+        with stranger.get(icon["src"]) as image:
+            assert image.status_code == 200 and image.mimetype == "image/png"
+            side = int(icon["sizes"].partition("x")[0])
+            assert int.from_bytes(image.data[16:20]) == int.from_bytes(image.data[20:24]) == side
+
+
+def test_every_file_that_is_kept_is_there(stranger, worker):
+    assert len(worker["files"]) > 50
+    assert "/static/js/field/main.js" in worker["files"] and "/static/js/sw.js" not in worker["files"]
+    for address in worker["files"]:
+        with stranger.get(address) as file:
+            assert file.status_code == 200, address
+
+
+def test_pages_tell_the_version_of_their_files(client, stranger, worker):
+    assert client.get("/").headers[shell.VERSION_HEADER] == worker["version"]
+    assert stranger.get("/sign-in").headers[shell.VERSION_HEADER] == worker["version"]
+    assert shell.VERSION_HEADER not in client.get("/api/v1/maps").headers
+
+
+def test_another_content_is_another_version(app, tmp_path, monkeypatch):
+    copy = tmp_path / "static"
+    shutil.copytree(resource_folder("static"), copy)
+    monkeypatch.setattr(app, "static_folder", str(copy))
+    with app.app_context():
+        before = shell.version()
+        assert shell.version() == before
+        (copy / "js" / "shell.js").write_text("// other\n")
+        changed = shell.version()
+        (copy / "js" / "sw.js").write_text("// the worker itself is none of them\n")
+        assert before != changed == shell.version()
+
+
+def test_the_policy_lets_no_other_worker_in(client):
+    assert "worker-src 'self'" in client.get("/").headers["Content-Security-Policy"]
+
+
+def test_the_page_for_the_field_is_for_people_with_an_account(client, stranger):
+    assert client.get("/field").status_code == 200
+    assert stranger.get("/field").status_code == 302
+
+
+def test_pages_that_were_kept_learn_who_is_signed_in(client, stranger, owner):
+    told = client.get("/api/v1/session").json
+    assert told["account"] == owner.id and len(told["csrf"]) > 20
+    assert f'name="expmap-account" content="{owner.id}"' in client.get("/").text
+    assert stranger.get("/api/v1/session").status_code == 401
+    client.csrf = False
+    made = client.post("/api/v1/maps", json={"name": "x"}, headers={"X-CSRFToken": told["csrf"]})
+    assert made.status_code == 201
