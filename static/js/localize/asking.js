@@ -78,6 +78,7 @@ export class Asking extends EventTarget {
     this.session.setBusy(true);
     this.session.setAnswer(null);
     byId("notes").replaceChildren();
+    history.replaceState(null, "", location.pathname);
     try {
       const answer = await send(abort.signal);
       if (abort.signal.aborted) return false;
