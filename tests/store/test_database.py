@@ -24,16 +24,21 @@ def test_a_number_that_no_column_can_hold_is_not_found(library):
         session.get(Photo, (1, 10**30))
 
 
+def test_a_record_that_somebody_has_deleted_is_not_found(library):
+    with pytest.raises(NotFound, match="gone"), library.database.write() as session:
+        session.get_one(Account, 7)
+
+
 def test_a_writer_waits_for_the_others_and_sees_what_they_wrote(library, new_account):
     ana = new_account("ana")
     seen = []
     with library.database.write() as session:
-        session.get(Account, ana.id).epoch = 5
+        session.get(Account, ana.id).epoch = ana.epoch + 1
         with library.database.read() as reader:
             seen.append(reader.get(Account, ana.id).epoch)
     with library.database.read() as reader:
         seen.append(reader.get(Account, ana.id).epoch)
-    assert seen == [0, 5]
+    assert seen == [ana.epoch, ana.epoch + 1]
 
 
 def test_it_is_written_through_to_the_disk(library):

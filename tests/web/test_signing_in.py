@@ -219,3 +219,25 @@ def test_a_name_is_changed_unless_somebody_has_it(client, jana):
     assert client.post("/account/name", data={"name": ""}).status_code == 400
     assert client.post("/account/name", data={"name": "Boss"}).status_code == 303
     assert "Boss" in client.get("/account").text
+
+
+def test_the_session_of_a_deleted_account_is_not_that_of_the_next_one(library, sign_in, new_account):
+    gone = new_account("Karel")
+    browser = sign_in(gone)
+    assert is_in(browser)
+    with library.database.write() as session:
+        accounts.remove(session, session.get(Account, gone.id))
+    assert new_account("Petra").id == gone.id, "the database gives the id again"
+    assert not is_in(browser)
+
+
+@pytest.mark.parametrize("written", ["Jana  Novotna", "jana\tNOVOTNA", " Jana   Novotna "])
+def test_other_ways_to_write_a_name_are_no_further_attempts(library, app, settings, written):
+    with library.database.write() as session:
+        accounts.create(session, "Jana Novotna").password_hash = "none"
+    for n in range(settings.web.sign_in_failures):
+        origin = {"REMOTE_ADDR": f"10.0.0.{n}"}
+        app.test_client().post(
+            "/sign-in", data={"name": "Jana Novotna", "password": "x"}, environ_overrides=origin
+        )
+    assert enter(app.test_client(), name=written).status_code == 429

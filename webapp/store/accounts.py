@@ -154,14 +154,19 @@ def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
     session.delete(token)
 
 
+def plain(name: str) -> str:
+    """Give a name without what does not matter in it: capital letters, and how much space there is."""
+    return " ".join(name.split()).casefold()
+
+
 def hashed(secret: str) -> str:
     """Hash what is too random to be guessed, so that a plain hash is enough."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
 def _named(session: Session, name: str) -> Account | None:
-    wanted = " ".join(name.split()).casefold()
-    return next((a for a in session.scalars(select(Account)) if a.name.casefold() == wanted), None)
+    wanted = plain(name)
+    return next((a for a in session.scalars(select(Account)) if plain(a.name) == wanted), None)
 
 
 def _free_name(session: Session, name: str, *, own: int | None = None) -> str:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import DataError, OperationalError
+from sqlalchemy.exc import DataError, NoResultFound, OperationalError
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
@@ -36,6 +36,8 @@ class Database:
 
         Raises
         ------
+        NotFound
+            What the block gets by its id is not there any more.
         StorageError
             The database cannot be read.
         """
@@ -51,6 +53,8 @@ class Database:
 
         Raises
         ------
+        NotFound
+            What the block gets by its id is not there any more.
         StorageError
             The database cannot be written.
         """
@@ -90,6 +94,11 @@ def _errors_of_ours(url: str) -> Iterator[None]:
     except (OverflowError, DataError) as error:
         # Clients send ids of any size; one that no column can hold is one that nothing has.
         raise NotFound("there is no such thing: a number is too large", hint="check the address") from error
+    except NoResultFound as error:
+        # What an earlier session has found: its map was deleted, or its account, before this one began.
+        raise NotFound(
+            "somebody has deleted this in the meantime: it is gone", hint="reload the page"
+        ) from error
     except OperationalError as error:
         raise StorageError(
             f"the database refused: {error.orig}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from datetime import datetime
 from typing import Any, ClassVar
 
@@ -29,10 +30,16 @@ class Base(DeclarativeBase):
     }
 
 
+def _first_epoch() -> int:
+    """Give a number that no deleted account of the same id has had, in the range of every database."""
+    return secrets.randbelow(2**30)
+
+
 class Account(Base):
     """Someone who signs in.
 
-    `epoch` is part of every session: raising it ends them all.
+    `epoch` is part of every session: raising it ends them all. It begins anywhere, because a database may
+    give the id of a deleted account to a new one, and the sessions of the old one must not be the new one's.
     """
 
     __tablename__ = "account"
@@ -43,7 +50,7 @@ class Account(Base):
     is_owner: Mapped[bool] = mapped_column(default=False)
     """Of the whole library: may do everything."""
     language: Mapped[str | None]
-    epoch: Mapped[int] = mapped_column(default=0)
+    epoch: Mapped[int] = mapped_column(default=_first_epoch)
     created_at: Mapped[datetime] = mapped_column(default=now)
 
 

@@ -113,7 +113,7 @@ def by_password(
     TooMany
         Of this name or from this address there were too many failures.
     """
-    tried = [f"name:{name.strip().casefold()}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
+    tried = [f"name:{accounts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
     with database.read() as session:
         _check_failures(session, tried, limits=limits)
         account = _named(session, name)
