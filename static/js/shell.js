@@ -7,7 +7,7 @@ import { connectTheme } from "./theme.js";
 closeMenus(document);
 connectTheme(document.body);
 connectCopyButtons();
-workOffline();
+workOffline().catch((error) => console.info(`no pages without a network: ${error.message}`));
 
 const field = document.querySelector('meta[name="expmap-account"]')?.content && h("a", { href: "/field" }, t("Take photos for later"));
 const away = h("div", { class: "offline", role: "status", hidden: true }, t("No connection. Trying again..."), " ", field);
