@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from webapp.errors import UsageError
+
 
 @dataclass(frozen=True, slots=True)
 class PhotoLimits:
@@ -102,7 +104,8 @@ class WebSettings:
     """... and all visitors of a shared map together."""
 
     proxies: int = 0
-    """Reverse proxies in front of the server; what they say about the client is believed."""
+    """Reverse proxies in front of the server, which are believed what they say about the client (environment:
+    `EXPMAP_PROXIES`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,10 +204,21 @@ def from_environment(environ: Mapping[str, str] | None = None) -> Settings:
     Returns
     -------
     Settings
+
+    Raises
+    ------
+    UsageError
+        A variable holds what it cannot.
     """
     env = os.environ if environ is None else environ
+    proxies = env.get("EXPMAP_PROXIES") or "0"
+    if not (proxies.isascii() and proxies.isdecimal()):
+        raise UsageError(
+            f"{proxies!r} is no number", where="EXPMAP_PROXIES", hint="write 1 where one proxy is in front"
+        )
     models, tile_services = env.get("EXPMAP_MODELS"), env.get("EXPMAP_TILES")
     return Settings(
+        web=WebSettings(proxies=int(proxies)),
         library=Path(env.get("EXPMAP_LIBRARY") or "maps"),
         models=Path(models) if models else None,
         tile_services=Path(tile_services) if tile_services else None,
