@@ -1,6 +1,7 @@
 """The program in the guide to the API does what the guide says, against a server as people run it."""
 
 import csv
+import json
 import os
 import re
 import signal
@@ -54,12 +55,16 @@ def server(tmp_path_factory):
         maps.create(session, "Another", account_id=owner.id)  # else the sample map is made first
         token = accounts.new_token(session, owner, name="example")
     library.database.close()
-    words = ["serve", "--library", str(library.folder), "--port", "0", "--workers", "1"]
-    with subprocess.Popen(
-        [sys.executable, "-m", "webapp", *words], cwd=ROOT, stdout=subprocess.PIPE, text=True
-    ) as process:
+    words = ["serve", "--library", str(library.folder), "--port", "0", "--workers", "1", "--log", "json"]
+    with (
+        (library.folder.parent / "log").open("w") as log,
+        subprocess.Popen(
+            [sys.executable, "-m", "webapp", *words], cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True
+        ) as process,
+    ):
         try:
-            yield re.fullmatch(r"listening on (http://\S+)\n", process.stdout.readline())[1], token
+            url = re.fullmatch(r"listening on (http://\S+)\n", process.stdout.readline())[1]
+            yield url, token, Path(log.name)
         finally:
             process.send_signal(signal.SIGTERM)
             process.wait(20)
@@ -78,7 +83,7 @@ def example(tmp_path):
 
 
 def test_the_example_makes_a_map_localizes_and_takes_the_map_away(example, server, survey):
-    url, token = server
+    url, token, log = server
     done = subprocess.run(
         [sys.executable, example, url, token, survey], capture_output=True, text=True, timeout=120
     )
@@ -92,6 +97,19 @@ def test_the_example_makes_a_map_localizes_and_takes_the_map_away(example, serve
     assert sorted(tuple(e.position) for e in map_.experiences) == sorted(p[:2] for p in PLACES.values())
     with zipfile.ZipFile(survey / "map.zip") as archive:
         assert sum(name.endswith(".jpg") for name in archive.namelist()) == len(PLACES)
+    check_log(log, token)
+
+
+def check_log(log, token):
+    """Of the server with `--log json`: a line for each request and each job, and no secret."""
+    lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
+    requests = [line for line in lines if line.get("event") == "request"]
+    assert {"POST", "PUT", "PATCH", "GET"} <= {line["method"] for line in requests}
+    assert any(line["route"] == "/api/v1/maps/<slug>/localize" and line["ms"] > 0 for line in requests)
+    jobs = [line for line in lines if line.get("event") == "job"]
+    assert {"index"} <= {line["kind"] for line in jobs} and {line["state"] for line in jobs} == {"done"}
+    assert all(line["time"] and line["level"] == "info" and line["message"] for line in lines)
+    assert token not in log.read_text("utf-8") and "sign-in/" not in log.read_text("utf-8")
 
 
 def test_the_example_tells_an_error_in_words(example, server, survey):

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.log import log_to_stderr
+from webapp.cli.options import log_option
 from webapp.jobs import serving
+from webapp.jobs.logs import Form, log_to_stderr
 from webapp.settings import from_environment
 
 _APP = "webapp.web:create_app"
@@ -32,15 +33,16 @@ _APP = "webapp.web:create_app"
 @click.option(
     "--workers", type=click.IntRange(1), metavar="N", help="Processes that answer requests.  [default: 3]"
 )
-def serve(host: str, port: int, library: Path | None, workers: int | None) -> None:
+@log_option
+def serve(host: str, port: int, library: Path | None, workers: int | None, log: Form) -> None:
     """Serve the maps of a library as pages, until Ctrl-C.
 
     The first start makes the library, with the sample map and an owner's account. Once the server answers,
     its address is printed, and a link that signs the owner in once.
     """
-    log_to_stderr()
+    log_to_stderr(log)
     settings = from_environment()
     if library is not None:
         settings = replace(settings, library=library)
-    site = serving.Site(_APP, host, port, workers or settings.serve.workers)
+    site = serving.Site(_APP, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, tell=click.echo)

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.log import log_to_stderr
+from webapp.cli.options import log_option
+from webapp.jobs.logs import Form, log_to_stderr
 from webapp.jobs.worker import Worker
 from webapp.settings import from_environment
 from webapp.store.library import open_library
@@ -24,13 +25,14 @@ _POLITENESS = 5
 )  # fmt: skip
 @click.option("--once", is_flag=True, help="End when there is nothing left to do.")
 @click.option("--parent", type=int, metavar="PID", help="End when this process, which started it, has ended.")
-def worker(library: Path | None, once: bool, parent: int | None) -> None:
+@log_option
+def worker(library: Path | None, once: bool, parent: int | None, log: Form) -> None:
     """Do the long work of a library in the background, until Ctrl-C.
 
     `expmap serve` starts one itself. More of them share the work, on this machine or others that see the same
     library.
     """
-    log_to_stderr()
+    log_to_stderr(log)
     settings = from_environment()
     if library is not None:
         settings = replace(settings, library=library)

@@ -34,9 +34,7 @@ _MAX_MANIFEST = 1 << 30
 _PART = r"(?!\.{1,2}(?:/|$))[^/\x00]+"
 _NAME = re.compile(rf"{_PART}(?:/{_PART})*")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-_BROKEN = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, NotImplementedError, KeyError,
-)  # fmt: skip
+_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, KeyError)
 _HINT = "take another backup: nothing was changed"
 
 

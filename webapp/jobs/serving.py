@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from sqlalchemy import select
 
 from webapp.errors import ExpMapError, MissingPart, UsageError
+from webapp.jobs.logs import Form
 from webapp.jobs.supervisor import Child, keep_running
 from webapp.jobs.webserver import native_threads
 from webapp.settings import Settings, environment_for
@@ -48,12 +49,15 @@ class Site:
         0 for any that is free.
     workers : int
         Processes that answer requests.
+    log : {"text", "json"}
+        Form of the log.
     """
 
     app: str
     host: str
     port: int
     workers: int
+    log: Form = "text"
 
 
 def serve(site: Site, *, settings: Settings, tell: Callable[[str], None]) -> None:
@@ -85,7 +89,7 @@ def serve(site: Site, *, settings: Settings, tell: Callable[[str], None]) -> Non
         library = open_library(settings.library)
         try:
             start = _Start(library, listener, settings=settings)
-            web, worker = _web(site, library, listener=listener), _worker(library)
+            web, worker = _web(site, library, listener=listener), _worker(site, library)
             stop_s = max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S
             keep_running([web, worker], each_tick=lambda: start.look(web, tell=tell), stop_s=stop_s)
         finally:
@@ -122,6 +126,7 @@ def _web(site: Site, library: Library, *, listener: socket.socket) -> Child:
         "the web server",
         [
             sys.executable, "-m", "webapp.jobs.webserver", site.app, "--library", str(library.folder),
+            "--log", site.log,
             *(text for name, number in numbers.items() for text in (name, str(number))),
         ],
         environment=environment_for(native_threads(site.workers)),
@@ -129,8 +134,8 @@ def _web(site: Site, library: Library, *, listener: socket.socket) -> Child:
     )  # fmt: skip
 
 
-def _worker(library: Library) -> Child:
-    command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid())]
+def _worker(site: Site, library: Library) -> Child:
+    command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", site.log]
     return Child("the background worker", [sys.executable, "-m", "webapp", *command])
 
 
@@ -176,10 +181,14 @@ class _Start:
             return jobs.find(session, self._sample).state in ENDED
 
     def _answers(self) -> bool:
+        """Tell whether somebody answers; what is not well is for those who watch the server."""
         connection = http.client.HTTPConnection(*self._address, timeout=1.0)
         try:
             connection.request("GET", "/healthz")
-            return connection.getresponse().status == http.HTTPStatus.OK
+            return connection.getresponse().status in (
+                http.HTTPStatus.OK,
+                http.HTTPStatus.SERVICE_UNAVAILABLE,
+            )
         except (OSError, http.client.HTTPException):
             return False
         finally:

@@ -17,7 +17,9 @@ from typing import Any
 
 from gunicorn.app.base import BaseApplication  # type: ignore[import-untyped]
 from gunicorn.arbiter import Arbiter  # type: ignore[import-untyped]
+from gunicorn.glogging import Logger  # type: ignore[import-untyped]
 
+from webapp.jobs.logs import FORMS, log_to_stderr
 from webapp.settings import Settings, from_environment, let_threads_sleep
 from webapp.threads import cores
 
@@ -77,6 +79,16 @@ class _Master(Arbiter):  # type: ignore[misc]
         super().murder_workers()
 
 
+class Log(Logger):  # type: ignore[misc]
+    """Leaves gunicorn's messages to the log of the program."""
+
+    def setup(self, cfg: Any) -> None:
+        """Take gunicorn's own handlers away."""
+        super().setup(cfg)
+        self.error_log.handlers.clear()
+        self.error_log.propagate = True
+
+
 def native_threads(workers: int) -> int:
     """Tell how many threads the native libraries of each worker process may start."""
     return max(cores() // workers, 1)
@@ -104,6 +116,7 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
         "control_socket_disable": True,  # it would be in the home folder
         "proc_name": "expmap",
         "loglevel": "warning",
+        "logger_class": Log,
     }
 
 
@@ -115,7 +128,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--library", type=Path, required=True)
     for name in ("--fd", "--workers", "--parent"):
         parser.add_argument(name, type=int, required=True)
+    parser.add_argument("--log", choices=FORMS, default="text")
     asked = parser.parse_args(arguments)
+    log_to_stderr(asked.log)
     settings = replace(from_environment(), library=asked.library)
     options = gunicorn_options(settings, fd=asked.fd, workers=asked.workers)
     Server(asked.app, settings=settings, options=options, parent=asked.parent).run()

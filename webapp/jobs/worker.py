@@ -119,6 +119,7 @@ class Worker:
     def _do(self, job: Job) -> None:
         """Do a job in a thread, and say every now and then that it is being done."""
         _log.info("job %d (%s), attempt %d", job.id, job.kind, job.attempts)
+        begun = time.monotonic()
         context = Context(
             library=self._library,
             settings=self._settings,
@@ -139,7 +140,7 @@ class Worker:
                 self._leave(context.lease)
         pool.shutdown()
         heart.beat(always=True)
-        self._end(job, context, work)
+        self._log_end(job, self._end(job, context, work), time.monotonic() - begun)
 
     def _leave(self, lease: Lease) -> None:
         """End in the middle of a long step; the next worker does it again."""
@@ -148,23 +149,36 @@ class Worker:
             jobs.give_back(session, lease)
         os._exit(0)
 
-    def _end(self, job: Job, context: Context, work: Work) -> None:
-        """Write down how a job ended, unless it is somebody else's by now."""
+    def _end(self, job: Job, context: Context, work: Work) -> str:
+        """Write down how a job ended, unless it is somebody else's by now; tell it in a word."""
         error, lease = work.exception(), context.lease
         with self._library.database.write() as session:
             if error is None:
-                kept = jobs.finish(session, lease, result=work.result())
+                ended, kept = "done", jobs.finish(session, lease, result=work.result())
             elif isinstance(error, Cancelled) and self._stopping.is_set():
-                kept = jobs.give_back(session, lease)
+                ended, kept = "given back", jobs.give_back(session, lease)
             elif isinstance(error, Cancelled):
-                kept = jobs.stop(session, lease)
+                ended, kept = "cancelled", jobs.stop(session, lease)
             elif isinstance(error, ProcessLost):
                 _log.warning("job %d (%s): %s", job.id, job.kind, error)
-                kept = jobs.let_go(session, lease)
+                ended, kept = "given back", jobs.let_go(session, lease)
             else:
-                kept = jobs.fail(session, lease, error=_told(error, job))
-        if not kept:
-            _log.warning("job %d was taken over by another worker", job.id)
+                ended, kept = "failed", jobs.fail(session, lease, error=_told(error, job))
+        return ended if kept else "taken over by another worker"
+
+    def _log_end(self, job: Job, ended: str, seconds: float) -> None:
+        fields = {
+            "event": "job",
+            "job": job.id,
+            "kind": job.kind,
+            "map": job.map_id,
+            "account": job.account_id,
+            "attempt": job.attempts,
+            "state": ended,
+            "seconds": round(seconds, 2),
+        }
+        level = logging.INFO if ended in ("done", "given back", "cancelled") else logging.WARNING
+        _log.log(level, "job %d (%s): %s, %.1f s", job.id, job.kind, ended, seconds, extra={"fields": fields})
 
 
 class _Heart:

@@ -12,7 +12,7 @@ from webapp import __version__
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
-from webapp.web import errors, language, openapi, pages, security, sessions, shell
+from webapp.web import errors, language, openapi, pages, request_log, security, sessions, shell
 from webapp.web.blueprints import BLUEPRINTS
 from webapp.web.secretkey import secret_key
 from webapp.web.state import KEY, State
@@ -55,7 +55,7 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
         PERMANENT_SESSION_LIFETIME=timedelta(days=settings.web.session_days),
     )
     app.jinja_options = {"trim_blocks": True, "lstrip_blocks": True}
-    for part in (security, sessions, language, pages, errors, shell, openapi):
+    for part in (request_log, security, sessions, language, pages, errors, shell, openapi):
         part.init_app(app)
     for blueprint in BLUEPRINTS:
         app.register_blueprint(blueprint)

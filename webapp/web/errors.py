@@ -31,6 +31,7 @@ from webapp.errors import (
     NotFound,
     NotReady,
     NotSignedIn,
+    ProcessLost,
     StorageError,
     TooMany,
     UsageError,
@@ -52,6 +53,7 @@ _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
     (StorageError, HTTPStatus.INSUFFICIENT_STORAGE),
     (IndexDamaged, HTTPStatus.SERVICE_UNAVAILABLE),
     (MissingPart, HTTPStatus.SERVICE_UNAVAILABLE),
+    (ProcessLost, HTTPStatus.SERVICE_UNAVAILABLE),
 )
 
 

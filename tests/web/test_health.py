@@ -1,0 +1,63 @@
+"""`/healthz` says what is not well, and nothing more."""
+
+import shutil
+import sqlite3
+from collections import namedtuple
+
+import pytest
+
+from webapp.jobs.lifesign import LifeSign
+
+Usage = namedtuple("Usage", "total used free")
+
+
+@pytest.fixture
+def worker(library):
+    """A worker that lives."""
+    sign = LifeSign(library.inner / "workers")
+    yield sign
+    sign.end()
+
+
+def test_all_is_well(stranger, worker):
+    answer = stranger.get("/healthz")
+    assert answer.status_code == 200
+    assert answer.json == {"status": "ok", "database": "ok", "disk": "ok", "worker": "ok"}
+
+
+def test_the_worker_is_missing(stranger, worker):
+    worker.end()
+    answer = stranger.get("/healthz")
+    assert answer.status_code == 503
+    assert answer.json == {"status": "failing", "database": "ok", "disk": "ok", "worker": "failing"}
+
+
+def test_a_worker_that_was_killed_counts_as_missing(stranger, library):
+    (library.inner / "workers").mkdir(exist_ok=True)
+    (library.inner / "workers" / "77-abc.lock").touch()
+    assert stranger.get("/healthz").json["worker"] == "failing"
+
+
+def test_looking_does_not_disturb_the_worker(stranger, worker, library):
+    for _ in range(3):
+        assert stranger.get("/healthz").json["worker"] == "ok"
+    assert not LifeSign(library.inner / "workers").is_gone(worker.name)
+
+
+def test_the_disk_is_nearly_full(stranger, worker, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: Usage(10**9, 10**9 - 10**8, 10**8))
+    answer = stranger.get("/healthz")
+    assert answer.status_code == 503
+    assert answer.json["disk"] == "failing"
+
+
+def test_the_database_is_damaged(stranger, worker, library):
+    library.database.close()
+    with sqlite3.connect(library.inner / "library.db") as database:
+        database.execute("PRAGMA foreign_keys=OFF")
+        database.execute("ALTER TABLE map RENAME TO lost")
+    database.close()
+    answer = stranger.get("/healthz")
+    assert answer.status_code == 503
+    assert answer.json["database"] == "failing"
+    assert "lost" not in answer.text and "library" not in answer.text
