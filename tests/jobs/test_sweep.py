@@ -9,6 +9,7 @@ import pytest
 from webapp.errors import StorageError
 from webapp.jobs import sweep
 from webapp.jobs.worker import Worker
+from webapp.store import maps
 from webapp.store.schema import MapRecord, Photo
 
 
@@ -46,3 +47,26 @@ def test_what_cannot_be_written_is_told_and_stops_nothing(library, settings, lat
     with caplog.at_level(logging.WARNING):
         Worker(library, settings).run(once=True)
     assert "the disk is full" in caplog.text
+
+
+def test_a_file_that_cannot_be_read_stops_no_worker(library, settings, late, caplog):
+    late.mkdir()
+    with caplog.at_level(logging.WARNING):
+        Worker(library, settings).run(once=True)
+    assert "the files of map 1 are not current" in caplog.text
+
+
+def test_what_cannot_be_swept_of_one_map_leaves_the_others(library, settings, late, monkeypatch, caplog):
+    swept = []
+
+    def refuse(_library, map_id):
+        swept.append(map_id)
+        raise PermissionError("you may not")
+
+    with library.database.write() as session:
+        other = maps.create(session, "Other", account_id=1).id
+    monkeypatch.setattr(sweep.sweep_uploads, "sweep_orphans", refuse)
+    with caplog.at_level(logging.WARNING):
+        Worker(library, settings).run(once=True)
+    assert sorted(swept) == [1, other]
+    assert "you may not" in caplog.text

@@ -6,6 +6,7 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.files import mapfolder
+from webapp.jobs import sweep
 from webapp.store import edits, jobs, maps
 from webapp.store.library import open_library
 from webapp.store.schema import Account, MapRecord, Photo
@@ -101,6 +102,32 @@ def test_a_killed_writer_is_no_edit_from_outside(library, map_id, monkeypatch, s
         monkeypatch.undo()
     assert library_export.run(library, map_id)
     assert on_disk(library).experiences[0].position.x == 30.0
+
+
+@pytest.mark.parametrize(
+    "change", [{"heading_deg": 40.0}, {"x_px": 30.0, "y_px": 5.25}], ids=["turn", "move"]
+)
+def test_what_a_killed_writer_has_not_written_is_known_to_be_late(library, map_id, monkeypatch, change):
+    place(library, map_id)
+    library_export.run(library, map_id)
+    with library.database.write() as session:
+        record = session.get(MapRecord, map_id)
+        edits.apply(session, record, changes={"photo/0": change}, kind="edit", account_id=1)
+
+    class Killed(BaseException):
+        pass
+
+    def killed(_cfg, _map):
+        raise Killed
+
+    with monkeypatch.context() as patched, pytest.raises(Killed):
+        patched.setattr(library_export, "write_map", killed)
+        library_export.run(library, map_id)
+    sweep.export_late(library)
+    there = on_disk(library).experiences[0]
+    assert {"heading_deg": there.heading_deg, "x_px": there.position.x}.items() >= {
+        name: value for name, value in change.items() if name != "y_px"
+    }.items()
 
 
 def test_many_at_once_end_with_the_newest(library, map_id):

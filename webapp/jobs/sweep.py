@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 
 from sqlalchemy import select
 
@@ -31,9 +32,10 @@ def clean(library: Library, settings: Settings) -> None:
     """Delete uploads that nobody goes on with, and photos of interrupted intakes."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
-    try:
-        sweep_uploads.run(library, settings=settings)
-        for id in ids:
-            sweep_uploads.sweep_orphans(library, id)
-    except ExpMapError as error:
-        _log.warning("what uploads have left behind could not be deleted: %s", error)
+    sweeps = [partial(sweep_uploads.run, settings=settings)]
+    sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
+    for sweep in sweeps:
+        try:
+            sweep(library)
+        except (ExpMapError, OSError) as error:
+            _log.warning("what uploads have left behind could not be deleted: %s", error)

@@ -9,7 +9,9 @@ from filelock import FileLock
 
 from webapp.core.mapmodel.model import Map
 from webapp.errors import MapError
+from webapp.files.atomic import storage_error
 from webapp.files.cfg import format_cfg, read_cfg
+from webapp.files.listing import DERIVED
 from webapp.files.mapfolder import placement_path, read_map_json, write_map
 from webapp.store import jobs
 from webapp.store.library import Library
@@ -49,9 +51,13 @@ def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
         slug = None if record is None else record.slug
     if slug is None:
         return True
-    (library.map_folder(slug) / "derived").mkdir(parents=True, exist_ok=True)
-    with FileLock(library.map_folder(slug) / "derived" / LOCK):
-        return _export(library, map_id, cfg=library.cfg(slug), overwrite=overwrite)
+    derived = library.map_folder(slug) / DERIVED
+    try:
+        derived.mkdir(parents=True, exist_ok=True)
+        with FileLock(derived / LOCK):
+            return _export(library, map_id, cfg=library.cfg(slug), overwrite=overwrite)
+    except OSError as error:
+        raise storage_error(error, where=slug) from error
 
 
 def changed_outside(record: MapRecord, cfg: Path) -> bool:
@@ -82,15 +88,19 @@ def _export(library: Library, map_id: int, *, cfg: Path, overwrite: bool) -> boo
     write_map(cfg, map_)
     for name in old:
         placement_path(cfg, name).unlink(missing_ok=True)
+    with library.database.write() as session:
+        session.get_one(MapRecord, map_id).exported_revision = map_.revision
     return True
 
 
 def _announce(library: Library, map_id: int, map_: Map, *, cfg: Path) -> None:
-    """Note what is going to be written: a writer that is killed leaves the old file or the new one."""
+    """Note what is going to be written: a writer that is killed leaves the old file or the new one.
+
+    The revision is noted only after the files are written, so that the next run finishes what was begun.
+    """
     there, other_photos = file_sha256(cfg), _photos(cfg) != {(e.id, e.photo) for e in map_.experiences}
     with library.database.write() as session:
         record = session.get_one(MapRecord, map_id)
-        record.exported_revision = map_.revision
         record.exported_sha256 = hashlib.sha256(format_cfg(map_)).hexdigest()
         record.previous_sha256 = there
         if other_photos:
