@@ -62,9 +62,14 @@ def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
         raise storage_error(error, where=str(path)) from error
 
 
+def is_full(error: OSError) -> bool:
+    """Tell whether the disk, or the share of it that one may use, is full."""
+    return error.errno in _FULL
+
+
 def storage_error(error: OSError, *, where: str) -> StorageError:
     """Turn what the system says about a file that it did not write into an error of ours."""
-    kind = DiskFull if error.errno in _FULL else StorageError
+    kind = DiskFull if is_full(error) else StorageError
     reason = error.strerror or str(error)
     return kind(f"the file cannot be written: {reason}", where=where, hint=_HINTS.get(error.errno or 0))
 

@@ -13,10 +13,12 @@ import threading
 import time
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
 from webapp.errors import Cancelled, ExpMapError, ProcessLost, StorageError
+from webapp.files.atomic import is_full, storage_error
 from webapp.jobs import kinds, sweep
 from webapp.jobs.kinds import Context
 from webapp.jobs.lifesign import LifeSign
@@ -209,6 +211,8 @@ class _Heart:
 
 def _told(error: BaseException, job: Job) -> dict[str, str | None]:
     """Say why a job failed, in words for people."""
+    if isinstance(error, OSError) and is_full(error):
+        error = storage_error(error, where=Path(error.filename or "").name)
     if isinstance(error, ExpMapError):
         _log.warning("job %d (%s) failed: %s", job.id, job.kind, error)
         return {"message": error.message, "where": error.where, "hint": error.hint}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -10,7 +11,7 @@ from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import DataError, NoResultFound, OperationalError
 from sqlalchemy.orm import Session
 
-from webapp.errors import NotFound, StorageError
+from webapp.errors import DiskFull, NotFound, StorageError
 
 _WAIT_S = 30
 """How long a writer waits for the others."""
@@ -100,8 +101,11 @@ def _errors_of_ours(url: str) -> Iterator[None]:
             "somebody has deleted this in the meantime: it is gone", hint="reload the page"
         ) from error
     except OperationalError as error:
+        where = make_url(url).render_as_string(hide_password=True)
+        if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+            raise DiskFull(
+                "the database is full: nothing was changed", where=where, hint="free some space on the disk"
+            ) from error
         raise StorageError(
-            f"the database refused: {error.orig}",
-            where=make_url(url).render_as_string(hide_password=True),
-            hint="is the disk full or read-only?",
+            f"the database refused: {error.orig}", where=where, hint="is the disk full or read-only?"
         ) from error

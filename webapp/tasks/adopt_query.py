@@ -95,7 +95,7 @@ def run(
             )
         job = _place(session, record, photo=photo, at=Spot(position, heading), account_id=account_id)
         queries.find(session, record, query_id).adopted_id = photo.id
-    library_export.run(library, map_id)
+    library_export.follow(library, map_id)
     return Adopted(photo.id, position, heading, job)
 
 

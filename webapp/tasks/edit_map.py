@@ -72,7 +72,7 @@ def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | 
         done = edits.apply(
             session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
         )
-    library_export.run(library, map_id)
+    library_export.follow(library, map_id)
     return None if done is None else done.turn
 
 
@@ -81,7 +81,7 @@ def turn(library: Library, map_id: int, *, way: Literal["undo", "redo"], account
     with library.database.write() as session:
         record = session.get_one(MapRecord, map_id)
         step = (edits.undo if way == "undo" else edits.redo)(session, record, account_id=account_id)
-    library_export.run(library, map_id)
+    library_export.follow(library, map_id)
     return step
 
 

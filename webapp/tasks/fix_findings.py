@@ -82,7 +82,7 @@ def run(
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
         if edit is None:
             raise Conflict("there is nothing to put right any more", hint="check the map again")
-    library_export.run(library, map_id)
+    library_export.follow(library, map_id)
     return edit.turn
 
 

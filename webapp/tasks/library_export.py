@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from pathlib import Path
 
 from filelock import FileLock
 
 from webapp.core.mapmodel.model import Map
-from webapp.errors import MapError
+from webapp.errors import MapError, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.cfg import format_cfg, read_cfg
 from webapp.files.listing import DERIVED
@@ -17,6 +18,8 @@ from webapp.store import jobs
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.library_map import as_map
+
+_log = logging.getLogger(__name__)
 
 LOCK = "export.lock"
 INDEX_JOB = "index"
@@ -58,6 +61,18 @@ def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
             return _export(library, map_id, cfg=library.cfg(slug), overwrite=overwrite)
     except OSError as error:
         raise storage_error(error, where=slug) from error
+
+
+def follow(library: Library, map_id: int) -> None:
+    """Write the files of a map after a change that is safe in the database.
+
+    A disk that refuses is no reason to tell that the change failed: the background worker writes the files
+    when it can.
+    """
+    try:
+        run(library, map_id)
+    except StorageError as error:
+        _log.warning("the files of map %d are not current: %s", map_id, error)
 
 
 def changed_outside(record: MapRecord, cfg: Path) -> bool:

@@ -100,7 +100,7 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
             next(photo for photo in record.photos if photo.id == id).path = path
         edit = edits.apply(session, record, changes=found.changes, kind=KIND, account_id=account_id)
         record.exported_sha256 = sha256
-    library_export.run(library, map_id)
+    library_export.follow(library, map_id)
     return Taken(None if edit is None else edit.turn, tuple(found.left_out))
 
 

@@ -56,11 +56,5 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
 
 
 def after_change(record: MapRecord) -> None:
-    """Bring the files of a map to what was just written to the database.
-
-    Raises
-    ------
-    StorageError
-        The disk refused; the change itself is safe.
-    """
-    library_export.run(library(), record.id)
+    """Bring the files of a map to what was written to the database, now or when the disk allows."""
+    library_export.follow(library(), record.id)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
 from apiflask.exceptions import HTTPError
@@ -36,6 +37,7 @@ from webapp.errors import (
     TooMany,
     UsageError,
 )
+from webapp.files.atomic import is_full, storage_error
 from webapp.web import language
 from webapp.web.sessions import is_api
 
@@ -68,7 +70,12 @@ def status_of(error: ExpMapError) -> HTTPStatus:
 
 def as_json(error: ExpMapError) -> dict[str, Any]:
     """Give an error in the shape that all of the API uses, without the outer `error`."""
-    told = _shape(_code(type(error).__name__), language.told(error.message), where=error.where)
+    where = error.where
+    if where is not None and isinstance(error, StorageError):
+        where = where.replace("\\", "/").rpartition("/")[
+            2
+        ]  # where the server keeps its files is nobody's business
+    told = _shape(_code(type(error).__name__), language.told(error.message), where=where)
     return told | {"hint": None if error.hint is None else language.told(error.hint)}
 
 
@@ -86,6 +93,7 @@ def init_app(app: Flask) -> None:
     app.register_error_handler(CSRFError, _csrf)
     app.register_error_handler(RateLimitExceeded, _rate)
     app.register_error_handler(HTTPException, _http)
+    app.register_error_handler(OSError, _of_system)
 
 
 def _own(error: ExpMapError) -> BaseResponse:
@@ -95,6 +103,13 @@ def _own(error: ExpMapError) -> BaseResponse:
     response = _answer(as_json(error), status_of(error))
     response.headers.update(extra_headers(error))
     return response
+
+
+def _of_system(error: OSError) -> BaseResponse:
+    """Answer a disk that is full, wherever that was found; anything else is a mistake of the program."""
+    if not is_full(error):
+        raise error
+    return _own(storage_error(error, where=Path(error.filename or "").name))
 
 
 def _of_apiflask(error: HTTPError) -> Response:

@@ -1,0 +1,189 @@
+"""A full disk or database is answered by 507 in the one shape, and nothing is lost or left behind."""
+
+import errno
+import io
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from sqlalchemy import event
+
+from webapp.settings import UploadLimits
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks import adopt_map
+
+IMAGE_SEED, PHOTO_SEED = 1, 2
+
+
+@pytest.fixture
+def settings(settings):
+    return replace(settings, upload=UploadLimits(reserve_mb=0.0))
+
+
+@pytest.fixture
+def park(library, owner, make_map):
+    """The slug of a map with three placed photos."""
+    make_map(library.map_folder("park"), 3)
+    adopt_map.run(library, "park", account_id=owner.id)
+    return "park"
+
+
+@pytest.fixture
+def disk(monkeypatch):
+    """A disk that is full as long as one says so: what is written cannot be kept."""
+    real, full = os.fsync, [True]
+
+    def fsync(handle):
+        if full[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(handle)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    return full
+
+
+@pytest.fixture
+def database(library):
+    """A database that cannot grow as long as one says so."""
+    full = [True]
+
+    def limit(connection, _record, _proxy):
+        connection.execute("PRAGMA cache_size=2")
+        pages = connection.execute("PRAGMA page_count").fetchone()[0]
+        connection.execute(f"PRAGMA max_page_count={pages if full[0] else 10**9}")
+
+    event.listen(library.database.engine, "checkout", limit)
+    return full
+
+
+def jpeg(seed, side=120):
+    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3)).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG")
+    return file.getvalue()
+
+
+def files(seed, name="a.jpg", **fields):
+    return {"data": {"file": (io.BytesIO(jpeg(seed)), name), **fields}}
+
+
+def upload(client):
+    """Send the only piece of a photo."""
+    about = {"name": "u.jpg", "size_bytes": len(jpeg(PHOTO_SEED)), "fingerprint": "u"}
+    begun = client.post("/api/v1/maps/park/uploads", json=about)
+    if begun.status_code != 201:
+        return begun
+    path, headers = f"/api/v1/maps/park/uploads/{begun.json['id']}", {"Upload-Offset": "0"}
+    return client.patch(path, data=jpeg(PHOTO_SEED), headers=headers)
+
+
+WRITERS = {
+    "photos": lambda c: c.post("/api/v1/maps/park/photos", **files(PHOTO_SEED)),
+    "upload": upload,
+    "image": lambda c: c.put("/api/v1/maps/park/satellite", **files(IMAGE_SEED, tray="true")),
+    "blank": lambda c: c.post("/api/v1/maps/park/satellite/blank", json={"width": 500, "height": 300}),
+    "localize": lambda c: c.post("/api/v1/maps/park/localize", **files(PHOTO_SEED)),
+    "import": lambda c: c.post("/api/v1/maps/import", **files(PHOTO_SEED, "a.zip")),
+    "positions": lambda c: c.post("/api/v1/maps/park/positions", **files(PHOTO_SEED, "a.csv")),
+}
+
+
+def told(answer):
+    """The error of an answer, whichever way it came."""
+    if answer.status_code == 207:
+        return answer.json[0]["error"]
+    assert answer.status_code == 507, answer.text
+    assert set(answer.json) == {"error"}
+    return answer.json["error"]
+
+
+def state(library):
+    """All that is known of the map and its photos, and every file that is no lock and can not be computed."""
+    with library.database.read() as session:
+        record = session.query(MapRecord).filter_by(slug="park").one()
+        rows = session.query(Photo).filter_by(map_id=record.id).order_by(Photo.id)
+        known = [(p.id, p.name, p.x_px, p.removed) for p in rows]
+    every = [p for p in library.folder.rglob("*") if p.is_file() and p.suffix != ".lock"]
+    kept = sorted(
+        str(p) for p in every if not {"derived"} & set(p.parts) and not p.name.startswith("library.db")
+    )
+    return record.revision, record.satellite_path, known, kept
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_a_full_disk(write, client, library, park, disk):
+    client.get("/")  # the key of the sessions
+    before = state(library)
+    error = told(write(client))
+    assert error["code"] == "disk_full" and error["hint"]
+    assert str(library.folder) not in str(error)
+    assert state(library) == before
+    disk[0] = False
+    again = write(client)
+    assert again.status_code != 507 and "disk_full" not in again.text
+
+
+CHANGES = {
+    "create": lambda c: c.post("/api/v1/maps", json={"name": "x" * 100}),
+    "place": lambda c: c.patch(
+        "/api/v1/maps/park/experiences",
+        json={"changes": [{"id": id, "x_px": 5.5, "y_px": 6.5} for id in range(3)]},
+    ),
+    "placement": lambda c: c.put("/api/v1/maps/park/placements/other", json={}),
+    "job": lambda c: c.post("/api/v1/maps/park/exports", json={"format": "zip"}),
+    "photos": WRITERS["photos"],
+    "image": WRITERS["image"],
+    "blank": WRITERS["blank"],
+    "duplicate": lambda c: c.post("/api/v1/maps/park/duplicate", json={}),
+}
+
+
+def fill(client):
+    """Ask for something small until the database is full."""
+    for number in range(200):
+        answer = client.post("/api/v1/maps", json={"name": f"{number:03}" + "x" * 100})
+        if answer.status_code != 201:
+            return answer
+    raise AssertionError("the database is never full")
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_a_full_database(change, client, library, park, database):
+    error = told(fill(client))
+    assert error["code"] == "disk_full"
+    assert str(library.folder) not in str(error)
+    before = state(library)
+    answer = change(client)
+    if answer.status_code == 507 or "disk_full" in answer.text:  # a small row may have found its place
+        assert told(answer)["code"] == "disk_full"
+        assert state(library)[:3] == before[:3]
+    assert client.get("/api/v1/maps/park").status_code == 200
+    database[0] = False
+    assert change(client).status_code < 400
+    with library.database.read() as session:
+        assert session.connection().exec_driver_sql("PRAGMA integrity_check").scalar() == "ok"
+
+
+def test_an_edit_whose_files_cannot_be_written_is_safe_all_the_same(client, library, park, disk):
+    """The database is the truth: it has the edit, and the worker writes the files when there is room."""
+    path, place = "/api/v1/maps/park/experiences/0", {"x_px": 7.0, "y_px": 8.0}
+    cfg = library.cfg("park").read_bytes()
+    answer = client.patch(path, json=place)
+    assert answer.status_code == 200
+    assert client.get("/api/v1/maps/park").json["photos"][0]["x_px"] == 7.0
+    assert library.cfg("park").read_bytes() == cfg
+    disk[0] = False
+    assert client.patch(path, json={"heading_deg": 9.0}).status_code == 200
+    assert "0;photos/0.jpg;7;8" in library.cfg("park").read_text()
+
+
+def test_a_mistake_of_the_program_is_none_of_the_disk(app, client, monkeypatch):
+    app.testing = False
+
+    def broken(*_):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("webapp.web.api_maps.maps.listed", broken)
+    assert client.get("/api/v1/maps").status_code == 500
