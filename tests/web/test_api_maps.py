@@ -190,3 +190,16 @@ def test_a_stranger_learns_nothing(stranger, sign_in, library, park):
         eve = accounts.create(session, "eve")
     told = [sign_in(eve).get(f"{API}/{slug}").json["error"]["message"] for slug in (park, "no-such-map")]
     assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("token", [False, True])
+def test_json_that_no_edit_needs_is_refused_before_it_is_read(client, stranger, library, owner, token):
+    headers = {}
+    if token:
+        with library.database.write() as session:
+            headers = {"Authorization": f"Bearer {accounts.new_token(session, owner, name='robot')}"}
+    body = b'{"name": "' + 17_000_000 * b" " + b'park"}'
+    answer = (stranger if token else client).post(
+        API, data=body, content_type="application/json", headers=headers
+    )
+    assert answer.status_code == 413

@@ -14,6 +14,9 @@ from webapp.web.state import settings
 _PAGE_FORM_BYTES = 1_000_000
 """Forms of pages are small; files go to the API."""
 
+_JSON_BYTES = 16_000_000
+"""JSON is read into memory; files come as forms."""
+
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 
 _HEADERS = {
@@ -57,6 +60,7 @@ def init_app(app: Flask) -> None:
     access.init_app(app)
     _csrf.init_app(app)
     app.before_request(_protect)
+    app.before_request(_limit_json)
     app.after_request(_add_headers)
 
 
@@ -94,6 +98,12 @@ def _protect() -> None:
         validate_csrf(request.headers.get("X-CSRFToken"))
     except ValueError as error:
         raise CSRFError(str(error)) from error
+
+
+def _limit_json() -> None:
+    """Refuse JSON that no edit needs, before it fills the memory."""
+    if request.is_json:
+        request.max_content_length = min(_JSON_BYTES, request.max_content_length or _JSON_BYTES)
 
 
 def _takes_no_session() -> bool:
