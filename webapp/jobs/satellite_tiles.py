@@ -9,6 +9,7 @@ from webapp.jobs.kinds import Context
 from webapp.tasks import library_export, satellite_tiles
 from webapp.tasks.satellite_apply import Choice, set_image
 from webapp.tasks.satellite_tiles import TileWish
+from webapp.tasks.satellite_unused import taken_back_if_refused
 
 
 def run(context: Context) -> dict[str, Any]:
@@ -24,7 +25,8 @@ def run(context: Context) -> dict[str, Any]:
         progress=context.progress,
     )
     choice = Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
-    applied = set_image(context.write, record.id, new=fetched.new, choice=choice)
+    with taken_back_if_refused(context.library, record.id, name=fetched.new.path):
+        applied = set_image(context.write, record.id, new=fetched.new, choice=choice)
     library_export.run(context.library, record.id)
     return {
         "width": fetched.new.image.width,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from datetime import timedelta
 from functools import partial
 
 from sqlalchemy import select
@@ -11,7 +12,7 @@ from webapp.errors import ExpMapError
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks import library_export, sweep_uploads
+from webapp.tasks import library_export, satellite_unused, sweep_uploads
 
 _log = logging.getLogger(__name__)
 
@@ -29,11 +30,13 @@ def export_late(library: Library) -> None:
 
 
 def clean(library: Library, settings: Settings) -> None:
-    """Delete uploads that nobody goes on with, and photos of interrupted intakes."""
+    """Delete uploads that nobody goes on with, and what interrupted ones have put into maps."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps = [partial(sweep_uploads.run, settings=settings)]
     sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
+    keep = timedelta(hours=settings.upload.keep_hours)
+    sweeps += [partial(satellite_unused.sweep, map_id=id, keep=keep) for id in ids]
     for sweep in sweeps:
         try:
             sweep(library)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from sqlalchemy import select
@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
 from webapp.files.listing import DERIVED
+from webapp.files.preview import SIDES, preview_path
 from webapp.progress import Progress
 from webapp.store import maps
 from webapp.store.library import Library
@@ -63,19 +64,21 @@ def run(
                 raise NotFound("there is no such map")
             folders = [path.name for path in library.folder.iterdir()]
             copy = maps.create(session, maps.checked_name(name), account_id=account_id, folders=folders)
-            _copy_records(session, record, copy)
+            photos = _copy_records(session, record, copy)
             folder = library.map_folder(copy.slug)
-            _copy_files(library.map_folder(record.slug), folder, progress=progress)
+            wanted = _files(library.map_folder(record.slug), record, photos)
+            _copy_files(library.map_folder(record.slug), folder, wanted=wanted, progress=progress)
             adopt_map.queue_derived(session, copy)
         kept = True
     finally:
         if folder is not None and not kept:
             shutil.rmtree(folder, ignore_errors=True)
-    library_export.run(library, copy.id)
+    library_export.follow(library, copy.id)
     return copy.slug
 
 
-def _copy_records(session: Session, record: MapRecord, copy: MapRecord) -> None:
+def _copy_records(session: Session, record: MapRecord, copy: MapRecord) -> list[Photo]:
+    """Copy the records; gives the photos of the map that the copy has too."""
     for field in _RECORD_FIELDS:
         setattr(copy, field, getattr(record, field))
     photos = [photo for photo in maps.photos(session, record) if not photo.removed]
@@ -84,6 +87,7 @@ def _copy_records(session: Session, record: MapRecord, copy: MapRecord) -> None:
     placed = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)).all()
     session.add_all(_same(row, copy.id) for row in placed if row.photo_id in ids)
     session.flush()
+    return photos
 
 
 def _same(row: Photo | PlacedElsewhere, map_id: int, **other: int) -> Photo | PlacedElsewhere:
@@ -92,10 +96,10 @@ def _same(row: Photo | PlacedElsewhere, map_id: int, **other: int) -> Photo | Pl
     return type(row)(**{**values, "map_id": map_id, **other})
 
 
-def _copy_files(source: Path, target: Path, *, progress: Progress) -> None:
+def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress: Progress) -> None:
     try:
         target.mkdir()
-        files = list(_files(source)) if source.is_dir() else []
+        files = [file for file in dict.fromkeys(wanted) if _is_inside(file, source.resolve())]
         progress.size(len(files))
         for file in files:
             progress.check()
@@ -111,18 +115,27 @@ def _copy_files(source: Path, target: Path, *, progress: Progress) -> None:
         ) from error
 
 
-def _files(folder: Path) -> Iterator[Path]:
-    """List what belongs to a map; its texts are written anew, and links stay behind."""
-    for parent, folders, files in os.walk(folder):
+def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator[Path]:
+    """List what belongs to a map, besides its texts, which are written anew."""
+    yield from (folder / photo.path for photo in photos)
+    if record.satellite_path is not None:
+        yield folder / record.satellite_path
+        yield (folder / record.satellite_path).with_suffix(".json")
+    previews = {preview_path(folder, photo.id, kind=kind) for photo in photos for kind in SIDES}
+    holding = {path.parent for path in previews}
+    for parent, folders, files in os.walk(folder / DERIVED):
         here = Path(parent)
-        inside = here.relative_to(folder).parts
-        folders[:] = [name for name in folders if not (inside == (DERIVED,) and name in _NOT_COPIED)]
-        for name in sorted(files):
-            path = here / name
-            text = not inside and path.suffix.lower() in (".cfg", ".json")
-            ours = inside[:1] == (DERIVED,) and (name in _NOT_COPIED or name.endswith("lock"))
-            if not (text or ours or name.endswith((".tmp", ".part")) or path.is_symlink()):
+        folders[:] = [name for name in folders if here.name != DERIVED or name not in _NOT_COPIED]
+        for path in (here / name for name in sorted(files)):
+            passing = path.name.endswith(("lock", ".tmp", ".part")) or path.name in _NOT_COPIED
+            gone = here in holding and path not in previews
+            if not passing and not gone:
                 yield path
+
+
+def _is_inside(file: Path, folder: Path) -> bool:
+    """Tell whether a file is there, and no link leads to it."""
+    return file.is_file() and not file.is_symlink() and file.resolve().is_relative_to(folder)
 
 
 def _link(source: Path, target: Path) -> None:

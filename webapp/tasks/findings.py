@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
@@ -22,9 +21,10 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store import maps
 from webapp.store.library import Library
-from webapp.store.schema import Edit, MapRecord, Photo
+from webapp.store.schema import MapRecord, Photo
 from webapp.tasks import check_map, library_export, outside_edit
 from webapp.tasks.library_map import as_map, georeference
+from webapp.tasks.satellite_unused import images_of
 from webapp.tasks.told_below import finding_below
 
 Fix = Literal["to-tray", "remove", "swap", "adopt", "image-size", "outside-take", "outside-discard"]
@@ -127,7 +127,7 @@ def orphans(session: Session, record: MapRecord, cfg: Path) -> list[str]:
         Relative to the folder.
     """
     rows = maps.photos(session, record)
-    known = {normal_name(row.path) for row in rows} | _images(session, record)
+    known = {normal_name(row.path) for row in rows} | images_of(session, record)
     hashes = {row.sha256 for row in rows}
     found = check_map.orphan_photos(cfg, scan(b""), present=list_photos(cfg.parent))
     return [name for name in found if name not in known and _sha256(cfg.parent / name) not in hashes]
@@ -217,17 +217,6 @@ def _outside(shown: dict[str, Any]) -> Problem:
     fixes: tuple[Fix, ...] = ("outside-discard",) if shown["problem"] else ("outside-take", "outside-discard")
     ids = tuple(photo["id"] for what in ("moved", "turned", "removed", "kept") for photo in shown[what])
     return Problem(OUTSIDE, "error", message, None, ids, fixes)
-
-
-def _images(session: Session, record: MapRecord) -> set[str]:
-    """Name the satellite images that the map has had: undo brings them back."""
-    found = select(Edit).where(Edit.map_id == record.id, Edit.kind == "satellite")
-    names = {record.satellite_path}
-    for edit in session.scalars(found):
-        for change in edit.changes:
-            for side in (change["before"], change["after"]):
-                names.add((side or {}).get("satellite_path"))
-    return {name for name in names if name}
 
 
 def _sha256(path: Path) -> str:

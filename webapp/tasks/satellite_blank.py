@@ -16,6 +16,7 @@ from webapp.tasks import satellite_display
 from webapp.tasks.place_photos import MapImage
 from webapp.tasks.satellite_apply import DISPLAY_SIDE_PX, Applied, Choice, NewImage, set_image
 from webapp.tasks.satellite_files import keep_pixels
+from webapp.tasks.satellite_unused import taken_back_if_refused
 
 SMALLEST_PX, LARGEST_PX = 100, 10_000
 
@@ -60,7 +61,8 @@ def run(library: Library, map_id: int, *, sheet: Sheet | None, choice: Choice) -
     rgb = np.ascontiguousarray(pixels[:, :, ::-1])
     large = max(image.width, image.height) > DISPLAY_SIDE_PX
     satellite_display.write_small(folder, name, small=rgb, large=large)
-    return set_image(library.database.write, map_id, new=NewImage(name, image), choice=choice)
+    with taken_back_if_refused(library, map_id, name=name):
+        return set_image(library.database.write, map_id, new=NewImage(name, image), choice=choice)
 
 
 def _sheet(sheet: Sheet) -> tuple[NDArray[np.uint8], MapImage]:

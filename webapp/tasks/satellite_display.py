@@ -6,6 +6,7 @@ All of it lies in the map's `derived/satellite/KEY/` and can be made again; the 
 from __future__ import annotations
 
 import hashlib
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -154,6 +155,23 @@ def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: P
             return False
         write_pyramid(raster, _tiles(library.map_folder(record.slug), original.key), progress=progress)
     return True
+
+
+def forget(folder: Path, name: str) -> None:
+    """Delete an image, where it came from, and all that was made of it.
+
+    Parameters
+    ----------
+    folder : Path
+        The map's.
+    name : str
+        Of the image.
+    """
+    path = folder / name
+    if path.is_file():
+        shutil.rmtree(_derived(folder, _key(path, name)), ignore_errors=True)  # can be made again
+        path.with_suffix(".json").unlink(missing_ok=True)
+        path.unlink()
 
 
 def _small(library: Library, record: MapRecord, original: Shown, *, name: str, settings: Settings) -> Shown:

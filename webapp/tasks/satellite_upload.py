@@ -18,6 +18,7 @@ from webapp.tasks.place_photos import MapImage
 from webapp.tasks.satellite_apply import DISPLAY_SIDE_PX, Applied, Choice, NewImage, set_image
 from webapp.tasks.satellite_files import as_shown, keep_file
 from webapp.tasks.satellite_georeference import GeoWish, fit
+from webapp.tasks.satellite_unused import taken_back_if_refused
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,8 @@ def run(
         name = keep_file(shown, folder)
     satellite_display.write_small(folder, name, small=small, large=max(width, height) > DISPLAY_SIDE_PX)
     new = NewImage(name, MapImage(width, height, georeference))
-    return Uploaded(set_image(library.database.write, map_id, new=new, choice=choice), warnings)
+    with taken_back_if_refused(library, map_id, name=name):
+        return Uploaded(set_image(library.database.write, map_id, new=new, choice=choice), warnings)
 
 
 def _own(file: Path) -> tuple[Georeference | None, tuple[str, ...]]:

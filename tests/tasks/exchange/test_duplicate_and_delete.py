@@ -3,10 +3,12 @@
 import pytest
 
 from webapp.errors import Conflict, UsageError
+from webapp.files import preview
 from webapp.files.mapfolder import read_map
+from webapp.settings import Settings
 from webapp.store import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks import delete_map, duplicate_map, library_export
+from webapp.tasks import delete_map, duplicate_map, findings, library_export
 
 
 @pytest.fixture
@@ -35,6 +37,21 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     assert (library.map_folder(slug) / found[0].path).is_file()
     with library.database.read() as session:
         assert not library_export.changed_outside(session.get(MapRecord, id_of(slug)), library.cfg(slug))
+
+
+def test_a_copy_has_no_files_of_what_its_map_has_not_any_more(adopt, library, edit, owner, id_of):
+    map_id = adopt()
+    folder = library.map_folder("park")
+    (folder / "satellite-0123abcd.png").write_bytes(b"an earlier image")
+    for id in (1, 2):
+        preview.write_previews(folder, id, previews={"thumb": b"small"})
+    edit(map_id, {"photo/2": {"removed": True}})
+    slug = duplicate_map.run(library, map_id, account_id=owner, name="Copy")
+    copied = library.map_folder(slug)
+    assert not (copied / "satellite-0123abcd.png").exists()
+    assert [preview.preview_path(copied, id, kind="thumb").exists() for id in (1, 2)] == [True, False]
+    found = findings.run(library, id_of(slug), settings=Settings())
+    assert [problem for problem in found if problem.code == "orphan-photo"] == []
 
 
 def test_a_copy_goes_its_own_way(adopt, library, edit, owner, id_of):
