@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Literal
 
 import cv2
 
+from webapp.core.blur import Box, blur
 from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED
 from webapp.files.photo import read_upright
@@ -24,13 +25,15 @@ _DECODING = BoundedSemaphore(2)
 """A photo of the largest size takes several hundred MB while it is decoded."""
 
 
-def make_previews(source: Path, *, limits: PhotoLimits) -> dict[Kind, bytes]:
+def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[Box] = ()) -> dict[Kind, bytes]:
     """Decode a photo completely and make its previews.
 
     Parameters
     ----------
     source : Path
     limits : PhotoLimits
+    blurred : sequence of Box
+        Parts of the upright photo that are made unrecognisable.
 
     Returns
     -------
@@ -45,6 +48,7 @@ def make_previews(source: Path, *, limits: PhotoLimits) -> dict[Kind, bytes]:
     found: dict[Kind, bytes] = {}
     with _DECODING:
         pixels = read_upright(source, limits=limits, max_side=max(SIDES.values()))
+    pixels = blur(pixels, blurred)
     for kind, side in SIDES.items():
         height, width = pixels.shape[:2]
         scale = side / max(height, width)

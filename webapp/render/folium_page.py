@@ -123,7 +123,7 @@ def _photos(
     for e in experiences:
         progress.check()
         at = _at(source, e, on_earth=on_earth)
-        jpeg = thumbnail(source.cfg, e.photo, id=e.id, side=side, limits=settings.photo)
+        jpeg = thumbnail(source, e, side=side, limits=settings.photo)
         if at is not None:
             found.append(
                 {

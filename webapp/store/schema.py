@@ -171,6 +171,8 @@ class Photo(Base):
     x_px: Mapped[float | None]
     y_px: Mapped[float | None]
     heading_deg: Mapped[float | None]
+    blurred: Mapped[list[dict[str, Any]] | None]
+    """Boxes that are blurred in every picture of it: `x`, `y`, `width`, `height`, shares of its size."""
     removed: Mapped[bool] = mapped_column(default=False)
     """Taken out of the map; kept, so that it can be undone."""
     revision: Mapped[int] = mapped_column(default=0)

@@ -54,7 +54,7 @@ def _members(source: Source, *, settings: Settings, progress: Progress) -> Itera
     progress.size(len(source.map.experiences))
     for e in source.map.experiences:
         progress.check()
-        jpeg = thumbnail(source.cfg, e.photo, id=e.id, side=PHOTO_SIDE, limits=settings.photo)
+        jpeg = thumbnail(source, e, side=PHOTO_SIDE, limits=settings.photo)
         if jpeg is not None:
             there[e.id] = f"files/{e.id}.jpg"
             yield Member(there[e.id], jpeg)

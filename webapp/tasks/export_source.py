@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from webapp.core.blur import Box
 from webapp.core.geo.georeference import Georeference
 from webapp.core.mapmodel.model import Map
 from webapp.errors import NotFound, UsageError
 from webapp.files.mapfolder import read_map
+from webapp.store import maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.library_map import as_map
+from webapp.tasks.show_photo import boxes_of
 
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
 
@@ -32,12 +35,15 @@ class Source:
         For people.
     name : str
         Of the downloads, without their ending: ASCII letters, digits, `-` and `_`.
+    blurred : mapping of int to list of Box
+        What is blurred in pictures of photos, by id; those without are not in it.
     """
 
     map: Map
     cfg: Path
     title: str
     name: str
+    blurred: Mapping[int, list[Box]] = field(default_factory=dict)
 
     def georeference(self) -> Georeference:
         """Give the georeference.
@@ -89,12 +95,13 @@ def of_library(library: Library, map_id: int) -> Source:
             raise NotFound("there is no such map")
         map_ = as_map(session, record)
         slug, title = record.slug, record.name
+        blurred = {photo.id: boxes_of(photo) for photo in maps.photos(session, record) if photo.blurred}
     if map_ is None:
         raise UsageError(
             "the map has no satellite image yet: there is nothing to export",
             hint="upload a satellite image, or start from a blank plan",
         )
-    return Source(map_, library.cfg(slug), title, plain_name(slug))
+    return Source(map_, library.cfg(slug), title, plain_name(slug), blurred)
 
 
 def of_folder(cfg: Path, *, title: str | None = None) -> Source:

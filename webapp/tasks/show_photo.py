@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
+from webapp.core.blur import Box
 from webapp.errors import NotFound
 from webapp.files.mapfolder import photo_path
 from webapp.files.partfile import told_as
@@ -31,6 +33,17 @@ def original(library: Library, slug: str, *, photo: Photo) -> Path:
     return path
 
 
+def boxes_of(photo: Photo) -> list[Box]:
+    """List what is blurred in the pictures of a photo."""
+    return [Box(**box) for box in photo.blurred or ()]
+
+
+def look_of(photo: Photo) -> str | None:
+    """Give a word that changes with what is blurred; None where nothing is."""
+    boxes = boxes_of(photo)
+    return hashlib.sha256(repr(boxes).encode()).hexdigest()[:12] if boxes else None
+
+
 def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: Settings) -> Path:
     """Find a preview of a photo, and make it where it is missing.
 
@@ -48,5 +61,6 @@ def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: 
     if not path.exists():
         source = original(library, slug, photo=photo)
         with told_as(photo.name, source):
-            write_previews(folder, photo.id, previews=make_previews(source, limits=settings.photo))
+            made = make_previews(source, limits=settings.photo, blurred=boxes_of(photo))
+        write_previews(folder, photo.id, previews=made)
     return path

@@ -7,6 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from webapp.core.blur import blur
+from webapp.core.mapmodel.model import Experience
 from webapp.errors import MapError, PhotoError
 from webapp.files.decode import Pixels
 from webapp.files.mapfolder import photo_path
@@ -14,20 +16,18 @@ from webapp.files.photo import read_upright
 from webapp.files.preview import preview_path
 from webapp.files.raster import opened_raster, reduced
 from webapp.settings import PhotoLimits, Settings
+from webapp.tasks.export_source import Source
 
 _QUALITY = 80
 
 
-def thumbnail(cfg: Path, photo: str, *, id: int, side: int, limits: PhotoLimits) -> bytes | None:
+def thumbnail(source: Source, experience: Experience, *, side: int, limits: PhotoLimits) -> bytes | None:
     """Make a small picture of a photo, of its preview where there is one.
 
     Parameters
     ----------
-    cfg : Path
-        The map file.
-    photo : str
-        Its path in the map.
-    id : int
+    source : Source
+    experience : Experience
     side : int
         Pixels of the longer side, at most.
     limits : PhotoLimits
@@ -37,14 +37,15 @@ def thumbnail(cfg: Path, photo: str, *, id: int, side: int, limits: PhotoLimits)
     bytes or None
         JPEG without metadata; None where the photo is missing or unreadable.
     """
+    cfg, id = source.cfg, experience.id
     preview = preview_path(cfg.parent, id, kind="thumb" if side <= 256 else "preview")
     try:
-        pixels = read_upright(
-            preview if preview.exists() else photo_path(cfg, photo), limits=limits, max_side=side
-        )
+        if preview.exists():
+            return encoded(read_upright(preview, limits=limits, max_side=side))
+        pixels = read_upright(photo_path(cfg, experience.photo), limits=limits, max_side=side)
     except (MapError, PhotoError):
         return None
-    return encoded(pixels)
+    return encoded(blur(pixels, source.blurred.get(id, ())))
 
 
 def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) -> Pixels | None:

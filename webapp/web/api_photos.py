@@ -146,7 +146,7 @@ def _find(slug: str, id: int) -> tuple[MapRecord, Photo]:
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     record, photo = _find(slug, id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return _lasting(path, etag=f"{photo.sha256}-{kind}")
+    return _lasting(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of(photo)}")
 
 
 def _lasting(path: Path, *, etag: str) -> Response:

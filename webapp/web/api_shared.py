@@ -125,6 +125,8 @@ def photo_original(token: str, id: int) -> Response:
     opened = _opened(token, originals=True)
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
+    if photo.blurred:
+        raise NotFound("files are not given out here")
     return _file(show_photo.original(library(), record.slug, photo=photo), photo.name)
 
 
@@ -200,7 +202,7 @@ def _photo_preview(token: str, id: int, kind: Kind) -> Response:
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return _sent(path, etag=f"{photo.sha256}-{kind}")
+    return _sent(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of(photo)}")
 
 
 def _query_preview(token: str, kind: Kind) -> Response:

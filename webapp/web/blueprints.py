@@ -5,6 +5,7 @@ from __future__ import annotations
 from flask import Blueprint
 
 from webapp.web.account_page import blueprint as account_page
+from webapp.web.api_blur import blueprint as api_blur
 from webapp.web.api_checks import blueprint as api_checks
 from webapp.web.api_exchange import blueprint as api_exchange
 from webapp.web.api_georeference import blueprint as api_georeference
@@ -34,6 +35,7 @@ from webapp.web.sign_in import blueprint as sign_in
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
     account_page,
+    api_blur,
     api_checks,
     api_exchange,
     api_georeference,

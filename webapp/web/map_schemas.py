@@ -19,6 +19,15 @@ class GpsOut(Schema):
     radius_px = Float(allow_none=True, metadata={"description": "The accuracy, on the image."})
 
 
+class BoxOut(Schema):
+    """A part of a photo, in shares of its width and height from its top-left corner."""
+
+    x = Float(required=True)
+    y = Float(required=True)
+    width = Float(required=True)
+    height = Float(required=True)
+
+
 class PhotoOut(Schema):
     """A photo of a map; one that was taken out has `id`, `removed` and `revision` alone."""
 
@@ -38,6 +47,7 @@ class PhotoOut(Schema):
         allow_none=True, metadata={"description": "Why there is no GPS position, for people."}
     )
     revision = Integer(metadata={"description": "Of the map, when the photo last changed."})
+    blurred = List(Nested(BoxOut), metadata={"description": "What is blurred in pictures of it."})
     preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})
     removed = Boolean()

@@ -15,6 +15,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.store import edits, jobs, maps
 from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.library_map import georeference
+from webapp.tasks.show_photo import look_of
 from webapp.web.satellite_state import satellite_json
 
 
@@ -148,8 +149,9 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "gps": gps,
         "gps_problem": photo.gps_problem,
         "revision": photo.revision,
-        "preview": url_for("api_photos.preview", slug=record.slug, id=photo.id),
-        "thumb": url_for("api_photos.thumb", slug=record.slug, id=photo.id),
+        "blurred": photo.blurred or [],
+        "preview": url_for("api_photos.preview", slug=record.slug, id=photo.id, look=look_of(photo)),
+        "thumb": url_for("api_photos.thumb", slug=record.slug, id=photo.id, look=look_of(photo)),
     }
 
 

@@ -91,6 +91,7 @@ def _named(query: QueryRecord) -> set[int]:
 
 def _photo(opened: Opened, photo: Photo, token: str) -> dict[str, Any]:
     exif, shown = opened.share.originals, _shows(opened, photo.id)
+    file = shown and exif and not photo.blurred
     place: dict[str, Any] = {"token": token, "id": photo.id}
     return {
         "id": photo.id,
@@ -104,7 +105,7 @@ def _photo(opened: Opened, photo: Photo, token: str) -> dict[str, Any]:
         "taken_at": photo.taken_at if exif else None,
         "thumb": url_for("api_shared.photo_thumb", **place) if shown else None,
         "preview": url_for("api_shared.photo_preview", **place) if shown else None,
-        "original": url_for("api_shared.photo_original", **place) if shown and exif else None,
+        "original": url_for("api_shared.photo_original", **place) if file else None,
     }
 
 

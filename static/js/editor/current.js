@@ -2,6 +2,7 @@
 
 import { h, icon } from "../dom.js";
 import { t } from "../i18n.js";
+import { blurDialog } from "./blur.js";
 import { latLonText } from "./coords.js";
 import { clockText } from "./format.js";
 import { byId } from "./page.js";
@@ -12,9 +13,10 @@ export class CurrentPhoto {
   /**
    * @param {import("./commands.js").Commands} commands
    * @param {import("./mapview.js").MapView} view
+   * @param {Object} server endpoints
    */
-  constructor(commands, view) {
-    Object.assign(this, { commands, view, store: commands.store });
+  constructor(commands, view, server) {
+    Object.assign(this, { commands, view, server, store: commands.store });
     this.image = byId("current-image");
     this.zoom = new PhotoZoom(byId("current-frame"), this.image);
     this._listen();
@@ -35,11 +37,16 @@ export class CurrentPhoto {
     on("current-farther", () => this.zoom.step(-1));
     on("current-show", () => this.view.reveal(store.position(store.currentId), { margin: 120 }));
     on("current-tray", () => commands.toTray([store.currentId]));
+    on("current-blur", () => this._blur(store.current));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
     byId("current-heading").addEventListener("change", (event) => this._heading(event.target));
     this.image.addEventListener("error", () => byId("current-frame").classList.add("is-broken"));
     this.image.addEventListener("load", () => byId("current-frame").classList.remove("is-broken"));
+  }
+
+  _blur(photo) {
+    blurDialog(photo, async (boxes) => this.store.merge(await this.server.blur(photo.id, boxes)));
   }
 
   _heading(input) {
@@ -71,16 +78,16 @@ export class CurrentPhoto {
 
   /** The small picture is there at once; the large one takes its place when it has arrived. */
   _picture(photo) {
-    if (this._shown === photo.id) return;
-    this._shown = photo.id;
+    const address = photo.preview;
+    if (this._shown === address) return;
+    this._shown = address;
     this.image.alt = photo.name;
     this.image.src = photo.thumb;
     const large = new Image();
-    large.src = photo.preview;
-    const { id } = photo;
+    large.src = address;
     large.decode().then(
-      () => this._shown === id && (this.image.src = large.src),
-      () => this._shown === id && byId("current-frame").classList.toggle("is-broken", !this.image.naturalWidth),
+      () => this._shown === address && (this.image.src = large.src),
+      () => this._shown === address && byId("current-frame").classList.toggle("is-broken", !this.image.naturalWidth),
     );
     this._ahead();
   }
@@ -119,6 +126,7 @@ export class CurrentPhoto {
     byId("current-gps").hidden = !store.canEdit || !inside || Boolean(there);
     byId("current-show").hidden = !position;
     byId("current-tray").hidden = !store.canEdit || !position;
+    byId("current-blur").hidden = !store.canEdit;
     byId("current-remove").hidden = !store.canEdit;
     byId("current-turn").hidden = !store.canEdit;
   }

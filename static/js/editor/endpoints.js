@@ -32,6 +32,8 @@ export function endpointsOf(slug) {
     matchTrack: (fields, { preview }) =>
       api(`${map}/gpx?preview=${preview}`, { method: "POST", body: form(fields) }),
 
+    blur: (id, boxes) => put(`${map}/photos/${id}/blur`, { boxes }),
+
     findings: () => get(`${map}/findings`),
     fix: (code, ids) => post(`${map}/findings/fix`, { code, ids }),
     health: () => get(`${map}/health`),

@@ -37,7 +37,7 @@ const hands = new Hands(view, dots, commands);
 const crosshair = new Crosshair(view, say);
 const page = { store, server, refresh, view, dots, hands, crosshair, commands, say, help: showHelp };
 
-new CurrentPhoto(commands, view);
+new CurrentPhoto(commands, view, server);
 new Tray(commands);
 new Check(store, server, page);
 new Health(page);

@@ -1,0 +1,32 @@
+"""A box over a face: drawn, or added and moved by keys; then every picture of the photo has it."""
+
+import re
+
+from playwright.sync_api import expect
+
+from tests.browser import axe
+
+
+def test_boxes_are_drawn_and_kept(make_page, page):
+    make_page(2, placed=True)
+    page.locator("#current-more").evaluate("more => { more.open = true; }")
+    page.locator("#current-blur").click()
+    expect(page.get_by_role("dialog")).to_be_visible()
+    frame = page.locator(".blur-frame").bounding_box()
+    corner = {axis: frame[axis] + 0.2 * frame[side] for axis, side in (("x", "width"), ("y", "height"))}
+    page.mouse.move(corner["x"], corner["y"])
+    page.mouse.down()
+    page.mouse.move(corner["x"] + 0.4 * frame["width"], corner["y"] + 0.4 * frame["height"], steps=4)
+    page.mouse.up()
+    page.get_by_role("button", name="Add a box").click()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Shift+ArrowRight")
+    expect(page.get_by_text("2 boxes")).to_be_visible()
+    assert axe.findings(page) == []
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    expect(page.locator("#current-image")).to_have_attribute("src", re.compile("look="))
+    page.locator("#current-blur").click()
+    expect(page.locator(".blur-box")).to_have_count(2)
+    page.get_by_role("button", name="Take this box away").first.click()
+    expect(page.locator(".blur-box")).to_have_count(1)
