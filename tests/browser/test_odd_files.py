@@ -54,6 +54,22 @@ def test_the_same_file_again_is_recognised(make_page, small_photos, api):
     assert len(api.state(edit.slug)["photos"]) == 3
 
 
+def test_a_new_map_at_the_address_of_a_deleted_one_gets_all_files(make_page, small_photos, api):
+    edit = make_page(0)
+    edit.choose_photos(small_photos[:1])
+    edit.uploaded()
+    for path in (f"/maps/{edit.slug}", f"/maps/{edit.slug}?forever=true"):
+        api.ask("DELETE", path)
+    again = make_page(0)
+    assert again.slug == edit.slug
+    again.choose_photos(small_photos[1:2])  # it has the id now that the other photo had
+    again.uploaded()
+    again.choose_photos(small_photos[:2])
+    again.uploaded()
+    expect(again.unplaced).to_have_text("2")
+    assert len(api.state(again.slug)["photos"]) == 2
+
+
 def test_a_satellite_image_that_is_none_is_refused(page, api, tmp_path, context):
     context.watch.expect(400, 413, 415, 422)
     slug = api.make_map("No image", satellite=None)

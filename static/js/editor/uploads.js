@@ -88,7 +88,8 @@ export class Uploads extends EventTarget {
 
   async _one(entry) {
     const known = this._known.photo(entry.file);
-    if (known !== null && this.store.photos.has(known)) {
+    // Another map may have got the address, and the ids, of one that was deleted: then the file is sent.
+    if (known !== null && this.store.photos.get(known)?.name === entry.file.name) {
       const placed = this.store.isPlaced(known);
       return Object.assign(entry, { state: "done", sent: entry.file.size, result: { id: known, placed, duplicate: true } });
     }
