@@ -22,6 +22,9 @@ from webapp.tasks.library_map import as_map
 _log = logging.getLogger(__name__)
 
 LOCK = "export.lock"
+_POLL_S = 0.005
+"""An export takes about 20 ms, and people wait for it with every edit."""
+
 INDEX_JOB = "index"
 
 
@@ -57,7 +60,7 @@ def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
     derived = library.map_folder(slug) / DERIVED
     try:
         derived.mkdir(parents=True, exist_ok=True)
-        with FileLock(derived / LOCK):
+        with FileLock(derived / LOCK, poll_interval=_POLL_S):
             return _export(library, map_id, cfg=library.cfg(slug), overwrite=overwrite)
     except OSError as error:
         raise storage_error(error, where=slug) from error
