@@ -16,6 +16,8 @@ PAGES = {
     "localize": "/maps/sample/localize",
     "jobs": "/maps/sample/jobs",
     "settings": "/maps/sample/settings",
+    "field": "/field",
+    "public": "/public",
     "nowhere": "/nowhere",
 }
 TOUCH = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}

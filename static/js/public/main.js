@@ -55,6 +55,10 @@ function listen() {
     look();
     byId("hypotheses").scrollIntoView({ block: "nearest" });
   });
+  session.on("chosen", () => {
+    const speaks = session.hypothesis?.experiences.find((id) => store.photos.get(id)?.preview);
+    if (speaks !== undefined) store.setCurrent(speaks);
+  });
   store.on("current", advised);
   session.on("answer", advised);
   view.map.on("click", ({ containerPoint, originalEvent }) => {
