@@ -14,7 +14,10 @@ from webapp import errors
 from webapp.cli import main as program
 from webapp.cli.exitcodes import exit_code
 
-COMMANDS = ["sample", "map", "map check", "map from-photos", "build", "localize", "evaluate"]
+COMMANDS = [
+    "sample", "map", "map check", "map from-photos", "build", "localize", "evaluate", "serve", "worker",
+    "account", "account link", "account token", "account add", "account list", "backup", "restore",
+]  # fmt: skip
 
 
 @pytest.fixture

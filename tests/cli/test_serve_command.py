@@ -86,9 +86,13 @@ def web(folder):
 
 
 def answers(url):
+    """Whether somebody answers, be all well or not: the background worker may be starting."""
     try:
         with urllib.request.urlopen(url + "/healthz", timeout=5) as response:
             return response.status == 200
+    except urllib.error.HTTPError as error:
+        error.close()
+        return error.code == 503
     except (OSError, urllib.error.URLError):
         return False
 

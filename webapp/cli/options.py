@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
-from webapp.jobs.logs import FORMS
 from webapp.tasks.open_map import OpenOptions
 
 Command = Callable[..., Any]
@@ -30,14 +29,6 @@ def fov_options(command: Command) -> Command:
     for option in reversed(_FOV_OPTIONS):
         command = option(command)
     return command
-
-
-def log_option(command: Command) -> Command:
-    """Add the form of the log."""
-    return click.option(
-        "--log", type=click.Choice(FORMS), default="text", show_default=True,
-        help="Form of the log on standard error.",
-    )(command)  # fmt: skip
 
 
 _INDEX_OPTIONS = [

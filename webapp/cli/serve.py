@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.options import log_option
+from webapp.cli.log import log_option
 from webapp.jobs import serving
 from webapp.jobs.logs import Form, log_to_stderr
 from webapp.settings import from_environment

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.options import log_option
+from webapp.cli.log import log_option
 from webapp.jobs.logs import Form, log_to_stderr
 from webapp.jobs.worker import Worker
 from webapp.settings import from_environment
