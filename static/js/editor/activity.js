@@ -5,6 +5,7 @@ import { t, tn } from "../i18n.js";
 import { sentence, toastError } from "../toast.js";
 import { leftText } from "./format.js";
 import { byId, eachFrame } from "./page.js";
+import { canGoAgain } from "./uploads.js";
 
 const JOBS = {
   index: () => t("Preparing the photos for finding places"),
@@ -72,7 +73,7 @@ export class Activity {
 
   _sent() {
     const { entries } = this.uploads;
-    const again = entries.some(({ state }) => state === "failed" || state === "cancelled");
+    const again = entries.some(canGoAgain);
     return [
       h("div", { class: "ed-activity__head" },
         h("strong", { dataset: { testid: "upload-summary" } }, this._summary().join(" ")),
@@ -106,7 +107,9 @@ export class Activity {
   }
 
   _jobs() {
-    const shown = this.store.jobs.filter(({ id }) => !this.hiddenJobs.has(id));
+    const { jobs } = this.store;
+    const overtaken = (job) => job.state === "done" && jobs.some(({ kind, id }) => kind === job.kind && id > job.id);
+    const shown = jobs.filter((job) => !this.hiddenJobs.has(job.id) && !overtaken(job));
     const signature = JSON.stringify(shown);
     if (signature === this._shownJobs) return;
     this._shownJobs = signature;

@@ -60,10 +60,10 @@ export class Uploads extends EventTarget {
     this._tell();
   }
 
-  /** Send again what failed. */
+  /** Send again what may succeed this time. */
   retry() {
-    const files = this.entries.filter(({ state }) => state === "failed" || state === "cancelled").map(({ file }) => file);
-    this.entries = this.entries.filter(({ state }) => state !== "failed" && state !== "cancelled");
+    const files = this.entries.filter(canGoAgain).map(({ file }) => file);
+    this.entries = this.entries.filter((entry) => !canGoAgain(entry));
     this.add(files);
   }
 
@@ -142,6 +142,11 @@ export class Uploads extends EventTarget {
       offset = answer.offset;
     }
   }
+}
+
+/** A file that was not sent, or not taken for a reason that can pass; one that is no photo stays none. */
+export function canGoAgain({ state, error }) {
+  return state === "cancelled" || (state === "failed" && ![400, 413, 415, 422].includes(error.status));
 }
 
 /** By what a file is found again after a reload. */
