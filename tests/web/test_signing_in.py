@@ -48,6 +48,7 @@ def test_a_link_signs_in_once(app, stranger, link):
     other = app.test_client()
     assert other.post(link).status_code == other.get(link).status_code == 401
     assert not is_in(other)
+    assert stranger.get(link).headers["Location"] == "/", "who is signed in is not asked to sign in"
 
 
 def test_a_link_that_is_too_old_does_nothing(library, stranger, link):

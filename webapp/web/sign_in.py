@@ -48,13 +48,13 @@ def by_password() -> Response | tuple[str, int, dict[str, str]]:
 
 @blueprint.get("/sign-in/<token>")
 @public
-def link(token: str) -> tuple[str, int]:
+def link(token: str) -> Response | tuple[str, int]:
     """Show whom a link signs in. Programs that look at links, as chats do, do not use it up."""
     try:
         with library().database.read() as session:
             account = signin.link_account(session, token)
-    except NotSignedIn as error:
-        return _refused(error)
+    except NotSignedIn as error:  # who is in already loses nothing by a link that was used
+        return _refused(error) if sessions.signed_in() is None else back("maps_page.index")
     return render_template("sign_in/link.html", whose=account, token=token), 200
 
 
