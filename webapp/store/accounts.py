@@ -114,7 +114,11 @@ def new_token(session: Session, account: Account, *, name: str) -> str:
     """
     name = _checked_name(name)
     if any(token.name == name for token in tokens(session, account)):
-        raise Conflict("there is a token of this name already", where=name, hint="revoke it first")
+        raise Conflict(
+            "there is a token of this name already",
+            where=name,
+            hint="choose another name, or revoke it on the account page",
+        )
     token = _TOKEN_PREFIX + secrets.token_urlsafe(32)
     session.add(ApiToken(account_id=account.id, name=name, token_hash=hashed(token)))
     return token
