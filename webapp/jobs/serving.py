@@ -152,7 +152,7 @@ class _Start:
             self._token = signin.new_link(session, owner, hours=settings.web.link_hours)
             self._sample = None
             if session.scalars(select(MapRecord.id).limit(1)).first() is None:
-                _log.info("making the sample map, which takes half a minute")
+                _log.info("getting the sample map ready, which can take half a minute")
                 self._sample = jobs.enqueue(session, "sample", account_id=owner.id).id
 
     def look(self, web: Child, *, tell: Callable[[str], None]) -> None:
