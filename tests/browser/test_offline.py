@@ -156,7 +156,7 @@ def test_pages_that_were_seen_open_without_a_network(phone, sample_map):
     page.reload()
     expect(page.locator("#map-canvas canvas")).to_be_visible()
     with pytest.raises(Error, match="INTERNET_DISCONNECTED"):
-        page.goto("/people")  # never kept
+        phone.new_page().goto("/people")  # never kept
     page.goto(f"/maps/{sample_map}/localize")
     page.wait_for_url(f"**/field?map={sample_map}")
 
