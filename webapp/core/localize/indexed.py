@@ -155,8 +155,10 @@ def candidates(
             break
         wanted = min(4 * wanted, _MOST_NEIGHBOURS)
         longer = _visible(indexed, descriptors[short], hidden=hidden, k=k, looked_up=wanted)
-        for part, more in zip(answer, longer, strict=True):
-            part[short] = more
+        answer.distance[short] = longer.distance
+        answer.row[short] = longer.row
+        answer.photo[short] = longer.photo
+        answer.more[short] = longer.more
     return Candidates(answer.distance, answer.row, answer.photo)
 
 
