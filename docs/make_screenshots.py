@@ -30,7 +30,11 @@ PAGES = {
     "maps": ("/", ("",)),
     "edit": ("/maps/sample/edit", ("", "-dark", "-phone")),
     "image": ("/maps/sample/image", ("",)),
+    "localize": ("/maps/sample/localize", ("", "-phone")),
 }
+QUERY = "queries/query_02.jpg"
+"""Photo of the sample that is asked about."""
+
 IN_TRAY = range(40, 46)
 """Photos of the sample that are shown as not placed yet."""
 
@@ -75,6 +79,9 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
     page.goto(path)
     if path.endswith("/edit"):
         page.locator("[data-testid=map-canvas] canvas").wait_for()
+    if path.endswith("/localize"):
+        page.get_by_test_id("query-input").set_input_files(app.library / "sample" / QUERY)
+        page.get_by_test_id("hypothesis").first.wait_for()
     settle(page)
     PICTURES.mkdir(exist_ok=True)
     page.screenshot(path=PICTURES / f"{name}.jpg", type="jpeg", quality=80, scale="css")
