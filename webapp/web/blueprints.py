@@ -7,6 +7,7 @@ from flask import Blueprint
 from webapp.web.account_page import blueprint as account_page
 from webapp.web.api_blur import blueprint as api_blur
 from webapp.web.api_checks import blueprint as api_checks
+from webapp.web.api_evaluation import blueprint as api_evaluation
 from webapp.web.api_exchange import blueprint as api_exchange
 from webapp.web.api_georeference import blueprint as api_georeference
 from webapp.web.api_jobs import blueprint as api_jobs
@@ -37,6 +38,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     account_page,
     api_blur,
     api_checks,
+    api_evaluation,
     api_exchange,
     api_georeference,
     api_jobs,
