@@ -66,7 +66,7 @@ class Placement:
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """A satellite image and its experiences; immutable, so that undo is the previous value.
+    """A satellite image and its experiences; immutable.
 
     Attributes
     ----------
