@@ -1,0 +1,136 @@
+"""What a robot tells on its way: the poses of a track, and what it saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from webapp.core.geo.types import LatLon
+
+Source = Literal["gps", "odometry", "visual", "fused", "manual"]
+"""Where the poses of a track come from: a receiver, dead reckoning, photos localized on the map, a filter that
+joins several of these, or a person."""
+
+SOURCES: tuple[Source, ...] = get_args(Source)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """The poses of one track, in the order in which they came.
+
+    Attributes
+    ----------
+    times_s : (n,) float64
+        Seconds since 1970, UTC. Need not ascend.
+    latlon : (n, 2) float64
+        Degrees north, degrees east.
+    height_m : (n,) float64
+        Metres as the source counts them; NaN where it is unknown.
+    heading_deg : (n,) float64
+        Degrees clockwise from north, 0 <= heading < 360; NaN where it is unknown.
+    covariance_m2 : (n, 3) float64
+        Square metres: variance east, variance north, covariance of the two; NaN where it is unknown.
+    travelled_m : (n,) float64
+        Metres along the track since its first pose, those that thinning left out included.
+    """
+
+    times_s: NDArray[np.float64]
+    latlon: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+    heading_deg: NDArray[np.float64]
+    covariance_m2: NDArray[np.float64]
+    travelled_m: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Count the poses."""
+        return len(self.times_s)
+
+    def take(self, chosen: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Poses:
+        """Give some of the poses, by a slice, a mask (n,) bool, or their places (m,) intp."""
+        return Poses(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A robot saw an object somewhere at some time.
+
+    Attributes
+    ----------
+    object_id : str
+        The same object has the same id at every sighting.
+    kind : str
+        Its class: `car`, `victim` ...
+    time_s : float
+        Seconds since 1970, UTC.
+    latlon : LatLon
+    height_m : float or None
+    confidence : float or None
+        0 to 1.
+    photo : str or None
+        SHA-256 of a photo of the mission, hexadecimal.
+    """
+
+    object_id: str
+    kind: str
+    time_s: float
+    latlon: LatLon
+    height_m: float | None = None
+    confidence: float | None = None
+    photo: str | None = None
+
+
+def make_poses(
+    times_s: ArrayLike,
+    latlon: ArrayLike,
+    *,
+    height_m: ArrayLike | None = None,
+    heading_deg: ArrayLike | None = None,
+    covariance_m2: ArrayLike | None = None,
+    travelled_m: ArrayLike | None = None,
+) -> Poses:
+    """Make poses of what is known; what is not given is NaN.
+
+    Parameters
+    ----------
+    times_s : (n,) array_like
+    latlon : (n, 2) array_like
+    height_m, heading_deg : (n,) array_like, optional
+        Headings of any turn are brought to 0 <= heading < 360.
+    covariance_m2 : (n, 3) array_like, optional
+    travelled_m : (n,) array_like, optional
+
+    Raises
+    ------
+    ValueError
+        They are not equally long.
+    """
+    times = np.asarray(times_s, dtype=np.float64).reshape(-1)
+    n = len(times)
+
+    def column(values: ArrayLike | None, *shape: int) -> NDArray[np.float64]:
+        if values is None:
+            return np.full((n, *shape), np.nan)
+        array = np.asarray(values, dtype=np.float64)
+        return array.reshape(n, *shape)
+
+    heading = column(heading_deg) % 360.0
+    heading[heading == 360.0] = 0.0  # the remainder of a tiny negative number rounds up to the divisor
+    return Poses(
+        times,
+        column(latlon, 2),
+        column(height_m),
+        heading,
+        column(covariance_m2, 3),
+        column(travelled_m),
+    )
+
+
+def join(parts: Sequence[Poses]) -> Poses:
+    """Put poses one after the other; `travelled_m` stays as it is in each."""
+    if not parts:
+        return make_poses([], np.empty((0, 2)))
+    return Poses(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Poses)))
