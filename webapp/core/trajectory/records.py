@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from webapp.core.geo.types import LatLon
 
 Source = Literal["gps", "odometry", "visual", "fused", "manual"]
-"""Where the poses of a track come from: a receiver, dead reckoning, photos localized on the map, a filter that
-joins several of these, or a person."""
+"""Where poses come from: a receiver, dead reckoning, photos localized on the map, a filter, or a person."""
 
 SOURCES: tuple[Source, ...] = get_args(Source)
 
