@@ -8,7 +8,7 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 
 MOST_SHARE = 0.1
-"""Dead reckoning drifts by a few percent of the way; a gap of more than a tenth of it is not drift any more."""
+"""Dead reckoning drifts by a few percent of the way; a gap of over a tenth of it is no drift any more."""
 
 MOST_OF_REACH = 1 / 3
 """The end must be much nearer to the start than the track has been: else it has not come back."""
