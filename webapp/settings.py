@@ -171,6 +171,26 @@ class TileSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionSettings:
+    """What robots send."""
+
+    batch_records: int = 5000
+    """Records of one batch."""
+
+    batch_mb: float = 2.0
+    """Size of one batch, megabytes (10^6 bytes)."""
+
+    keep_keys_days: float = 30.0
+    """A batch that comes again with the same key is known again for so many days."""
+
+    stream_s: float = 25.0
+    """Seconds after which a stream of events ends; browsers open the next one by themselves."""
+
+    look_s: float = 0.3
+    """Seconds between two looks for what a stream of events tells next."""
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All settings of one run."""
 
@@ -183,6 +203,7 @@ class Settings:
     jobs: JobSettings = field(default_factory=JobSettings)
     satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
     tiles: TileSettings = field(default_factory=TileSettings)
+    missions: MissionSettings = field(default_factory=MissionSettings)
     library: Path = Path("maps")
     """Folder of the maps (environment: `EXPMAP_LIBRARY`)."""
 
@@ -234,10 +255,24 @@ def let_threads_sleep() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
-def environment_for(native_threads: int) -> dict[str, str]:
-    """Make the environment of a child process whose native libraries start only so many threads.
+_HEAPS = {
+    "MALLOC_ARENA_MAX": "2",
+    "MALLOC_MMAP_THRESHOLD_": "1000000",
+    "MALLOC_TRIM_THRESHOLD_": "4000000",
+}
+"""For the C library of Linux. By default each thread that localizes keeps a heap of its own of 64 MB, full of
+arrays that are long gone: more than twice the memory of all processes, and not a second saved."""
 
-    They read these variables when they are loaded. What the user has set is not overruled.
+
+def environment_for(native_threads: int | None = None) -> dict[str, str]:
+    """Make the environment of a server process: few native threads, and heaps that shrink again.
+
+    What reads these variables does so when it is loaded. What the user has set is not overruled.
+
+    Parameters
+    ----------
+    native_threads : int, optional
+        That OpenMP and OpenBLAS may start; by default as many as they like.
     """
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    return {name: str(native_threads) for name in names} | dict(os.environ)
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if native_threads else ()
+    return {name: str(native_threads) for name in names} | _HEAPS | dict(os.environ)

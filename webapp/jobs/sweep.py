@@ -12,7 +12,7 @@ from webapp.errors import ExpMapError
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks import library_export, satellite_unused, sweep_uploads
+from webapp.tasks import delete_mission, library_export, satellite_unused, sweep_uploads
 
 _log = logging.getLogger(__name__)
 
@@ -30,10 +30,10 @@ def export_late(library: Library) -> None:
 
 
 def clean(library: Library, settings: Settings) -> None:
-    """Delete uploads that nobody goes on with, and what interrupted ones have put into maps."""
+    """Delete what interrupted uploads and deletions have left behind."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
-    sweeps = [partial(sweep_uploads.run, settings=settings)]
+    sweeps = [partial(sweep_uploads.run, settings=settings), delete_mission.sweep]
     sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(satellite_unused.sweep, map_id=id, keep=keep) for id in ids]
@@ -41,4 +41,4 @@ def clean(library: Library, settings: Settings) -> None:
         try:
             sweep(library)
         except (ExpMapError, OSError) as error:
-            _log.warning("what uploads have left behind could not be deleted: %s", error)
+            _log.warning("what was left behind could not be deleted: %s", error)

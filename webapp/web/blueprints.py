@@ -5,6 +5,7 @@ from __future__ import annotations
 from flask import Blueprint
 
 from webapp.web.account_page import blueprint as account_page
+from webapp.web.api_batches import blueprint as api_batches
 from webapp.web.api_blur import blueprint as api_blur
 from webapp.web.api_checks import blueprint as api_checks
 from webapp.web.api_evaluation import blueprint as api_evaluation
@@ -13,6 +14,7 @@ from webapp.web.api_georeference import blueprint as api_georeference
 from webapp.web.api_jobs import blueprint as api_jobs
 from webapp.web.api_localize import blueprint as api_localize
 from webapp.web.api_maps import blueprint as api_maps
+from webapp.web.api_missions import blueprint as api_missions
 from webapp.web.api_photos import blueprint as api_photos
 from webapp.web.api_placements import blueprint as api_placements
 from webapp.web.api_placing import blueprint as api_placing
@@ -36,6 +38,7 @@ from webapp.web.sign_in import blueprint as sign_in
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
     account_page,
+    api_batches,
     api_blur,
     api_checks,
     api_evaluation,
@@ -44,6 +47,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_jobs,
     api_localize,
     api_maps,
+    api_missions,
     api_photos,
     api_placements,
     api_placing,

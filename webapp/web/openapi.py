@@ -44,6 +44,7 @@ _TAGS = {
     "Shared": "What such a link shows: for visitors, without a sign-in.",
     "Checks": "What is wrong with a map, and which of its places are weak.",
     "Import and export": "Maps on their way in and out.",
+    "Missions": "Where robots and people were, and what they saw there.",
     "Jobs": "Long work outside a request.",
 }
 
@@ -51,6 +52,7 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "slug": {"description": "The map: the last part of its address."},
     "id": {"description": "Id, unique in the map."},
     "token": {"description": "The end of the address of a shared map or answer."},
+    "mission_id": {"description": "Id of the mission."},
     "job_id": {"description": "Id of the job."},
     "name": {"description": "Name, as it is listed."},
     "form": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},

@@ -1,0 +1,50 @@
+"""Missions of the owner, and what robots send."""
+
+import pytest
+
+
+@pytest.fixture
+def new_mission(client):
+    """Make a mission; gives its id."""
+
+    def make(browser=client, **fields):
+        answer = browser.post("/api/v1/missions", json={"name": "Yard", **fields})
+        assert answer.status_code == 201, answer.json
+        return answer.json["id"]
+
+    return make
+
+
+@pytest.fixture
+def mission(new_mission):
+    return new_mission()
+
+
+@pytest.fixture
+def send(client, mission):
+    """Send records to the mission; gives the answer."""
+
+    def post(records, *, first=0, sender="robot", browser=client, id=mission):
+        given = {"sender": sender, "first": first, "records": records}
+        return browser.post(f"/api/v1/missions/{id}/batches", json=given)
+
+    return post
+
+
+@pytest.fixture
+def walk():
+    """Make poses that go north, a metre each."""
+
+    def make(count, *, begin=0, **more):
+        return [
+            {"type": "pose", "time": 1000.0 + n, "lat": 50 + n / 111_229, "lon": 14.0, **more}
+            for n in range(begin, begin + count)
+        ]
+
+    return make
+
+
+@pytest.fixture
+def state(client, mission):
+    """Give the state of the mission."""
+    return lambda: client.get(f"/api/v1/missions/{mission}").json

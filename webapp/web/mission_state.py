@@ -1,0 +1,133 @@
+"""What a page or a program is told of a mission."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.drift import closing
+from webapp.core.trajectory.records import Poses
+from webapp.store import missions, tracks
+from webapp.store.schema import Account, MapRecord
+from webapp.store.schema_missions import Mission, Track
+from webapp.web import map_state
+
+
+def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
+    """Tell what a list of missions shows of one; the fields of `MissionSummary`."""
+    poses, objects, photos = missions.counts(session, mission.id)
+    record = _map(session, mission)
+    role = missions.role_of(session, mission, account=account)
+    return {
+        "id": mission.id,
+        "name": mission.name,
+        "url": f"/missions/{mission.id}",
+        "map": None if record is None else record.slug,
+        "role": role,
+        "can_edit": role in ("owner", "editor"),
+        "binned": mission.binned_at is not None,
+        "revision": mission.revision,
+        "created_at": _told(mission.created_at),
+        "changed_at": _told(mission.changed_at),
+        "ended_at": _told(mission.ended_at),
+        "poses": poses,
+        "objects": objects,
+        "photos": photos,
+    }
+
+
+def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
+    """Tell all of a mission but its poses, objects and photos themselves; the fields of `MissionState`."""
+    found = tracks.listed(session, mission.id)
+    return {
+        **summary(session, mission, account=account),
+        "note": mission.note,
+        "start": mission.start,
+        "tracks": [track_json(session, track) for track in found],
+        "satellite": satellite(session, mission),
+        "cursor": cursor(mission.revision, {track.id: track.poses for track in found}),
+    }
+
+
+def track_json(session: Session, track: Track) -> dict[str, Any]:
+    """Tell of a track; the fields of `TrackOut`."""
+    ends = tracks.at(session, track, sorted({0, track.poses - 1})) if track.poses else None
+    return {
+        "id": track.id,
+        "source": track.source,
+        "name": track.name,
+        "poses": track.poses,
+        "skipped": track.skipped,
+        "distance_m": track.distance_m,
+        "duration_s": (track.last_time_s or 0.0) - (track.first_time_s or 0.0),
+        "first_time_s": track.first_time_s,
+        "last_time_s": track.last_time_s,
+        "bounds": _bounds(track),
+        "last": None if ends is None else last_json(ends),
+        "closing": None if ends is None else _closing(track, ends),
+    }
+
+
+def last_json(poses: Poses) -> dict[str, Any]:
+    """Tell where the last of some poses is."""
+    lat, lon = poses.latlon[-1].tolist()
+    heading = float(poses.heading_deg[-1])
+    return {
+        "time_s": float(poses.times_s[-1]),
+        "lat": lat,
+        "lon": lon,
+        "heading_deg": None if heading != heading else heading,
+    }
+
+
+def satellite(session: Session, mission: Mission, *, base: str | None = None) -> dict[str, Any] | None:
+    """Tell of the image of a mission's map, with its georeference; `base` as for `satellite_json`."""
+    record = _map(session, mission)
+    found = None if record is None else map_state.image(record, base=base)
+    if found is None or found["satellite"] is None:
+        return None
+    return {**found["satellite"], "georeference": found["georeference"]}
+
+
+def cursor(revision: int, poses: dict[int, int]) -> str:
+    """Tell in one word what of a mission is known: its revision, and how many poses of each track."""
+    return "-".join([str(revision), *(f"{id}.{count}" for id, count in sorted(poses.items()))])
+
+
+def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
+    """Read what `cursor` has made; None for anything else."""
+    revision, *parts = text.split("-")
+    pairs = [part.split(".") for part in parts]
+    numbers = [revision, *(number for pair in pairs for number in pair)]
+    if not all(n.isascii() and n.isdecimal() and len(n) < 16 for n in numbers):
+        return None
+    if not all(len(pair) == 2 for pair in pairs):
+        return None
+    return int(revision), {int(id): int(count) for id, count in pairs}
+
+
+def _map(session: Session, mission: Mission) -> MapRecord | None:
+    return None if mission.map_id is None else session.get(MapRecord, mission.map_id)
+
+
+def _told(at: datetime | None) -> str | None:
+    return None if at is None else at.isoformat(timespec="seconds")
+
+
+def _bounds(track: Track) -> list[float] | None:
+    sides = (track.min_lat, track.min_lon, track.max_lat, track.max_lon)
+    known = [side for side in sides if side is not None]
+    return known if len(known) == len(sides) else None
+
+
+def _closing(track: Track, ends: Poses) -> dict[str, float] | None:
+    bounds = _bounds(track)
+    if bounds is None or len(ends) < 2:
+        return None
+    first, last = (LatLon(*latlon) for latlon in ends.latlon.tolist())
+    south, west, north, east = bounds
+    found = closing(first, last, distance_m=track.distance_m, bounds=(south, west, north, east))
+    return {"gap_m": found.gap_m, "share": found.share} if found else None
