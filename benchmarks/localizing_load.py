@@ -5,8 +5,9 @@
 MAPFOLDER holds `map.cfg`, its image and its photos, and `queries.csv`. A copy of the map goes into a
 temporary library and is indexed by the program itself. Every client is an account of its own and asks one
 photo after the other, without a pause. Printed are errors, seconds of an answer, answers a second, the memory
-of all processes together (proportional set size: shared pages count once), and the command line's own time a
-query.
+of all processes together (proportional set size: shared pages count once), how much of the index one process
+has and all have together, and the command line's own time a query; on standard error the memory of each
+process.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import sys
 import tempfile
 import threading
 import time
@@ -25,6 +27,7 @@ import numpy as np
 
 from benchmarks.client import Client
 from benchmarks.editing_load import sign_in_links
+from benchmarks.memory import Table, as_text, memory_mb
 from tests.browser.app import App, expmap
 from webapp.store import accounts
 from webapp.store.library import open_library
@@ -32,6 +35,7 @@ from webapp.tasks import adopt_map
 
 SLUG = "crowded"
 _BEAT_S = 5.0
+_MOMENT_S = 0.01
 
 
 @dataclass
@@ -112,46 +116,29 @@ def _wait_for_index(owner: Client) -> None:
 
 
 def _work(askers: list[Asker], arguments: argparse.Namespace, *, pid: int) -> dict[str, float]:
-    """Let all ask at once; gives the memory at its highest, megabytes."""
+    """Let all ask at once; prints the memory of each process, gives that of all at its highest, megabytes."""
+    print(as_text(memory_mb(pid), title="MB after the start"), file=sys.stderr)
+    askers[0].work(time.monotonic() + _MOMENT_S, arguments.fov)
+    print(as_text(memory_mb(pid), title="MB after the first answer"), file=sys.stderr)
+    askers[0].seconds.clear()
     until = time.monotonic() + arguments.seconds
     threads = [threading.Thread(target=asker.work, args=(until, arguments.fov)) for asker in askers]
     for thread in threads:
         thread.start()
-    highest = {"pss_mb": 0.0, "rss_mb": 0.0}
+    highest = 0.0
     while any(thread.is_alive() for thread in threads):
-        now = _memory_mb(pid)
-        highest = {name: max(highest[name], now[name]) for name in highest}
+        highest = max(highest, memory_mb(pid)["all"]["Pss"])
         time.sleep(_BEAT_S)
-    return {name: round(value) for name, value in highest.items()}
+    end = memory_mb(pid)
+    print(as_text(end, title="MB at the end"), file=sys.stderr)
+    parts = {f"end_{name.lower()}_mb": round(end["all"][name]) for name in ("Pss", "Pss_Anon", "Pss_File")}
+    return {"highest_pss_mb": round(highest), **parts, **_index_mb(end)}
 
 
-def _memory_mb(pid: int) -> dict[str, float]:
-    """Sum the proportional and the plain resident memory of a process and all below it."""
-    total = {"pss_mb": 0.0, "rss_mb": 0.0}
-    for process in _family(pid):
-        try:
-            lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()[1:]
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        sizes = {line.split(":")[0]: float(line.split()[1]) / 1024 for line in lines}
-        total["pss_mb"] += sizes["Pss"]
-        total["rss_mb"] += sizes["Rss"]
-    return total
-
-
-def _family(pid: int) -> list[int]:
-    parents: dict[int, int] = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdecimal():
-            try:
-                stat = (entry / "stat").read_text()
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-            parents[int(entry.name)] = int(stat.rsplit(")", 1)[1].split()[1])
-    found = [pid]
-    for process in found:
-        found += [child for child, parent in parents.items() if parent == process]
-    return found
+def _index_mb(table: Table) -> dict[str, float]:
+    """Tell how much of the index the process has that has most of it, and all processes together."""
+    most = max(sizes["index_Rss"] for who, sizes in table.items() if who != "all")
+    return {"index_in_one_mb": round(most), "index_in_all_mb": round(table["all"]["index_Pss"])}
 
 
 def _command_line(library: Path, photos: list[Path], *, fov: float | None) -> dict[str, float]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from webapp.errors import UsageError
-from webapp.settings import Settings, from_environment
+from webapp.settings import Settings, environment_for, from_environment
 
 
 def test_nothing_is_set():
@@ -27,3 +27,13 @@ def test_all_is_set():
 def test_a_number_of_proxies_that_is_none(text):
     with pytest.raises(UsageError, match="is no number"):
         from_environment({"EXPMAP_PROXIES": text})
+
+
+def test_processes_of_the_server_have_few_threads_and_small_heaps(monkeypatch):
+    for name in ("OMP_NUM_THREADS", "MALLOC_ARENA_MAX"):
+        monkeypatch.delenv(name, raising=False)
+    assert environment_for(3)["OMP_NUM_THREADS"] == "3"
+    assert environment_for(3)["MALLOC_ARENA_MAX"] == "2"
+    assert "OMP_NUM_THREADS" not in environment_for()
+    monkeypatch.setenv("MALLOC_ARENA_MAX", "7")
+    assert environment_for()["MALLOC_ARENA_MAX"] == "7"

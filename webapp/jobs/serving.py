@@ -136,7 +136,11 @@ def _web(site: Site, library: Library, *, listener: socket.socket) -> Child:
 
 def _worker(site: Site, library: Library) -> Child:
     command = ["worker", "--library", str(library.folder), "--parent", str(os.getpid()), "--log", site.log]
-    return Child("the background worker", [sys.executable, "-m", "webapp", *command])
+    return Child(
+        "the background worker",
+        [sys.executable, "-m", "webapp", *command],
+        environment=environment_for(),
+    )
 
 
 class _Start:
