@@ -1,0 +1,14 @@
+"""What runs on a robot: sends where it is and what it finds, through outages. Standard library only.
+
+::
+
+    from webapp.robot import RobotClient
+
+    with RobotClient(url, token, mission=7, spool="/var/spool/robot") as robot:
+        robot.pose(50.0755, 14.4378, heading_deg=90.0)
+"""
+
+from webapp.robot.client import RobotClient, RobotStatus
+from webapp.robot.options import RobotOptions
+
+__all__ = ["RobotClient", "RobotOptions", "RobotStatus"]

@@ -1,0 +1,386 @@
+"""The client that a robot's own code uses."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
+
+from webapp.errors import ExpMapError
+from webapp.robot.backoff import Backoff
+from webapp.robot.identity import Identity
+from webapp.robot.journal import as_text
+from webapp.robot.moves import Moves
+from webapp.robot.options import RobotOptions
+from webapp.robot.records import (
+    ObjectFields,
+    PoseFields,
+    end_record,
+    object_record,
+    parse_record,
+    pose_record,
+)
+from webapp.robot.spool import Spool
+from webapp.robot.uplink import Uplink
+from webapp.robot.uploader import Step, Uploader
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotStatus:
+    """How far a client is.
+
+    Attributes
+    ----------
+    written : int
+        Records since the spool was begun.
+    waiting : int
+        Of them, how many the server has not acknowledged.
+    photos : int
+        Photos that wait.
+    online : bool or None
+        Whether the last request was answered; None before the first one.
+    problem : str
+        Why the last upload did not go on; empty where it did.
+    refused : ExpMapError or None
+        What the server has against all of it: a token that it does not know, a mission that is gone.
+    """
+
+    written: int
+    waiting: int
+    photos: int
+    online: bool | None
+    problem: str
+    refused: ExpMapError | None
+
+
+class RobotClient:
+    """Sends poses, objects and photos of one mission; what cannot be sent waits on the robot's disk.
+
+    All calls return as soon as the record is in the spool; two threads sync it and send it. Problems of the
+    network are logged under `webapp.robot`, and never raised.
+
+    Parameters
+    ----------
+    url : str
+        Of the server: `https://maps.example.org`.
+    token : str
+        `expmap account token` makes one.
+    mission : int
+    spool : Path or str
+        Folder for the records, of this mission alone; the next start goes on with it.
+    options : RobotOptions, optional
+    about : str
+        What fills the spool, where it must not be continued with something else.
+
+    Raises
+    ------
+    UsageError
+        The spool is of another mission, or an option is no such thing.
+    Conflict
+        Another program uses the spool.
+    StorageError, DiskFull
+        The spool cannot be written.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        token: str,
+        *,
+        mission: int,
+        spool: Path | str,
+        options: RobotOptions | None = None,
+        about: str = "",
+    ) -> None:
+        self._options = options or RobotOptions()
+        self._moves: dict[tuple[str, str], Moves] = {}
+        Moves(self._options.min_move)  # says at once if it is no distance
+        uplink = Uplink(url, token, timeout_s=self._options.timeout_s)
+        self._spool = Spool(Path(spool), identity=Identity("", mission, url, about), options=self._options)
+        if self._spool.torn:
+            _log.warning("%s: %d bytes of an unfinished record were cut off", spool, self._spool.torn)
+        self._uplink = uplink
+        self._uploader = Uploader(self._spool, uplink, options=self._options)
+        self._backoff = Backoff(self._options.backoff_s, self._options.backoff_max_s)
+        self._online: bool | None = None
+        self._problem = ""
+        self._refused: ExpMapError | None = None
+        self._writing = threading.Lock()
+        self._closing = threading.Event()
+        self._dirty = threading.Event()
+        self._wake = threading.Event()
+        self._idle = threading.Condition()
+        self._threads = [threading.Thread(target=self._send_on, name="robot upload", daemon=True)]
+        if self._options.sync_s > 0:
+            self._threads.append(threading.Thread(target=self._sync_on, name="robot sync", daemon=True))
+        for thread in self._threads:
+            thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def pose(
+        self,
+        lat: SupportsFloat,
+        lon: SupportsFloat,
+        *,
+        time_s: SupportsFloat | None = None,
+        **more: Unpack[PoseFields],
+    ) -> bool:
+        """Tell where the robot is.
+
+        Parameters
+        ----------
+        lat, lon : float
+            Degrees north, degrees east, WGS 84.
+        time_s : float, optional
+            Seconds since 1970, UTC; now where it is not given.
+        **more : PoseFields
+            `height_m`, `heading_deg`, `covariance`, `source`, `track`, `travelled_m`, `skipped`.
+
+        Returns
+        -------
+        bool
+            False where it was left out, because it hardly moved.
+
+        Raises
+        ------
+        InputError
+            A field is no such thing; nothing was written.
+        DiskFull, StorageError
+            Nothing was written.
+        """
+        record = pose_record(lat, lon, time=time.time() if time_s is None else time_s, **more)
+        return self._write(record)
+
+    def object(
+        self,
+        id: str,
+        kind: str,
+        *,
+        lat: SupportsFloat,
+        lon: SupportsFloat,
+        time_s: SupportsFloat | None = None,
+        **more: Unpack[ObjectFields],
+    ) -> None:
+        """Tell of an object that the robot sees.
+
+        Parameters
+        ----------
+        id : str
+            The same for the same object at every sighting.
+        kind : str
+            Its class: `car`, `victim` ...
+        lat, lon : float
+            Of the object: degrees north, degrees east, WGS 84.
+        time_s : float, optional
+            Seconds since 1970, UTC; now where it is not given.
+        **more : ObjectFields
+            `height_m`, `confidence`, `photo`.
+
+        Raises
+        ------
+        InputError, DiskFull, StorageError
+            Nothing was written.
+        """
+        when = time.time() if time_s is None else time_s
+        self._write(object_record(id, kind, lat=lat, lon=lon, time=when, **more))
+
+    def photo(
+        self,
+        file: Path | str | BinaryIO,
+        *,
+        name: str = "",
+        time_s: float | None = None,
+        object_id: str | None = None,
+    ) -> str:
+        """Take over a photo, which is sent after the records.
+
+        Parameters
+        ----------
+        file : Path, str or binary file
+            Copied to the spool.
+        name : str
+            For people; that of the file where it is not given.
+        time_s : float, optional
+            When it was taken: seconds since 1970, UTC; now where it is not given.
+        object_id : str, optional
+            The object it shows.
+
+        Returns
+        -------
+        str
+            Its SHA-256: `photo` of an object.
+
+        Raises
+        ------
+        DiskFull, StorageError
+            It was not taken over.
+        """
+        when = time.time() if time_s is None else time_s
+        if isinstance(file, (str, Path)):
+            with Path(file).open("rb") as source:
+                return self._spool.add_photo(
+                    source, name=name or Path(file).name, time=when, object_id=object_id
+                ).sha256
+        return self._spool.add_photo(file, name=name or "photo", time=when, object_id=object_id).sha256
+
+    def send(self, record: dict[str, Any]) -> bool:
+        """Take a record in the form in which it is sent: `{"type": "pose", "lat": 50.0755, "lon": 14.4378}`.
+
+        Returns
+        -------
+        bool
+            False where it was left out, because it hardly moved.
+
+        Raises
+        ------
+        InputError, DiskFull, StorageError
+            Nothing was written.
+        """
+        return self._write(parse_record(record, now_s=time.time()))
+
+    def end(self) -> None:
+        """Say that the mission is over, and begin to upload."""
+        self._write(end_record())
+        self._wake.set()
+
+    def upload(self, *, wait_s: float = 0.0) -> bool:
+        """Begin to upload now.
+
+        Parameters
+        ----------
+        wait_s : float
+            Wait so many seconds at most.
+
+        Returns
+        -------
+        bool
+            Whether the server has everything.
+        """
+        self._wake.set()
+        with self._idle:
+            return self._idle.wait_for(self._is_done, timeout=wait_s)
+
+    def status(self) -> RobotStatus:
+        """Tell how far it is."""
+        spool, photos = self._spool, self._spool.photos.count()
+        return RobotStatus(spool.next, spool.waiting, photos, self._online, self._problem, self._refused)
+
+    def close(self, *, wait_s: float = 5.0) -> bool:
+        """Upload, and stop; what has not been sent is in the spool.
+
+        Parameters
+        ----------
+        wait_s : float
+            Wait so many seconds at most for the server to have everything; a request under way can make it
+            `timeout_s` longer.
+
+        Returns
+        -------
+        bool
+            Whether the server has everything.
+        """
+        if self._closing.is_set():
+            return self._is_done()
+        done = self.upload(wait_s=wait_s)
+        self._closing.set()
+        self._wake.set()
+        self._dirty.set()
+        for thread in self._threads:
+            thread.join()
+        self._uplink.close()
+        self._spool.close()
+        return done
+
+    def _write(self, record: dict[str, Any]) -> bool:
+        with self._writing:
+            if record["type"] == "pose" and self._options.min_move != "0" and not self._thin(record):
+                return False
+            self._spool.append(as_text(record), sync=self._options.sync_s == 0)
+        self._dirty.set()
+        return True
+
+    def _thin(self, record: dict[str, Any]) -> bool:
+        """Measure the way of a pose, and tell whether it is kept."""
+        key = (record.get("source", "gps"), record.get("track", ""))
+        if key not in self._moves:
+            self._moves[key] = Moves(self._options.min_move, travelled_m=self._spool.travelled_m(key))
+        kept = self._moves[key].add(record["lat"], record["lon"])
+        if kept is None:
+            return False
+        record.setdefault("travelled_m", round(kept.travelled_m, 3))
+        if kept.skipped:
+            record["skipped"] = record.get("skipped", 0) + kept.skipped
+        return True
+
+    def _is_done(self) -> bool:
+        return self._spool.waiting == 0 and self._spool.photos.size == 0
+
+    def _sync_on(self) -> None:
+        while not self._closing.is_set():
+            self._dirty.wait()
+            self._closing.wait(self._options.sync_s)
+            self._dirty.clear()
+            self._guarded(self._spool.sync)
+
+    def _send_on(self) -> None:
+        while not self._closing.is_set():
+            self._wake.wait(self._options.every_s)
+            self._wake.clear()
+            while not self._closing.is_set() and self._guarded(self._send_some):
+                pass
+
+    def _guarded(self, work: Callable[[], bool | None]) -> bool | None:
+        """Do what the disk can refuse: a thread that ended with an error would send nothing more."""
+        try:
+            return work()
+        except ExpMapError as error:
+            self._note(str(error))
+            self._closing.wait(self._backoff.failed())
+            return False
+
+    def _send_some(self) -> bool:
+        """Send what is there now, then one photo; tell whether to go on at once."""
+        until = self._spool.next
+        while self._spool.state.next < until and not self._closing.is_set():
+            self._judge(self._uploader.send_records())
+        if self._closing.is_set():
+            return False
+        went_on = self._judge(self._uploader.send_photo())
+        with self._idle:
+            self._idle.notify_all()
+        return went_on
+
+    def _judge(self, step: Step) -> bool:
+        """Wait where the server cannot or will not; tell whether there may be more to send."""
+        if step.outcome == "nothing left":
+            return False
+        self._online, self._refused = step.outcome != "later", step.error
+        if step.outcome == "went on":
+            self._backoff.worked()
+            self._problem = ""
+            return True
+        self._note(step.reason)
+        if step.wait_s:
+            self._closing.wait(self._backoff.failed(at_least_s=step.wait_s))
+        elif self._wake.wait(self._backoff.failed()):
+            self._wake.clear()  # somebody wants it now
+        return True
+
+    def _note(self, problem: str) -> None:
+        if problem != self._problem:
+            _log.warning("%s: %s", self._spool.folder, problem)
+        self._problem = problem

@@ -1,0 +1,108 @@
+"""Leaves out poses that hardly moved, and measures the way before that, with the standard library alone.
+
+The rule is the one of imported tracks: kept is what moved by more than the threshold since the last one
+kept, in metres, or in degrees of latitude or of longitude, whichever changed more.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from webapp.errors import UsageError
+
+_WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(m|deg|)\s*", re.IGNORECASE)
+_A_M = 6_378_137.0
+_E2 = 0.00669437999014
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A pose that is kept.
+
+    Attributes
+    ----------
+    travelled_m : float
+        Metres since the first pose of the track, those left out included.
+    skipped : int
+        Poses left out since the last one kept.
+    """
+
+    travelled_m: float
+    skipped: int
+
+
+class Moves:
+    """One track.
+
+    Parameters
+    ----------
+    min_move : str
+        `0.5m`, `0.00001deg`, or `0`.
+    travelled_m : float
+        Metres before the first pose, where the track goes on.
+
+    Raises
+    ------
+    UsageError
+        `min_move` is no distance with a unit.
+    """
+
+    def __init__(self, min_move: str, *, travelled_m: float = 0.0) -> None:
+        self._least, self._in_metres = _parse(min_move)
+        self._travelled_m = travelled_m
+        self._last: tuple[float, float] | None = None
+        self._kept: tuple[float, float] | None = None
+        self._skipped = 0
+
+    def add(self, lat: float, lon: float) -> Kept | None:
+        """Go on to the next pose, in degrees; None where it is left out."""
+        here = (lat, lon)
+        if self._last is not None:
+            self._travelled_m += distance_m(self._last, here)
+        self._last = here
+        if self._kept is not None and self._least and not self._has_moved(self._kept, here):
+            self._skipped += 1
+            return None
+        told = Kept(self._travelled_m, self._skipped)
+        self._kept, self._skipped = here, 0
+        return told
+
+    def _has_moved(self, before: tuple[float, float], here: tuple[float, float]) -> bool:
+        if self._in_metres:
+            return distance_m(before, here) > self._least
+        return max(abs(here[0] - before[0]), abs(_turn(here[1] - before[1]))) > self._least
+
+
+def distance_m(before: tuple[float, float], here: tuple[float, float]) -> float:
+    """Measure a short way on WGS 84, by the radii of curvature at its middle.
+
+    Parameters
+    ----------
+    before, here : tuple of float
+        Degrees north, degrees east.
+
+    Returns
+    -------
+    float
+        Metres; within a millionth of the geodesic for steps up to a kilometre, away from the poles.
+    """
+    middle = math.radians((before[0] + here[0]) / 2)
+    curved = 1.0 - _E2 * math.sin(middle) ** 2
+    north = math.radians(here[0] - before[0]) * _A_M * (1.0 - _E2) / curved**1.5
+    east = math.radians(_turn(here[1] - before[1])) * _A_M * math.cos(middle) / math.sqrt(curved)
+    return math.hypot(north, east)
+
+
+def _turn(degrees: float) -> float:
+    return math.remainder(degrees, 360.0)
+
+
+def _parse(text: str) -> tuple[float, bool]:
+    found = _WRITTEN.fullmatch(text)
+    value = float(found[1]) if found else math.nan
+    if found is None or not math.isfinite(value) or (value and not found[2]):
+        hint = "write 0.5m for metres, 0.00001deg for degrees, or 0 to keep every pose"
+        raise UsageError(f"{text[:40]!r} is no distance with a unit", where="min_move", hint=hint)
+    return value, found[2].lower() == "m"

@@ -1,0 +1,40 @@
+"""How a robot's client writes and sends: every number that can be chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RobotOptions:
+    """Choices with defaults that suit a robot with an SD card and a weak network."""
+
+    sync_s: float = 0.5
+    """A power cut costs at most the records of so many seconds; 0 syncs each before `pose` returns."""
+
+    every_s: float | None = 2.0
+    """Seconds between two uploads; None uploads on `upload()`, `end()` and `close()` only."""
+
+    min_move: str = "0"
+    """Leave out poses within this of the last one kept: `0.5m`, `0.00001deg`; `0` keeps all."""
+
+    limit_mb: float = 1000.0
+    """Megabytes (10^6 bytes) of records and photos in the spool. What the server has goes first."""
+
+    segment_kb: float = 1000.0
+    """Kilobytes (10^3 bytes) of one file of records."""
+
+    batch_records: int = 1000
+    """Records in one request, at most."""
+
+    batch_kb: float = 500.0
+    """Kilobytes (10^3 bytes) of one request, at most."""
+
+    timeout_s: float = 10.0
+    """The network counts as down where the server says nothing for so many seconds."""
+
+    backoff_s: float = 1.0
+    """Wait after the first failure; it doubles with each further one, ..."""
+
+    backoff_max_s: float = 60.0
+    """... up to this."""
