@@ -21,18 +21,22 @@ class Member:
     ----------
     name : str
         In the zip, with forward slashes.
-    content : bytes or Path
-        A path is read when its turn comes.
+    content : bytes or Path, or iterable of bytes
+        A path is read when its turn comes; pieces are taken one after the other.
+    large : bool
+        Whether pieces may come to more than 2 GB: readers of old do not understand what that takes.
     """
 
     name: str
-    content: bytes | Path
+    content: bytes | Path | Iterable[bytes]
+    large: bool = False
 
 
 def stream_zip(members: Iterable[Member]) -> Iterator[bytes]:
     """Give a zip of some files, piece by piece.
 
-    Photos are stored as they are, they are compressed already; contents given as bytes are deflated.
+    Photos are stored as they are, they are compressed already; contents given as bytes or in pieces are
+    deflated.
 
     Parameters
     ----------
@@ -54,11 +58,19 @@ def stream_zip(members: Iterable[Member]) -> Iterator[bytes]:
                 info = zipfile.ZipInfo(member.name, _TIME)
                 info.external_attr = 0o644 << 16
                 archive.writestr(info, member.content, zipfile.ZIP_DEFLATED)
-            else:
+            elif isinstance(member.content, Path):
                 info = zipfile.ZipInfo.from_file(member.content, member.name, strict_timestamps=False)
                 with member.content.open("rb") as source, archive.open(info, "w") as target:
                     while chunk := source.read(_CHUNK):
                         target.write(chunk)
+                        yield sink.take()
+            else:
+                info = zipfile.ZipInfo(member.name, _TIME)
+                info.compress_type = zipfile.ZIP_DEFLATED
+                info.external_attr = 0o644 << 16
+                with archive.open(info, "w", force_zip64=member.large) as target:
+                    for piece in member.content:
+                        target.write(piece)
                         yield sink.take()
             yield sink.take()
     yield sink.take()

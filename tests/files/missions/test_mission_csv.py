@@ -1,0 +1,38 @@
+"""CSV holds every number exactly."""
+
+import csv
+import io
+
+import numpy as np
+
+from webapp.files.missioncsv import OBJECT_COLUMNS, POSE_COLUMNS, format_objects_csv, format_poses_csv
+
+
+def rows(pieces):
+    text = b"".join(pieces).decode()
+    return list(csv.DictReader(io.StringIO(text, newline="")))
+
+
+def number(text):
+    return float(text) if text else np.nan
+
+
+def test_poses_read_back_exactly(mission):
+    told = rows(format_poses_csv(mission))
+    assert tuple(told[0]) == POSE_COLUMNS
+    for track in mission.tracks:
+        mine = [row for row in told if (row["source"], row["track"]) == (track.source, track.name)]
+        assert [int(row["number"]) for row in mine] == list(range(track.count))
+        whole = [np.concatenate([getattr(p, f) for p in track.poses()]) for f in ("latlon", "height_m")]
+        assert [[number(row["lat"]), number(row["lon"])] for row in mine] == whole[0].tolist()
+        np.testing.assert_array_equal([number(row["height_m"]) for row in mine], whole[1])
+        assert all(row["time"].endswith("Z") for row in mine)
+
+
+def test_objects_read_back(mission):
+    told = rows(format_objects_csv(mission))
+    assert tuple(told[0]) == OBJECT_COLUMNS
+    for found, row in zip(mission.objects(), told, strict=True):
+        assert (row["id"], row["class"], int(row["sightings"])) == (found.id, found.kind, found.sightings)
+        assert (float(row["lat"]), float(row["lon"])) == tuple(found.latlon)
+        assert row["confidence"] == ("" if found.confidence is None else repr(found.confidence))

@@ -1,0 +1,96 @@
+"""KML keeps to the standard, and others read it."""
+
+import numpy as np
+import pytest
+
+from tests.kml_rules import GX, KML, check_kml, fastkml
+from webapp.core.trajectory.outgoing import MissionOut
+from webapp.core.trajectory.records import make_poses
+from webapp.files.missionkml import format_mission_kml, format_network_link
+
+
+def written(mission, **more):
+    return b"".join(format_mission_kml(mission, **more))
+
+
+def read(mission):
+    """Tracks and objects as fastkml reads them."""
+    document = fastkml.KML.from_string(written(mission).decode()).features[0]
+    assert document.name == mission.name.replace("\x07", "?")
+    tracks, objects = document.features
+    return tracks.features, objects.features
+
+
+def test_it_keeps_to_the_structure_of_the_standard(mission):
+    for icons in ({}, {"car": "icons/0.png", "victim": "icons/1.png"}):
+        root = check_kml(written(mission, icons=icons))
+        assert len(root.findall(f".//{GX}MultiTrack")) == len(mission.tracks)
+        assert len(root.findall(f".//{KML}Point")) == 3
+        assert [e.text for e in root.iter(f"{KML}href")] == list(icons.values())
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (b"</when>\n", b"</when>\n<when>2026-01-01T00:00:00Z</when>\n"),
+        (b"<gx:interpolate>1</gx:interpolate>", b"<gx:interpolate>1</gx:interpolate><name>x</name>"),
+        (b"<open>1</open>", b"<open>1</open><name>again</name>"),
+        (b"<coordinates>14.", b"<coordinates>50.001,214."),
+        (b"<gx:angles>", b"<gx:angles>0 0 "),
+        (b"#kind-0</styleUrl>", b"#kind-77</styleUrl>"),
+        (b"<begin>2023", b"<begin>2033"),
+    ],
+)
+def test_the_check_itself_finds_what_is_wrong(mission, before, after):
+    good = written(mission)
+    assert before in good
+    with pytest.raises(AssertionError):
+        check_kml(good.replace(before, after, 1))
+
+
+def test_another_program_reads_every_pose(mission):
+    for track, mark in zip(mission.tracks, read(mission)[0], strict=True):
+        items = [item for part in mark.kml_geometry.tracks for item in part.track_items]
+        times = [item.when.dt.timestamp() for item in items]
+        for field, theirs, off in (
+            ("times_s", times, 1e-6),
+            ("latlon", [(item.coord.y, item.coord.x) for item in items], 1e-9),
+            ("height_m", [item.coord.z for item in items], 1e-3),
+        ):
+            ours = np.concatenate([getattr(part, field) for part in track.poses()])
+            np.testing.assert_allclose(theirs, np.nan_to_num(ours), atol=off, rtol=0)
+
+
+def test_objects_have_spans_facts_and_styles(mission):
+    for found, mark in zip(mission.objects(), read(mission)[1], strict=True):
+        assert (mark.geometry.y, mark.geometry.x) == tuple(found.latlon)
+        assert mark.begin.dt.timestamp() == pytest.approx(found.first_time_s)
+        assert mark.end.dt.timestamp() == pytest.approx(found.last_time_s)
+        facts = {data.name: data.value for data in mark.extended_data.elements}
+        assert facts["class"] == found.kind.replace("\x07", "?") and mark.style_url.url.startswith("#kind-")
+        assert ("confidence" in facts) == (found.confidence is not None)
+
+
+def test_a_new_part_begins_where_time_does_not_go_on(poses, track):
+    jumbled = poses(12)
+    times = jumbled.times_s.copy()
+    times[4], times[9] = times[0], times[8]
+    jumbled = make_poses(times, jumbled.latlon)
+    root = check_kml(written(MissionOut("m", "", (track(jumbled, size=6),), (), list)))
+    counts = [len(part.findall(f"{KML}when")) for part in root.iter(f"{GX}Track")]
+    assert counts == [4, 2, 3, 3]
+
+
+def test_headings_are_told_where_all_of_a_part_are_known(poses, track):
+    for whole, expected in ((True, 9), (False, 0)):
+        data = written(MissionOut("m", "", (track(poses(9, whole=whole), size=9),), (), list))
+        assert data.count(b"<gx:angles>") == expected
+
+
+def test_a_network_link_refreshes():
+    data = format_network_link("Search <1>", href="https://e.example/m/x/export.kmz?a=1&b=2", refresh_s=5)
+    check_kml(data)
+    link = fastkml.KML.from_string(data.decode()).features[0]
+    assert link.name == "Search <1>"
+    assert link.link.href == "https://e.example/m/x/export.kmz?a=1&b=2"
+    assert (link.link.refresh_mode.value, link.link.refresh_interval) == ("onInterval", 5.0)

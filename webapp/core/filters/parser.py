@@ -1,0 +1,270 @@
+"""Reads conditions, lists of columns, and orders.
+
+::
+
+    condition  = conjunction { OR conjunction }
+    conjunction = part { AND part }
+    part       = NOT part | "(" condition ")" | column test
+    test       = ( "=" | "!=" | "<>" | "<" | "<=" | ">" | ">=" ) value
+               | [ NOT ] BETWEEN value AND value | [ NOT ] IN "(" value { "," value } ")"
+               | [ NOT ] LIKE 'pattern' | IS [ NOT ] NULL
+    value      = number | 'text'
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import cast
+
+from webapp.core.filters.nodes import (
+    AllOf,
+    Among,
+    AnyOf,
+    Between,
+    Compared,
+    Condition,
+    Kind,
+    Like,
+    Not,
+    Operator,
+    Order,
+    Unknown,
+    Value,
+)
+from webapp.core.filters.tokens import Token, mistake, tokens
+from webapp.errors import UsageError
+
+MAX_DEPTH = 30
+"""Brackets in brackets."""
+
+MAX_VALUES = 200
+"""In one `IN`."""
+
+_SAME = {"==": "=", "<>": "!="}
+_COMPARE = ("=", "==", "!=", "<>", "<", "<=", ">", ">=")
+_WORDS = frozenset({"AND", "OR", "NOT", "IN", "BETWEEN", "LIKE", "IS", "NULL", "ASC", "DESC"})
+
+
+def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "where") -> Condition | None:
+    """Read a condition.
+
+    Parameters
+    ----------
+    text : str
+        Nothing but blanks is no condition.
+    columns : mapping of str to Kind
+        Those that there are.
+    field : str
+        What messages call the text.
+
+    Returns
+    -------
+    Condition or None
+
+    Raises
+    ------
+    UsageError
+        It has a mistake; `where` names the character, counted from 1.
+    """
+    reader = _Reader(text, columns, field)
+    if reader.now.kind == "end":
+        return None
+    condition = reader.condition()
+    reader.end()
+    return condition
+
+
+def parse_columns(text: str, columns: Mapping[str, Kind], *, field: str = "select") -> list[str]:
+    """Read a list of columns; `*`, or nothing, is all of them.
+
+    Raises
+    ------
+    UsageError
+    """
+    reader = _Reader(text, columns, field)
+    if reader.now.kind == "end" or (reader.now.is_sign("*") and reader.next()):
+        chosen = list(columns)
+    else:
+        chosen = [reader.column()]
+        while reader.took_sign(","):
+            chosen.append(reader.column())
+    reader.end()
+    return list(dict.fromkeys(chosen))
+
+
+def parse_order(text: str, columns: Mapping[str, Kind], *, field: str = "order") -> list[Order]:
+    """Read what to sort by: `confidence desc, class`.
+
+    Raises
+    ------
+    UsageError
+    """
+    reader = _Reader(text, columns, field)
+    found: list[Order] = []
+    if reader.now.kind != "end":
+        found.append(reader.order())
+        while reader.took_sign(","):
+            found.append(reader.order())
+    reader.end()
+    return found
+
+
+class _Reader:
+    """Reads words one after the other."""
+
+    def __init__(self, text: str, columns: Mapping[str, Kind], field: str) -> None:
+        self._tokens = tokens(text, field)
+        self._columns = columns
+        self._field = field
+        self._place = 0
+        self._depth = 0
+
+    @property
+    def now(self) -> Token:
+        return self._tokens[self._place]
+
+    def next(self) -> Token:
+        token = self.now
+        self._place += token.kind != "end"
+        return token
+
+    def took_word(self, word: str) -> bool:
+        return self.now.is_word(word) and bool(self.next())
+
+    def took_sign(self, sign: str) -> bool:
+        return self.now.is_sign(sign) and bool(self.next())
+
+    def end(self) -> None:
+        if self.now.kind != "end":
+            raise self._wrong("AND, OR or the end" if self._field == "where" else "a comma or the end")
+
+    def condition(self) -> Condition:
+        parts = [self._conjunction()]
+        while self.took_word("OR"):
+            parts.append(self._conjunction())
+        return parts[0] if len(parts) == 1 else AnyOf(tuple(parts))
+
+    def _conjunction(self) -> Condition:
+        parts = [self._part()]
+        while self.took_word("AND"):
+            parts.append(self._part())
+        return parts[0] if len(parts) == 1 else AllOf(tuple(parts))
+
+    def _part(self) -> Condition:
+        opened = self.now
+        if not (opened.is_word("NOT") or opened.is_sign("(")):
+            return self._test()
+        self.next()
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise mistake(f"more than {MAX_DEPTH} brackets in each other", field=self._field, at=opened.at)
+        inner = Not(self._part()) if opened.kind == "name" else self.condition()
+        if opened.kind == "sign" and not self.took_sign(")"):
+            raise self._wrong('AND, OR or ")"')
+        self._depth -= 1
+        return inner
+
+    def column(self) -> str:
+        token = self.now
+        if token.kind != "name" or token.text.upper() in _WORDS:
+            raise self._wrong("a column")
+        name = token.text.lower()
+        if name not in self._columns:
+            raise mistake(
+                f"there is no column {token.told()}",
+                field=self._field,
+                at=token.at,
+                hint=f"there are {', '.join(self._columns)}",
+            )
+        self.next()
+        return name
+
+    def order(self) -> Order:
+        column = self.column()
+        descending = self.took_word("DESC")
+        if not descending:
+            self.took_word("ASC")
+        return Order(column, descending)
+
+    def _test(self) -> Condition:
+        column = self.column()
+        if self.now.is_sign(*_COMPARE):
+            sign = self.next().text
+            return Compared(column, cast(Operator, _SAME.get(sign, sign)), self._value(column))
+        if self.took_word("IS"):
+            opposite = self.took_word("NOT")
+            if not self.took_word("NULL"):
+                raise self._wrong("NULL")
+            return Not(Unknown(column)) if opposite else Unknown(column)
+        opposite = self.took_word("NOT")
+        found = self._range(column)
+        return Not(found) if opposite else found
+
+    def _range(self, column: str) -> Condition:
+        if self.took_word("BETWEEN"):
+            low = self._value(column)
+            if not self.took_word("AND"):
+                raise self._wrong("AND")
+            return Between(column, low, self._value(column))
+        if self.took_word("IN"):
+            return Among(column, self._values(column))
+        if self.now.is_word("LIKE"):
+            if self._columns[column] != "text":
+                raise mistake(
+                    "LIKE is for columns of texts",
+                    field=self._field,
+                    at=self.now.at,
+                    hint=f"compare {column} with a number",
+                )
+            self.next()
+            return Like(column, str(self._value(column)))
+        raise self._wrong("a comparison")
+
+    def _values(self, column: str) -> tuple[Value, ...]:
+        if not self.took_sign("("):
+            raise self._wrong('"("')
+        values = [self._value(column)]
+        while self.took_sign(","):
+            if len(values) == MAX_VALUES:
+                raise mistake(f"more than {MAX_VALUES} values", field=self._field, at=self.now.at)
+            values.append(self._value(column))
+        if not self.took_sign(")"):
+            raise self._wrong('a comma or ")"')
+        return tuple(values)
+
+    def _value(self, column: str) -> Value:
+        token, kind = self.now, self._columns[column]
+        if token.kind == "number" and kind != "text":
+            value = float(token.text)
+            if not math.isfinite(value):
+                raise mistake(f"{token.told()} is too large", field=self._field, at=token.at)
+            self.next()
+            return value
+        if token.kind == "text" and kind != "number":
+            self.next()
+            return token.text if kind == "text" else self._seconds(token)
+        expected = {
+            "number": "a number",
+            "text": "a text in single quotes",
+            "time": "a time: '2026-05-01T10:00:00Z', or seconds since 1970",
+        }
+        raise self._wrong(expected[kind])
+
+    def _seconds(self, token: Token) -> float:
+        try:
+            time = datetime.fromisoformat(token.text)
+        except ValueError as error:
+            raise mistake(
+                f"{token.told()} is no time",
+                field=self._field,
+                at=token.at,
+                hint="write it as 2026-05-01T10:00:00Z",
+            ) from error
+        return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+
+    def _wrong(self, expected: str) -> UsageError:
+        return mistake(
+            f"{expected} is expected here, not {self.now.told()}", field=self._field, at=self.now.at
+        )

@@ -1,0 +1,109 @@
+"""Cuts a condition into words."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from webapp.errors import UsageError
+
+MAX_CHARACTERS = 2000
+
+TokenKind = Literal["name", "number", "text", "sign", "end"]
+
+_TOKEN = re.compile(
+    r"""
+    (?P<space>\s+)
+    | (?P<name>[A-Za-z_][A-Za-z_0-9]*)
+    | (?P<number>[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+    | '(?P<text>(?:[^']|'')*)'
+    | (?P<sign><=|>=|<>|!=|==|[=<>(),*])
+    """,
+    re.VERBOSE | re.ASCII,
+)
+_UNFIT = re.compile("[\x00\ud800-\udfff]")
+"""Characters that no database keeps in a text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A word.
+
+    Attributes
+    ----------
+    kind : str
+    text : str
+        As it was written; of a text, without its quotes.
+    at : int
+        Place of its first character, from 1.
+    """
+
+    kind: TokenKind
+    text: str
+    at: int
+
+    def is_word(self, *words: str) -> bool:
+        """Tell whether it is one of these words of the language, which are upper case here."""
+        return self.kind == "name" and self.text.upper() in words
+
+    def is_sign(self, *signs: str) -> bool:
+        """Tell whether it is one of these signs."""
+        return self.kind == "sign" and self.text in signs
+
+    def told(self) -> str:
+        """Name it in a message."""
+        if self.kind == "end":
+            return "the end"
+        return f"'{self.text[:40]}'" if self.kind == "text" else f'"{self.text[:40]}"'
+
+
+def tokens(text: str, field: str) -> list[Token]:
+    """Cut a text into words.
+
+    Parameters
+    ----------
+    text : str
+        Of at most `MAX_CHARACTERS`.
+    field : str
+        Name of what it is, for messages: `where`.
+
+    Returns
+    -------
+    list of Token
+        The last one is the end.
+
+    Raises
+    ------
+    UsageError
+        It has a character that belongs to nothing; `where` says which.
+    """
+    if len(text) > MAX_CHARACTERS:
+        raise mistake(f"more than {MAX_CHARACTERS} characters", field=field, at=MAX_CHARACTERS + 1)
+    unfit = _UNFIT.search(text)
+    if unfit:
+        raise mistake("a character that no text has", field=field, at=unfit.start() + 1)
+    found: list[Token] = []
+    at = 0
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise _strange(text, at, field=field)
+        kind = match.lastgroup
+        if kind in ("name", "number", "text", "sign"):
+            word = match[kind]
+            found.append(Token(kind, word.replace("''", "'") if kind == "text" else word, at + 1))
+        at = match.end()
+    return [*found, Token("end", "", len(text) + 1)]
+
+
+def mistake(message: str, *, field: str, at: int, hint: str | None = None) -> UsageError:
+    """Make the error of a mistake at the character `at`, counted from 1."""
+    return UsageError(message, where=f"{field}, character {at}", hint=hint)
+
+
+def _strange(text: str, at: int, *, field: str) -> UsageError:
+    if text[at] == "'":
+        return mistake("a text that does not end", field=field, at=at + 1, hint="close it with another '")
+    hint = "write texts in single quotes: 'car'" if text[at] in '"`‘’“”' else None
+    return mistake(f'"{text[at]}" means nothing here', field=field, at=at + 1, hint=hint)

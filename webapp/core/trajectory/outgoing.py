@@ -1,0 +1,122 @@
+"""A mission on its way out: what every file that is made of it is made of.
+
+A mission can have millions of poses and many objects, so neither is ever there as a whole: they come in
+parts, afresh each time that they are asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.records import Poses
+
+SOURCE_COLOURS = {
+    "gps": "#0072b2",
+    "odometry": "#e69f00",
+    "visual": "#cc79a7",
+    "fused": "#009e73",
+    "manual": "#56b4e9",
+}
+"""Of lines, by where their poses come from: as on the pages."""
+
+_KIND_COLOURS = ("#0072b2", "#b26b00", "#00785a", "#a8518a", "#2b7cb3", "#d55e00", "#6b6b00")
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOut:
+    """A track.
+
+    Attributes
+    ----------
+    id : int
+    source : str
+        `gps`, `odometry`, `visual`, `fused` or `manual`.
+    name : str
+        Tells several tracks of one source apart; may be empty.
+    count : int
+        Poses that come.
+    distance_m : float
+        Along all poses that the source had.
+    bounds : tuple of float, or None
+        South, west, north, east, degrees; None without poses.
+    poses : function
+        Gives the poses from the first to the last, in parts of at most a few thousand.
+    """
+
+    id: int
+    source: str
+    name: str
+    count: int
+    distance_m: float
+    bounds: tuple[float, float, float, float] | None
+    poses: Callable[[], Iterable[Poses]]
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return f"{self.source}: {self.name}" if self.name else self.source
+
+    @property
+    def colour(self) -> str:
+        """Of its line, `#rrggbb`."""
+        return SOURCE_COLOURS.get(self.source, SOURCE_COLOURS["manual"])
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectOut:
+    """Something that was seen, where it was seen last.
+
+    Attributes
+    ----------
+    id : str
+    kind : str
+        Its class.
+    latlon : LatLon
+    first_time_s, last_time_s : float
+        Seconds since 1970, UTC.
+    height_m, confidence : float or None
+    sightings : int
+    photo : str or None
+        SHA-256 of a photo of the mission.
+    """
+
+    id: str
+    kind: str
+    latlon: LatLon
+    first_time_s: float
+    last_time_s: float
+    height_m: float | None
+    confidence: float | None
+    sightings: int
+    photo: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class MissionOut:
+    """A mission.
+
+    Attributes
+    ----------
+    name, note : str
+    tracks : tuple of TrackOut
+        Those that have poses.
+    kinds : tuple of str
+        The classes of its objects; of very many, some.
+    objects : function
+        Gives the objects, in the order of their ids.
+    """
+
+    name: str
+    note: str
+    tracks: tuple[TrackOut, ...]
+    kinds: tuple[str, ...]
+    objects: Callable[[], Iterable[ObjectOut]]
+
+
+def kind_colour(kind: str) -> str:
+    """Give the colour of a class of objects, `#rrggbb`: the same at every time and place."""
+    first = hashlib.sha256(kind.encode("utf-8", "replace")).digest()[0]
+    return _KIND_COLOURS[first % len(_KIND_COLOURS)]

@@ -1,0 +1,62 @@
+"""What every export of a mission starts from, and the exports that are one file of text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from webapp.core.trajectory.outgoing import MissionOut
+from webapp.errors import UsageError
+from webapp.files.missioncsv import format_objects_csv, format_poses_csv
+from webapp.files.missiongeojson import format_mission_geojson
+from webapp.files.missiongpx import format_mission_gpx
+from webapp.store import mission_out
+from webapp.store.library import Library
+from webapp.tasks import export_mission_kml
+from webapp.tasks.export_source import Download, plain_name
+
+Writer = Callable[[MissionOut], Iterator[bytes]]
+
+_WRITERS: dict[str, tuple[str, Writer]] = {
+    "gpx": ("application/gpx+xml", format_mission_gpx),
+    "geojson": ("application/geo+json", format_mission_geojson),
+    "csv": ("text/csv; charset=utf-8", format_poses_csv),
+    "objects.csv": ("text/csv; charset=utf-8", format_objects_csv),
+}
+
+FORMATS = ("kml", "kmz", *_WRITERS)
+
+
+def run(library: Library, mission_id: int, *, form: str, most: int | None = None) -> Download:
+    """Export a mission, in a few megabytes of memory whatever its size.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    form : str
+        One of `FORMATS`: `csv` has the poses, `objects.csv` the objects.
+    most : int, optional
+        At most so many poses of each track, evenly spread.
+
+    Returns
+    -------
+    Download
+        What is in the mission now. Its pieces raise `Conflict` where a track is written anew meanwhile.
+
+    Raises
+    ------
+    UsageError
+        There is no such format.
+    NotFound
+        There is no such mission.
+    """
+    if form not in FORMATS:
+        raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
+    mission = mission_out.read(library.database, mission_id, most=most)
+    if form == "kml":
+        return export_mission_kml.run(mission)
+    if form == "kmz":
+        return export_mission_kml.run_kmz(mission)
+    media_type, write = _WRITERS[form]
+    joint = "-" if form == "objects.csv" else "."
+    return Download(f"{plain_name(mission.name)}{joint}{form}", media_type, write(mission))
