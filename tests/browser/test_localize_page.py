@@ -1,0 +1,249 @@
+"""Where was this photo taken? Answered in the page: by upload, by paste, and through the camera."""
+
+import base64
+import csv
+import math
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser import axe
+from tests.browser.conftest import PATIENCE_MS, WIDE
+from tests.browser.ensure_browser import find_browser
+from tests.browser.watch import BROWSER_OPTIONS, Watch
+
+RIGHT_WITHIN_PX = 40
+"""On the sample's image; of its photos, neighbours are 40 to 50 pixels apart."""
+
+QUERY = "query_02.jpg"
+PASTE = """
+([name, data]) => {
+  const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+  const clipboardData = new DataTransfer();
+  clipboardData.items.add(new File([bytes], name, {type: "image/jpeg"}));
+  document.body.dispatchEvent(new ClipboardEvent("paste", {clipboardData, bubbles: true, cancelable: true}));
+}
+"""
+COUNT = """
+([canvas, [red, green, blue]]) => {
+  const {width, height} = document.querySelector(canvas);
+  const {data} = document.querySelector(canvas).getContext("2d").getImageData(0, 0, width, height);
+  let count = 0;
+  for (let n = 0; n < data.length; n += 4) {
+    count += data[n] === red && data[n + 1] === green && data[n + 2] === blue && data[n + 3] === 255;
+  }
+  return count;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def truth(sample_folder):
+    """Where the queries of the sample were taken, by file name."""
+    with (sample_folder / "queries.csv").open(encoding="utf-8", newline="") as file:
+        return {
+            line["path"].rpartition("/")[2]: (float(line["x"]), float(line["y"]))
+            for line in csv.DictReader(file, delimiter=";")
+        }
+
+
+@pytest.fixture
+def queries(sample_folder):
+    return sample_folder / "queries"
+
+
+def open_page(page, slug, api):
+    """Open the page that localizes, of a map that can answer."""
+    api.wait_for_jobs(slug)
+    page.goto(f"/maps/{slug}/localize")
+    expect(page.locator("#map-canvas canvas")).to_be_visible()
+    return page
+
+
+def entries(page):
+    return page.get_by_test_id("hypothesis")
+
+
+def first_place(page):
+    """Position of the most probable place, map pixels, and its probability."""
+    entry = entries(page).first
+    return (
+        (float(entry.get_attribute("data-x")), float(entry.get_attribute("data-y"))),
+        float(entry.get_attribute("data-probability")),
+    )
+
+
+def is_right(page, truth):
+    """Look whether the answer is this place, and more probable than being elsewhere."""
+    expect(entries(page).first).to_be_visible()
+    place, probability = first_place(page)
+    assert math.dist(place, truth) < RIGHT_WITHIN_PX
+    assert probability > float(page.get_by_test_id("off-map").get_attribute("data-probability"))
+
+
+def scale_of(page):
+    """Colours of the probabilities, red, green and blue, by percent."""
+    scale = page.evaluate("JSON.parse(document.getElementById('colours').textContent).scale")
+    return [[int(colour[n : n + 2], 16) for n in (1, 3, 5)] for colour in scale]
+
+
+def painted(page, canvas_id, colour):
+    """Count the pixels of a map's marks that have a colour."""
+    return page.evaluate(COUNT, [f"#{canvas_id} canvas", colour])
+
+
+def choose(page, *paths):
+    page.get_by_test_id("query-input").set_input_files(paths)
+
+
+def test_a_photo_that_is_chosen(page, sample_map, api, queries, truth):
+    open_page(page, sample_map, api)
+    choose(page, queries / QUERY)
+    is_right(page, truth[QUERY])
+    expect(page.locator("#query-name")).to_have_text(QUERY)
+    expect(page.locator("#matches-view canvas, #matches-view svg").first).to_be_visible()
+    expect(page.locator("#coordinates dt").first).to_be_visible()
+    assert axe.findings(page) == []
+
+
+def test_a_photo_that_is_pasted(page, sample_map, api, queries, truth):
+    open_page(page, sample_map, api)
+    name = "query_05.jpg"
+    page.evaluate(PASTE, [name, base64.b64encode((queries / name).read_bytes()).decode()])
+    is_right(page, truth[name])
+
+
+def test_a_photo_that_is_dropped(page, sample_map, api, queries, truth):
+    open_page(page, sample_map, api)
+    name = "query_03.jpg"
+    data = base64.b64encode((queries / name).read_bytes()).decode()
+    drop = PASTE.replace("clipboardData", "dataTransfer").replace(
+        'ClipboardEvent("paste"', 'DragEvent("drop"'
+    )
+    page.evaluate(drop, [name, data])
+    is_right(page, truth[name])
+
+
+def test_list_and_colours_agree(page, sample_map, api, queries):
+    open_page(page, sample_map, api)
+    choose(page, queries / QUERY)
+    expect(entries(page).first).to_be_visible()
+    listed = page.locator("#hypotheses [data-probability]").evaluate_all(
+        "all => all.map((one) => Number(one.dataset.probability))"
+    )
+    assert listed == sorted(listed, reverse=True)
+    assert sum(listed) <= 1 + 1e-6
+    scale = scale_of(page)
+    colour_of = "one.querySelector('.lo-number').style.backgroundColor"
+    shown = entries(page).evaluate_all(
+        f"all => all.map((one) => [Number(one.dataset.probability), {colour_of}])"
+    )
+    for probability, colour in shown:
+        assert [int(part) for part in colour[4:-1].split(",")] == scale[round(100 * probability)]
+
+
+def test_a_photo_from_elsewhere_is_not_on_the_map(page, sample_map, api, queries):
+    open_page(page, sample_map, api)
+    choose(page, queries / "off_map.jpg")
+    off = page.get_by_test_id("off-map")
+    expect(off).to_be_visible()
+    expect(page.locator(".lo-place--off.is-likely")).to_be_visible()
+    assert float(off.get_attribute("data-probability")) > 0.5
+    expect(page.locator("[data-testid=hypothesis] [aria-pressed=true]")).to_have_count(0)
+    expect(page.locator("#adopt")).to_have_count(0)
+
+
+@pytest.fixture
+def copied_map(sample_map, api):
+    """A copy of the sample map that a test may change, index and all."""
+    api.wait_for_jobs(sample_map)
+    slug = api.ask("POST", f"/maps/{sample_map}/duplicate", data={"name": "Copy"})["slug"]
+    api.wait_for_jobs(slug)
+    yield slug
+    api.wait_for_jobs(slug)
+    api.ask("DELETE", f"/maps/{slug}")
+
+
+def test_a_confirmed_photo_becomes_an_experience_and_is_indexed_alone(page, copied_map, api, queries, truth):
+    open_page(page, copied_map, api)
+    name = "query_08.jpg"
+    choose(page, queries / name)
+    is_right(page, truth[name])
+    place, _ = first_place(page)
+    before = {job["id"] for job in api.wait_for_jobs(copied_map)}
+    page.locator("#adopt").click()
+    expect(page.locator("#adopt-actions")).to_contain_text("In the map")
+    assert math.dist(api.positions(copied_map)[name], place) < 0.01
+    built = [
+        job for job in api.wait_for_jobs(copied_map) if job["id"] not in before and job["kind"] == "index"
+    ]
+    assert [job["result"]["computed"] for job in built] == [1]
+    assert built[0]["result"]["photos"] == len(api.positions(copied_map))
+    page.get_by_role("tab", name="History").click()
+    expect(page.locator("#history li").first.get_by_title("In the map")).to_be_visible()
+    (id,) = [photo["id"] for photo in api.state(copied_map)["photos"] if photo["name"] == name]
+    page.get_by_role("tab", name="Answer").click()
+    page.locator("#ask-again").evaluate("button => button.form.requestSubmit()")
+    expect(entries(page).first).to_be_visible()
+    answer = api.ask("GET", f"/maps/{copied_map}/queries")["queries"][0]["answer"]
+    assert id in answer["hypotheses"][0]["experiences"]  # it is found by itself now
+
+
+def test_the_answer_is_shown_in_the_second_placement_too(page, copied_map, api, queries):
+    api.ask("PUT", f"/maps/{copied_map}/placements/Rooms", data={"clusters_px": 150})
+    open_page(page, copied_map, api)
+    choose(page, queries / QUERY)
+    expect(entries(page).first).to_be_visible()
+    page.locator("#beside").select_option("Rooms")
+    second = page.get_by_role("region", name="The same photos in another placement")
+    expect(second.locator("canvas").first).to_be_visible()
+    expect(second).to_contain_text("Rooms")
+    boxes = [page.locator(f"#{id}").bounding_box() for id in ("map-canvas", "map-canvas-2")]
+    assert boxes[1]["x"] >= boxes[0]["x"] + boxes[0]["width"]
+    page.wait_for_timeout(300)  # both are drawn with the next frame
+    colour = scale_of(page)[round(100 * first_place(page)[1])]
+    assert painted(page, "map-canvas", colour) > 50
+    assert painted(page, "map-canvas-2", colour) > 50
+    assert axe.findings(page) == []
+
+
+@pytest.fixture
+def camera_page(app, browser, owner, queries, tmp_path):
+    """A page of a browser whose camera sees one query of the sample, all the time."""
+    film = tmp_path / "camera.mjpeg"
+    film.write_bytes((queries / QUERY).read_bytes())
+    camera = (
+        "--use-fake-ui-for-media-stream",
+        "--use-fake-device-for-media-stream",
+        f"--use-file-for-fake-video-capture={film}",
+    )
+    with browser.browser_type.launch(
+        executable_path=find_browser(), args=[*BROWSER_OPTIONS, *camera]
+    ) as looking:
+        context = looking.new_context(
+            base_url=app.url, storage_state=owner, viewport=WIDE, service_workers="block"
+        )
+        context.set_default_timeout(PATIENCE_MS)
+        watch = Watch(context, app.url)
+        yield context.new_page()
+        context.close()
+        watch.check()
+
+
+def test_the_live_camera_is_followed_and_its_last_picture_kept(camera_page, sample_map, api, truth):
+    page = open_page(camera_page, sample_map, api)
+    before = len(api.ask("GET", f"/maps/{sample_map}/queries")["queries"])
+    page.locator("#live").click()
+    is_right(page, truth[QUERY])
+    expect(page.locator("#video")).to_be_visible()
+    with page.expect_response(lambda response: response.url.endswith("/localize") and response.ok):
+        pass  # frames go on being asked about
+    is_right(page, truth[QUERY])
+    assert axe.findings(page) == []
+    page.locator("#live").click()
+    expect(page.locator("#video")).to_be_hidden()
+    assert len(api.ask("GET", f"/maps/{sample_map}/queries")["queries"]) == before
+    page.get_by_role("button", name="Keep this photo and its answer").click()
+    expect(page.locator("#query-menu")).to_be_visible()
+    is_right(page, truth[QUERY])
+    assert len(api.ask("GET", f"/maps/{sample_map}/queries")["queries"]) == before + 1
