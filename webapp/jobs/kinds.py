@@ -85,6 +85,7 @@ KINDS: dict[str, str] = {
     "health": "webapp.jobs.health:run",
     "import": "webapp.jobs.import_map:run",
     "index": "webapp.jobs.index:run",
+    "mission-pieces": "webapp.jobs.mission_pieces:run",
     "sample": "webapp.jobs.sample:run",
     "satellite-pyramid": "webapp.jobs.satellite_pyramid:run",
     "satellite-tiles": "webapp.jobs.satellite_tiles:run",

@@ -23,6 +23,7 @@ from webapp.web.api_satellite import blueprint as api_satellite
 from webapp.web.api_session import blueprint as api_session
 from webapp.web.api_shared import blueprint as api_shared
 from webapp.web.api_shares import blueprint as api_shares
+from webapp.web.api_tracks import blueprint as api_tracks
 from webapp.web.api_uploads import blueprint as api_uploads
 from webapp.web.editor import blueprint as editor
 from webapp.web.health import blueprint as health
@@ -56,6 +57,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_session,
     api_shared,
     api_shares,
+    api_tracks,
     api_uploads,
     editor,
     health,

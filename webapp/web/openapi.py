@@ -53,6 +53,7 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "id": {"description": "Id, unique in the map."},
     "token": {"description": "The end of the address of a shared map or answer."},
     "mission_id": {"description": "Id of the mission."},
+    "track_id": {"description": "Id of the track."},
     "job_id": {"description": "Id of the job."},
     "name": {"description": "Name, as it is listed."},
     "form": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
