@@ -9,6 +9,7 @@ import warnings
 from datetime import datetime
 from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 from xml.etree import ElementTree as ET
 
 with warnings.catch_warnings():
@@ -52,7 +53,7 @@ def _all_for(name):
 
 
 def _particles(kind):
-    """What is inside a type, in order: sets of elements, how many of them, and their types where they are local."""
+    """What is inside a type, in order: sets of elements, how many, and the types of local ones."""
     node = _schemas()[0].get(kind)
     extension = None if node is None else node.find(f".//{XS}extension")
     base = []
@@ -124,7 +125,7 @@ def _check_track(track):
     assert len(whens) == len(coords), "ATC-147: as many times as positions"
     assert len(angles) in (0, len(whens)), "ATC-147: as many angles as positions, or none"
     assert all(len(angle) == 1 and 0 <= float(angle[0]) <= 360 for angle in angles), "ATC-148: heading alone"
-    assert all(a < b for a, b in zip(whens[:-1], whens[1:], strict=True)), "times ascend"
+    assert all(a < b for a, b in pairwise(whens)), "times ascend"
     for coord in coords:
         assert len(coord) == 3, "ATC-146: longitude, latitude, height"
         _check_position([float(part) for part in coord])

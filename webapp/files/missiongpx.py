@@ -12,7 +12,7 @@ from webapp.core.trajectory.records import Poses
 from webapp.files.xmltext import DECLARATION, element, utc
 
 NAMESPACE = "urn:experience-map:gpx"
-"""Of `heading`, degrees clockwise from north, and `covariance`, square metres: GPX has no elements for them."""
+"""Of `heading`, degrees clockwise from north, and `covariance`, square metres."""
 
 _OPEN = (
     '<gpx version="1.1" creator="Experience Map" xmlns="http://www.topografix.com/GPX/1/1" '

@@ -77,7 +77,7 @@ class PhotoMarkers(MacroElement):
         super().__init__()  # type: ignore[no-untyped-call]
         self._name = "PhotoMarkers"
         self.photos = photos
-        self._template = _templates().get_template("exchange/photo_markers.html")
+        self._template = exported_templates().get_template("exchange/photo_markers.html")
 
 
 def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
@@ -87,13 +87,13 @@ def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
     if picture is not None and source.map.georeference is not None:
         size = (satellite.width, satellite.height)
         on_earth = to_mercator(picture, source.map.georeference, size=size)
-    page = _empty_page("EPSG3857" if on_earth else "Simple", title=source.title)
+    page = empty_page("EPSG3857" if on_earth else "Simple", title=source.title)
     bounds: list[list[float]] = [[-float(satellite.height), 0.0], [0.0, float(satellite.width)]]
     if on_earth is not None:
         bounds = [[on_earth.south, on_earth.west], [on_earth.north, on_earth.east]]
         picture = on_earth.pixels
     if picture is not None:
-        url = _data_uri("image/webp", encoded(picture, ".webp"))
+        url = data_uri("image/webp", encoded(picture, ".webp"))
         ImageOverlay(url, bounds, pixelated=False).add_to(page)
     page.fit_bounds(bounds)
     photos = _photos(source, settings, progress, on_earth=on_earth is not None)
@@ -101,11 +101,19 @@ def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
     return str(page.get_root().render())
 
 
-def _empty_page(crs: str, *, title: str) -> folium.Map:
-    """Make a page with a Leaflet map; folium's own links to servers are left out."""
+def empty_page(crs: str, *, title: str) -> folium.Map:
+    """Make a page with a Leaflet map; folium's own links to servers are left out.
+
+    Parameters
+    ----------
+    crs : str
+        `EPSG3857` or `Simple`, as folium names them.
+    title : str
+        Any text.
+    """
     page = folium.Map(tiles=None, crs=crs)
-    page.default_js = [("leaflet", _data_uri("text/javascript", _leaflet("leaflet.js")))]
-    page.default_css = [("leaflet_css", _data_uri("text/css", _inlined_css()))]
+    page.default_js = [("leaflet", data_uri("text/javascript", _leaflet("leaflet.js")))]
+    page.default_css = [("leaflet_css", data_uri("text/css", _inlined_css()))]
     page.options.update(min_zoom=-8, max_zoom=24, zoom_snap=0.25)
     figure = page.get_root()
     assert isinstance(figure, Figure), "folium puts each map into one"
@@ -131,7 +139,7 @@ def _photos(
                     "name": e.photo.rsplit("/", 1)[-1],
                     "facts": _facts(e, at if on_earth else None),
                     "heading": None if e.heading_deg is None else round(e.heading_deg, 1),
-                    "picture": None if jpeg is None else _data_uri("image/jpeg", jpeg),
+                    "picture": None if jpeg is None else data_uri("image/jpeg", jpeg),
                 }
             )
         progress.advance()
@@ -157,7 +165,8 @@ def _facts(e: Experience, latlon: tuple[float, float] | None) -> str:
     return " · ".join(facts)
 
 
-def _templates() -> Environment:
+def exported_templates() -> Environment:
+    """Give the templates of folium's elements; they put data into scripts by `tojson` alone."""
     return Environment(
         loader=FileSystemLoader(resource_folder("templates")), autoescape=False, undefined=StrictUndefined
     )
@@ -171,9 +180,10 @@ def _leaflet(name: str) -> bytes:
 def _inlined_css() -> bytes:
     """Give Leaflet's CSS with its pictures inside."""
     return _CSS_URL.sub(
-        lambda found: f"url({_data_uri('image/png', _leaflet(found[1]))})", _leaflet("leaflet.css").decode()
+        lambda found: f"url({data_uri('image/png', _leaflet(found[1]))})", _leaflet("leaflet.css").decode()
     ).encode()
 
 
-def _data_uri(media_type: str, data: bytes) -> str:
+def data_uri(media_type: str, data: bytes) -> str:
+    """Put a file into an address."""
     return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"

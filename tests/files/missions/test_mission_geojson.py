@@ -1,6 +1,7 @@
 """GeoJSON keeps to RFC 7946."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -65,7 +66,7 @@ def test_a_track_over_the_180th_meridian_is_cut_there(lon, size):
     for line in lines:
         assert len(line) >= 2
         assert np.abs(np.diff([p[0] for p in line])).max() <= 180
-    for line, following in zip(lines[:-1], lines[1:], strict=True):
+    for line, following in pairwise(lines):
         assert line[-1] == pytest.approx([-following[0][0], following[0][1]])
         assert abs(line[-1][0]) == 180
     inner = [p for n, line in enumerate(lines) for p in line[n > 0 : len(line) - (n < len(lines) - 1)]]

@@ -1,0 +1,41 @@
+"""Every way to take a mission away, by its ending."""
+
+from __future__ import annotations
+
+from webapp.errors import UsageError
+from webapp.render import mission_page
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.tasks import export_mission
+from webapp.tasks.export_source import Download
+
+FORMATS = (*export_mission.FORMATS, "html")
+
+
+def run(
+    library: Library, mission_id: int, *, form: str, settings: Settings, most: int | None = None
+) -> Download:
+    """Export a mission.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    form : str
+        One of `FORMATS`.
+    settings : Settings
+    most : int, optional
+        At most so many poses of each track, evenly spread; a page has a limit of its own.
+
+    Raises
+    ------
+    UsageError
+        There is no such format, or the mission is too large for it.
+    NotFound
+        There is no such mission.
+    """
+    if form not in FORMATS:
+        raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
+    if form == "html":
+        return mission_page.run(library, mission_id, settings=settings)
+    return export_mission.run(library, mission_id, form=form, most=most)
