@@ -8,7 +8,7 @@ import pytest
 from webapp.errors import Conflict, NotFound
 from webapp.store import clock, jobs
 from webapp.store.jobs import Lease, Limits
-from webapp.store.schema import Job
+from webapp.store.schema import Job, MapRecord
 
 LIMITS = Limits(seconds=10.0, attempts=3)
 ERROR = {"message": "no", "where": None, "hint": None}
@@ -278,3 +278,14 @@ def test_the_object_for_pages(do, take, park, seen):
     names = "id kind map state done total note error result created_at seconds_left"
     assert seen(id).keys() == set(names.split())
     assert (seen(id)["map"], seen(id)["state"], seen(id)["seconds_left"]) == ("park", "queued", None)
+
+
+def test_the_id_of_a_job_of_a_deleted_map_is_not_used_again(library, do, new_account, new_map):
+    owner = new_account("owner")
+    map_id = new_map(owner)
+    first = do(jobs.enqueue, "index", map_id=map_id).id
+    with library.database.write() as session:
+        session.delete(session.get_one(MapRecord, map_id))
+    with pytest.raises(NotFound):
+        do(jobs.find, first)
+    assert do(jobs.enqueue, "index", map_id=new_map(owner, name="Other")).id > first
