@@ -210,6 +210,9 @@ class Settings:
     models: Path | None = None
     """Folder with model weights (environment: `EXPMAP_MODELS`)."""
 
+    token: str | None = None
+    """Of the server that `expmap robot` sends to (environment: `EXPMAP_TOKEN`)."""
+
     tile_services: Path | None = None
     """File with the map tile services to offer, instead of the usual ones (environment: `EXPMAP_TILES`)."""
 
@@ -242,6 +245,7 @@ def from_environment(environ: Mapping[str, str] | None = None) -> Settings:
         web=WebSettings(proxies=int(proxies)),
         library=Path(env.get("EXPMAP_LIBRARY") or "maps"),
         models=Path(models) if models else None,
+        token=env.get("EXPMAP_TOKEN") or None,
         tile_services=Path(tile_services) if tile_services else None,
     )
 

@@ -27,7 +27,7 @@ ALONE = {
     "settings": {"errors"},
     "threads": set(),
     "resources": {"errors"},
-    "robot": {"errors"},
+    "robot": {"errors", "robot"},
     "__main__": {"cli"},
 }
 
@@ -48,7 +48,8 @@ def allowed(layer):
     if layer in ALONE:
         return ALONE[layer]
     resources = {"resources"} if layer in ("render", "jobs", "cli", "web") else set()
-    return reachable(layer) | COMMON | resources
+    robot = {"robot"} if layer == "cli" else set()
+    return reachable(layer) | COMMON | resources | robot
 
 
 def layer_of(name):

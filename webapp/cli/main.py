@@ -67,6 +67,17 @@ account_group = LazyGroup(
     },
 )
 
+robot_group = LazyGroup(
+    name="robot",
+    help="Send poses and objects from a robot, through outages.",
+    where={
+        "send": "webapp.cli.robot:send",
+        "replay": "webapp.cli.robot_replay:replay",
+        "recover": "webapp.cli.robot:recover",
+        "status": "webapp.cli.robot:status",
+    },
+)
+
 root = LazyGroup(
     name="expmap",
     help="Where was this photo taken? Answers on a map that people make themselves.",
@@ -78,6 +89,7 @@ root = LazyGroup(
         "evaluate": "webapp.cli.evaluate:evaluate",
         "serve": "webapp.cli.serve:serve",
         "worker": "webapp.cli.worker:worker",
+        "robot": "webapp.cli.main:robot_group",
         "account": "webapp.cli.main:account_group",
         "backup": "webapp.cli.backup:backup",
         "restore": "webapp.cli.backup:restore",

@@ -30,6 +30,7 @@ from webapp.robot.uplink import Uplink
 from webapp.robot.uploader import Step, Uploader
 
 _log = logging.getLogger(__name__)
+_PATIENCE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ class RobotClient:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        self.close(wait_s=_PATIENCE_S if kind is None else 0.0)
 
     def pose(
         self,
@@ -279,7 +280,7 @@ class RobotClient:
         spool, photos = self._spool, self._spool.photos.count()
         return RobotStatus(spool.next, spool.waiting, photos, self._online, self._problem, self._refused)
 
-    def close(self, *, wait_s: float = 5.0) -> bool:
+    def close(self, *, wait_s: float = _PATIENCE_S) -> bool:
         """Upload, and stop; what has not been sent is in the spool.
 
         Parameters

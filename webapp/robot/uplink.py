@@ -13,11 +13,28 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from webapp.errors import UsageError
+from webapp.errors import (
+    Conflict,
+    ExpMapError,
+    InputError,
+    NotAllowed,
+    NotFound,
+    NotReady,
+    NotSignedIn,
+    UsageError,
+)
 
 _ANSWER_BYTES = 1 << 20
 _BLOCK = 1 << 16
 _LONGEST_WAIT_S = 3600.0
+_ERRORS: dict[int, type[ExpMapError]] = {
+    401: NotSignedIn,
+    403: NotAllowed,
+    404: NotFound,
+    409: Conflict,
+    410: NotFound,
+    422: InputError,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +63,15 @@ class Answer:
         told = self.body.get("error")
         return told if isinstance(told, dict) and isinstance(told.get("message"), str) else None
 
+    def refusal(self) -> ExpMapError:
+        """Give what the server said as an error of ours."""
+        error = self.error or {}
+        message = str(error.get("message") or f"the server refuses with status {self.status}")
+        hint = str(error.get("hint") or "") or None
+        if self.location is not None:
+            hint = f"give the address that it sends on to: {self.location}"
+        return _ERRORS.get(self.status, UsageError)(message, where=error.get("where"), hint=hint)
+
 
 @dataclass(frozen=True, slots=True)
 class NoAnswer:
@@ -60,6 +86,11 @@ class NoAnswer:
 
     reason: str
     broken: bool
+
+    def refusal(self) -> ExpMapError:
+        """Give it as an error."""
+        hint = "look at the network and the server, and try again"
+        return NotReady(f"the server does not answer: {self.reason}", hint=hint)
 
 
 class Uplink:

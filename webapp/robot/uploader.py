@@ -1,9 +1,9 @@
 """Sends what a spool holds, one request a step, and decides what each answer means.
 
 Where the network or the server is down or busy, it is tried again later. An answer about a record (400, 413,
-422 in the shape of the API) is followed up until the one record is found, which is set aside with the reason, so
-that it holds up nothing. Any other refusal (a token that is not known, a mission that is gone) concerns all
-records: nothing is set aside, and who runs the robot is told.
+422 in the shape of the API) is followed up until the one record is found, which is set aside with the reason,
+so that it holds up nothing. Any other refusal (a token that is not known, a mission that is gone) concerns
+all records: nothing is set aside, and who runs the robot is told.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from webapp.errors import Conflict, ExpMapError, NotAllowed, NotFound, NotSignedIn, UsageError
+from webapp.errors import Conflict, ExpMapError, UsageError
 from webapp.robot.disk import told
 from webapp.robot.options import RobotOptions
 from webapp.robot.segments import Gap, Run
@@ -22,13 +22,6 @@ from webapp.robot.uplink import Answer, NoAnswer, Uplink
 _AT_RECORD = re.compile(r"(?:^|\.)records\.(\d+)(?:\.|$)")
 _ABOUT_INPUT = (400, 413, 422)
 _LATER = (408, 425, 429)
-_ERRORS: dict[int, type[ExpMapError]] = {
-    401: NotSignedIn,
-    403: NotAllowed,
-    404: NotFound,
-    409: Conflict,
-    410: NotFound,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,10 +194,4 @@ def _other(answer: Answer) -> Step:
     reason = _told(answer)
     if answer.status in _LATER or answer.status >= 500:
         return Step("later", reason, answer.retry_after_s)
-    kind = _ERRORS.get(answer.status, UsageError)
-    error = answer.error or {}
-    message = str(error.get("message") or f"the server refuses with status {answer.status}")
-    hint = str(error.get("hint") or "") or None
-    if answer.location is not None:
-        hint = f"give the address that it sends on to: {answer.location}"
-    return Step("refused", reason, answer.retry_after_s, kind(message, where=error.get("where"), hint=hint))
+    return Step("refused", reason, answer.retry_after_s, answer.refusal())
