@@ -1,0 +1,74 @@
+"""Drives of a robot that never was: what is true, what its odometry says, and what was measured of it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from webapp.core.trajectory.motion import Noise
+from webapp.core.trajectory.steps import Fixes, Steps
+
+
+@dataclass
+class Drive:
+    """A robot that winds its way at one metre a second; its odometry errs as `noise` says."""
+
+    seed: int
+    nodes: int = 240
+    seconds: float = 0.5
+    sigma_m: float = 2.0
+    every: int = 4
+    noise: Noise = field(default_factory=Noise)
+
+    def __post_init__(self):
+        self.rng = rng = np.random.default_rng(self.seed)
+        noise, dt, n = self.noise, self.seconds, self.nodes
+        scale, turns, curve = rng.normal(0, [noise.scale, noise.turn_scale, noise.curve])
+        self.truth, self.heading = np.zeros((n, 2)), np.zeros(n)
+        self.heading[0] = rng.uniform(-np.pi, np.pi)
+        self.moves = np.full((n, 3), np.nan)
+        for i in range(1, n):
+            way, turn = 1.0 * dt, 0.15 * np.sin(i * dt / 15) * dt
+            self.moves[i] = way, 0.0, turn
+            excess = turns * turn + curve * way
+            angle = self.heading[i - 1] + excess / 2
+            along = (1 + scale) * way + rng.normal(0, noise.forward * way**0.5)
+            across = rng.normal(0, noise.sideways * way**0.5)
+            forward, right = (
+                np.array([np.sin(angle), np.cos(angle)]),
+                np.array([np.cos(angle), -np.sin(angle)]),
+            )
+            rest = rng.normal(0, noise.resting_m * dt**0.5, 2)
+            self.truth[i] = self.truth[i - 1] + along * forward + across * right + rest
+            random = noise.heading**2 * way + noise.turning**2 * abs(turn) + noise.resting_rad**2 * dt
+            self.heading[i] = self.heading[i - 1] + turn + excess + rng.normal(0, random**0.5)
+        self.node = np.arange(0, n, self.every)
+        self.measured = self.truth[self.node] + rng.normal(0, self.sigma_m, (len(self.node), 2))
+
+    @property
+    def steps(self):
+        """As the filter takes them; the odometry believes to have begun to the north."""
+        own = np.concatenate([[0.0], np.cumsum(self.moves[1:, 2])])
+        return Steps(np.arange(self.nodes) * self.seconds, self.moves, own)
+
+    @property
+    def fixes(self):
+        """As the filter takes them."""
+        m = len(self.node)
+        return Fixes(self.node, self.measured, np.tile(np.eye(2) * self.sigma_m**2, (m, 1, 1)), np.ones(m))
+
+    def reckoned(self):
+        """Where the odometry alone leads, from the true start in the true direction, (n, 2)."""
+        heading = self.heading[0] + np.concatenate([[0.0], np.cumsum(self.moves[1:, 2])])
+        moved = self.moves[1:, :1] * np.column_stack([np.sin(heading), np.cos(heading)])[:-1]
+        return np.vstack([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
+
+
+def rmse(positions, truth):
+    """Root of the mean squared distance."""
+    return float(np.sqrt(((positions - truth) ** 2).sum(axis=1).mean()))
+
+
+def nees(smoothed, drive):
+    """Squared Mahalanobis distance of the truth from what was found, (n,)."""
+    off = smoothed.state[:, :2] - drive.truth
+    return np.einsum("ni,nij,nj->n", off, np.linalg.inv(smoothed.covariance[:, :2, :2]), off)

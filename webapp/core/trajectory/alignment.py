@@ -1,0 +1,214 @@
+"""Where a filter begins: position and heading from the first fixes, some of which may be wrong.
+
+The path that odometry tells is laid on the fixes by one rotation and one shift. Each pair of fixes proposes a
+rotation; the one that most fixes agree with is refined by all of those (M. Fischler and R. Bolles,
+"Random sample consensus", Communications of the ACM 24, 1981, but with all pairs instead of random ones; the
+refinement is the closed form of S. Umeyama, IEEE PAMI 13, 1991, in the plane).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.trajectory.motion import (
+    CURVE,
+    HEADING,
+    POSITION,
+    SCALE,
+    SIZE,
+    TURN_SCALE,
+    VELOCITY,
+    Noise,
+)
+from webapp.core.trajectory.steps import Fixes, Floats, Steps, path
+
+GATE = 13.816
+"""Squared Mahalanobis distance in the plane of which one good fix in a thousand has more (chi-square)."""
+
+MOST_FIXES = 24
+FAR = 10.0
+"""A heading is taken from a way that goes so many times as far as a fix is uncertain."""
+
+SURE_HEADING_RAD = 0.25
+"""A heading that is worse, one standard deviation, is not taken from fixes."""
+
+GIVEN_HEADING_RAD = 0.5
+"""One standard deviation of the odometry's own heading, which at its start is what a person gave."""
+
+WIDER = 9.0
+"""The first fixes count twice, here and in the filter: a start so much wider (squared) hardly counts."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A state to begin with.
+
+    Attributes
+    ----------
+    state : (8,) float64
+    covariance : (8, 8) float64
+    agrees : (m,) bool
+        Which of the fixes that were looked at agree with it.
+    """
+
+    state: Floats
+    covariance: Floats
+    agrees: NDArray[np.bool_]
+
+
+def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> Start:
+    """Find a state for a node from the fixes at and after it.
+
+    Parameters
+    ----------
+    steps : Steps
+    fixes : Fixes
+        All at `begin` or later; at least one. The first of them are looked at.
+    begin : int
+        A node.
+    noise : Noise
+    """
+    spread = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2) / 2)
+    found = _nearby(steps, fixes, spread, begin=begin, noise=noise)
+    known = np.flatnonzero(np.isfinite(steps.moves[begin + 1 :, 0]))
+    if not known.size:
+        return found
+    first = begin + int(known[0])
+    gaps = np.flatnonzero(np.isnan(steps.moves[first + 1 :, 0]))
+    last = first + int(gaps[0]) if gaps.size else len(steps) - 1
+    found.state[HEADING] = steps.heading_rad[first]
+    inside = np.flatnonzero((fixes.node >= first) & (fixes.node <= last))
+    aligned = None
+    if inside.size >= 3:
+        seen = fixes.take(inside)
+        way = path(steps, first, int(seen.node[-1]))[seen.node - first]
+        drift = _drift(steps, first, last=int(seen.node[-1]), noise=noise)[seen.node - first]
+        aligned = _aligned(way, seen.position, variance=spread[inside] ** 2 + drift**2)
+    if aligned is None:
+        return found
+    found.state[HEADING] = aligned.heading
+    found.covariance[HEADING, HEADING] = aligned.heading_variance
+    if first > begin:  # the odometry begins later: only the heading is of use
+        return found
+    _place(found, aligned)
+    agrees = np.zeros(len(fixes), dtype=bool)
+    agrees[inside[aligned.agrees]] = True
+    return Start(found.state, found.covariance, agrees)
+
+
+def _place(found: Start, aligned: _Alignment) -> None:
+    """Put the position of an alignment into a state; it hangs together with the heading."""
+    lever = np.array([aligned.at_by_heading.real, aligned.at_by_heading.imag])
+    found.state[POSITION] = aligned.at.real, aligned.at.imag
+    both = np.outer(lever, lever) * aligned.heading_variance
+    found.covariance[POSITION, POSITION] = np.eye(2) * aligned.at_variance + both
+    found.covariance[POSITION, HEADING] = lever * aligned.heading_variance
+    found.covariance[HEADING, POSITION] = lever * aligned.heading_variance
+
+
+def _prior(noise: Noise) -> Floats:
+    covariance = np.zeros((SIZE, SIZE))
+    covariance[VELOCITY, VELOCITY] = np.eye(2) * noise.velocity**2
+    covariance[HEADING, HEADING] = GIVEN_HEADING_RAD**2
+    covariance[SCALE, SCALE] = noise.scale**2
+    covariance[TURN_SCALE, TURN_SCALE] = noise.turn_scale**2
+    covariance[CURVE, CURVE] = noise.curve**2
+    return covariance
+
+
+def _nearby(steps: Steps, fixes: Fixes, spread: Floats, *, begin: int, noise: Noise) -> Start:
+    """Begin at that of the first fixes which most of the others are in reach of."""
+    few = slice(0, 7)
+    at, nodes, variance = fixes.position[few], fixes.node[few], spread[few] ** 2
+    reach = _reach(steps, begin, last=int(nodes[-1]), noise=noise)[nodes - begin]
+    apart = np.linalg.norm(at[:, None] - at, axis=2)
+    off = apart**2 / (variance[:, None] + variance + (reach[:, None] - reach) ** 2)
+    chosen = int(np.minimum(off, GATE).sum(axis=1).argmin())
+    state, covariance = np.zeros(SIZE), _prior(noise)
+    state[POSITION] = at[chosen]
+    before = np.eye(2) * float(reach[chosen]) ** 2
+    covariance[POSITION, POSITION] = fixes.covariance[chosen] * WIDER + before
+    agrees = np.zeros(len(fixes), dtype=bool)
+    agrees[few] = off[chosen] <= GATE
+    return Start(state, covariance, agrees)
+
+
+def _reach(steps: Steps, begin: int, *, last: int, noise: Noise) -> Floats:
+    """How far a robot can have come since a node, at each node up to the last: (last - begin + 1,) metres."""
+    moves = steps.moves[begin + 1 : last + 1]
+    guessed = noise.velocity * np.diff(steps.times_s[begin : last + 1])
+    driven = np.hypot(moves[:, 0], moves[:, 1])
+    return np.concatenate([[0.0], np.cumsum(np.where(np.isnan(driven), guessed, driven))])
+
+
+def _drift(steps: Steps, first: int, *, last: int, noise: Noise) -> Floats:
+    """How far reckoning is off since a node, one standard deviation: (last - first + 1,) metres."""
+    way = _reach(steps, first, last=last, noise=noise)
+    turned = np.concatenate([[0.0], np.cumsum(np.abs(steps.moves[first + 1 : last + 1, 2]))])
+    bent = np.hypot(noise.curve * way, noise.turn_scale * turned) / 2
+    return np.asarray(way * np.sqrt(noise.scale**2 + bent**2 + noise.heading**2 * way / 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Alignment:
+    """How a path lies on fixes: where it begins, how that changes with the heading, and the heading."""
+
+    at: complex
+    at_by_heading: complex
+    at_variance: float
+    heading: float
+    heading_variance: float
+    agrees: NDArray[np.bool_]
+
+
+def _aligned(way: Floats, position: Floats, *, variance: Floats) -> _Alignment | None:
+    """Turn and shift a path so that it lies on fixes; None when the way is too short to tell a heading."""
+    chosen = _window(way, variance)
+    p, z = (points[chosen] @ np.array([1, 1j]) for points in (way, position))
+    agrees = _agreeing(p, z, variance[chosen])
+    if agrees is None:
+        return None
+    weight = np.where(agrees, 1 / variance[chosen], 0.0)
+    p_mean, z_mean = (complex(weight @ points / weight.sum()) for points in (p, z))
+    lever = float(weight @ np.abs(p - p_mean) ** 2)
+    if lever * SURE_HEADING_RAD**2 < 1:
+        return None
+    turn = np.exp(1j * np.angle(weight @ (np.conj(p - p_mean) * (z - z_mean))))
+    everyone = np.zeros(len(way), dtype=bool)
+    everyone[chosen[agrees]] = True
+    return _Alignment(
+        at=complex(z_mean - p_mean * turn),
+        at_by_heading=complex(1j * p_mean * turn),
+        at_variance=WIDER / float(weight.sum()),
+        # The path was reckoned as if it went north; angles of complex numbers count the other way round.
+        heading=-float(np.angle(turn)),
+        heading_variance=WIDER / lever,
+        agrees=everyone,
+    )
+
+
+def _agreeing(
+    p: NDArray[np.complex128], z: NDArray[np.complex128], variance: Floats
+) -> NDArray[np.bool_] | None:
+    """Tell which fixes `z` most of them agree on, when the path `p` is laid on them; None for too few."""
+    one, two = np.triu_indices(len(p), 1)
+    useful = np.abs(p[two] - p[one]) > 2 * np.sqrt(variance[one] + variance[two])
+    if not useful.any():
+        return None
+    one, two = one[useful], two[useful]
+    turns = np.exp(1j * np.angle((z[two] - z[one]) / (p[two] - p[one])))
+    middle = (z[one] + z[two] - (p[one] + p[two]) * turns) / 2
+    off = np.abs(z - middle[:, None] - p * turns[:, None]) ** 2 / variance
+    agrees = np.asarray(off[np.minimum(off, GATE).sum(axis=1).argmin()] <= GATE)
+    return agrees if agrees.sum() >= 3 else None
+
+
+def _window(way: Floats, variance: Floats) -> NDArray[np.intp]:
+    """Choose the first fixes, up to where the way is long enough to tell a heading."""
+    away = np.linalg.norm(way - way[0], axis=1)
+    far = np.flatnonzero(away >= FAR * np.sqrt(variance.min()))
+    count = max(3, int(far[0]) + 1) if far.size else len(way)
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_FIXES)).astype(np.intp))

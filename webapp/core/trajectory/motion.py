@@ -1,0 +1,150 @@
+"""How the state of a robot on the ground changes from one node to the next, and how sure that is.
+
+The state has eight numbers: metres east and north; metres a second east and north; the heading, radians
+clockwise from north; and what is systematically wrong with the odometry: its scale, the scale of its turns
+(the wheels' distance) and the curve it drives when it believes to go straight (unequal wheels). See
+J. Borenstein and L. Feng, "Measurement and correction of systematic odometry errors in mobile robots", IEEE
+Transactions on Robotics and Automation 12 (1996).
+
+Where odometry tells the movement, that is the prediction. Where it does not, the robot is taken to go on with
+a velocity that is forgotten with time, an Ornstein-Uhlenbeck process: D. Gillespie, "Exact numerical
+simulation of the Ornstein-Uhlenbeck process and its integral", Physical Review E 54 (1996).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from webapp.core.trajectory.steps import Floats
+
+SIZE = 8
+POSITION, VELOCITY, HEADING, SYSTEMATIC = slice(0, 2), slice(2, 4), 4, slice(5, 8)
+SCALE, TURN_SCALE, CURVE = 5, 6, 7
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """How wrong movements are, one standard deviation each; usual values of wheeled robots.
+
+    Random errors add up by their squares: after a hundred metres they are ten times those after one.
+    """
+
+    forward: float = 0.05
+    """Metres after one metre, along the way."""
+
+    sideways: float = 0.03
+    """Metres after one metre, across it."""
+
+    heading: float = 0.01
+    """Radians after one metre."""
+
+    turning: float = 0.05
+    """Radians after one radian turned."""
+
+    resting_m: float = 0.01
+    """Metres after one second, also at rest."""
+
+    resting_rad: float = 0.002
+    """Radians after one second, also at rest."""
+
+    scale: float = 0.05
+    """Share by which the odometry's distances may be wrong all the time."""
+
+    turn_scale: float = 0.1
+    """Share by which its turns may be."""
+
+    curve: float = 0.01
+    """Radians a metre that it may turn without knowing."""
+
+    velocity: float = 3.0
+    """Metres a second in each direction, of something on its way whose odometry is not known."""
+
+    memory_s: float = 20.0
+    """After so long it may go quite another way."""
+
+
+Prediction = tuple[Floats, Floats, Floats]
+"""The state (8,), its derivative by the state before (8, 8), and the covariance that was added (8, 8)."""
+
+
+def predict(state: Floats, move: Floats, *, seconds: float, noise: Noise) -> Prediction:
+    """Predict the state at the next node.
+
+    Parameters
+    ----------
+    state : (8,) float64
+    move : (3,) float64
+        As in `Steps.moves`; NaN where it is unknown.
+    seconds : float
+        Positive.
+    noise : Noise
+    """
+    if math.isnan(move[0]):
+        return _coast(state, seconds, noise)
+    return _drive(state, move.tolist(), seconds=seconds, noise=noise)
+
+
+def _drive(state: Floats, move: list[float], *, seconds: float, noise: Noise) -> Prediction:
+    forward, right, turn = move
+    scale = 1.0 + state[SCALE]
+    # What is turned more than the odometry knows is turned evenly: the way bends by half of it.
+    excess = state[TURN_SCALE] * turn + state[CURVE] * forward
+    angle = state[HEADING] + excess / 2
+    sine, cosine = math.sin(angle), math.cos(angle)
+    east = scale * (forward * sine + right * cosine)
+    north = scale * (forward * cosine - right * sine)
+
+    after = state.copy()
+    after[0] += east
+    after[1] += north
+    after[2], after[3] = east / seconds, north / seconds
+    after[HEADING] += turn + excess
+
+    change = np.eye(SIZE)
+    for row, moved, by_angle in ((0, east, north), (1, north, -east)):
+        change[row, HEADING] = by_angle
+        change[row, SCALE] = moved / scale
+        change[row, TURN_SCALE] = by_angle * turn / 2
+        change[row, CURVE] = by_angle * forward / 2
+        change[row + 2] = change[row] / seconds
+        change[row + 2, row] = 0.0  # the velocity is that of this step, wherever it began
+    change[HEADING, TURN_SCALE] = turn
+    change[HEADING, CURVE] = forward
+    return after, change, _drive_noise(move, (sine, cosine), seconds=seconds, noise=noise)
+
+
+def _drive_noise(
+    move: list[float], direction: tuple[float, float], *, seconds: float, noise: Noise
+) -> Floats:
+    way, turn = math.hypot(move[0], move[1]), abs(move[2])
+    sine, cosine = direction
+    along = noise.forward**2 * way + noise.resting_m**2 * seconds
+    across = noise.sideways**2 * way + noise.resting_m**2 * seconds
+    added = np.zeros((SIZE, SIZE))
+    added[0, 0] = along * sine**2 + across * cosine**2
+    added[1, 1] = along * cosine**2 + across * sine**2
+    added[0, 1] = added[1, 0] = (along - across) * sine * cosine
+    added[2, 2] = added[3, 3] = 0.1**2  # how unevenly a step is driven
+    added[HEADING, HEADING] = (
+        noise.heading**2 * way + noise.turning**2 * turn + noise.resting_rad**2 * seconds
+    )
+    return added
+
+
+def _coast(state: Floats, seconds: float, noise: Noise) -> Prediction:
+    memory, variance = noise.memory_s, noise.velocity**2
+    kept = math.exp(-seconds / memory)
+    reach = memory * (1.0 - kept)
+    change = np.eye(SIZE)
+    added = np.zeros((SIZE, SIZE))
+    position = variance * memory**2 * (2 * seconds / memory - 3 + 4 * kept - kept**2)
+    for row in (0, 1):
+        change[row, row + 2] = reach
+        change[row + 2, row + 2] = kept
+        added[row, row] = position + noise.resting_m**2 * seconds
+        added[row + 2, row + 2] = variance * (1.0 - kept**2)
+        added[row, row + 2] = added[row + 2, row] = variance * memory * (1.0 - kept) ** 2
+    return change @ state, change, added

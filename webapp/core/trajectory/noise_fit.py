@@ -1,0 +1,89 @@
+"""How wrong odometry and receiver are, as the track itself shows.
+
+Robots differ: wheels that skid in turns are several times worse than wheels that roll. And receivers know
+their noise but not what reflections do; many tell the dilution of precision in place of a variance. So the
+fixes are predicted, each from those before it, under several assumptions, and the one under which they are
+most likely is taken (F. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE
+Transactions on Information Theory 11, 1965).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.trajectory.motion import Noise
+from webapp.core.trajectory.smoother import log_likelihood
+from webapp.core.trajectory.steps import Fixes, Steps
+
+ODOMETRY = (1.0, 2.0, 4.0)
+"""The usual errors of odometry times this."""
+
+RECEIVER = (1.0, 2.0, 4.0)
+"""The standard deviations that a receiver tells times this: better than told, it never is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """By what the assumed errors are multiplied.
+
+    Attributes
+    ----------
+    odometry, receiver : float
+        Standard deviations.
+    """
+
+    odometry: float = 1.0
+    receiver: float = 1.0
+
+    def noise(self, usual: Noise) -> Noise:
+        """Give the noise of the odometry."""
+        by = self.odometry
+        return replace(
+            usual,
+            forward=usual.forward * by,
+            sideways=usual.sideways * by,
+            heading=usual.heading * by,
+            turning=usual.turning * by,
+            scale=usual.scale * by,
+            turn_scale=usual.turn_scale * by,
+            curve=usual.curve * by,
+        )
+
+    def fixes(self, told: Fixes, *, of_receiver: NDArray[np.bool_]) -> Fixes:
+        """Give the fixes with the covariances that they have in truth.
+
+        Parameters
+        ----------
+        told : Fixes
+        of_receiver : (m,) bool
+            Which came from a satellite receiver.
+        """
+        by = np.where(of_receiver, self.receiver**2, 1.0)
+        return replace(told, covariance=told.covariance * by[:, None, None])
+
+
+def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: Noise) -> Fit:
+    """Find how wrong odometry and receiver are.
+
+    Parameters
+    ----------
+    steps, fixes : Steps, Fixes
+        A sample of the track is enough: it is filtered once for each assumption.
+    of_receiver : (m,) bool
+        Which fixes came from a satellite receiver.
+    usual : Noise
+    """
+    with_odometry = bool(np.isfinite(steps.moves).any())
+    assumed = [
+        Fit(odometry, receiver)
+        for odometry in (ODOMETRY if with_odometry else ODOMETRY[:1])
+        for receiver in (RECEIVER if of_receiver.any() else RECEIVER[:1])
+    ]
+    told = [
+        log_likelihood(steps, one.fixes(fixes, of_receiver=of_receiver), noise=one.noise(usual))
+        for one in assumed
+    ]
+    return assumed[int(np.argmax(told))]

@@ -1,0 +1,148 @@
+"""What a filter takes in: movement from node to node, as dead reckoning tells it, and fixes at some nodes.
+
+A node is a time at which something is known. Metres, radians and a local plane; no latitude any more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+MOST_SPEED_MPS = 40.0
+"""Odometry that says more was reset on the way: nothing is known about that movement."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steps:
+    """Movements between nodes.
+
+    Attributes
+    ----------
+    times_s : (n,) float64
+        Strictly ascending.
+    moves : (n, 3) float64
+        Since the node before, in the robot's own frame there: metres forward, metres to the right, and
+        radians turned clockwise. NaN where no odometry tells; so is the first.
+    heading_rad : (n,) float64
+        As the odometry itself believes, clockwise from north; NaN where there is none.
+    """
+
+    times_s: Floats
+    moves: Floats
+    heading_rad: Floats
+
+    def __len__(self) -> int:
+        """Count the nodes."""
+        return len(self.times_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fixes:
+    """Positions that were measured.
+
+    Attributes
+    ----------
+    node : (m,) intp
+        At which each was taken; ascending.
+    position : (m, 2) float64
+        Metres east, metres north.
+    covariance : (m, 2, 2) float64
+        Square metres.
+    share : (m,) float64
+        How much of an independent measurement each is, 0 < share <= 1: those that err alike count as one.
+    """
+
+    node: NDArray[np.intp]
+    position: Floats
+    covariance: Floats
+    share: Floats
+
+    def __len__(self) -> int:
+        """Count the fixes."""
+        return len(self.node)
+
+    def take(self, chosen: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Fixes:
+        """Give some of the fixes, in their order."""
+        return Fixes(self.node[chosen], self.position[chosen], self.covariance[chosen], self.share[chosen])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reckoning:
+    """The path that odometry tells, in any plane: only what changes from pose to pose counts.
+
+    Attributes
+    ----------
+    times_s : (n,) float64
+        Strictly ascending.
+    position : (n, 2) float64
+        Metres east, metres north.
+    heading_rad : (n,) float64
+        Clockwise from north, without jumps of a whole turn.
+    """
+
+    times_s: Floats
+    position: Floats
+    heading_rad: Floats
+
+
+def make_steps(times_s: Floats, reckoning: Reckoning | None) -> Steps:
+    """Cut a reckoned path into the movements between given times.
+
+    Between two poses of the odometry the robot is taken to move evenly.
+
+    Parameters
+    ----------
+    times_s : (n,) float64
+        Strictly ascending.
+    reckoning : Reckoning or None
+    """
+    n = len(times_s)
+    if reckoning is None or len(reckoning.times_s) < 2:
+        return Steps(times_s, np.full((n, 3), np.nan), np.full(n, np.nan))
+    known = reckoning.times_s
+    east, north = (np.interp(times_s, known, axis) for axis in reckoning.position.T)
+    heading = np.interp(times_s, known, reckoning.heading_rad)
+    moves = np.full((n, 3), np.nan)
+    de, dn, before = np.diff(east), np.diff(north), heading[:-1]
+    moves[1:, 0] = de * np.sin(before) + dn * np.cos(before)
+    moves[1:, 1] = de * np.cos(before) - dn * np.sin(before)
+    moves[1:, 2] = np.diff(heading)
+    inside = (times_s >= known[0]) & (times_s <= known[-1])
+    moves[1:][~(inside[1:] & inside[:-1]) | _was_reset(times_s, reckoning)] = np.nan
+    return Steps(times_s, moves, np.where(inside, heading, np.nan))
+
+
+def _was_reset(times_s: Floats, reckoning: Reckoning) -> NDArray[np.bool_]:
+    """Tell which intervals between nodes lie where the odometry jumped, (n - 1,)."""
+    known = reckoning.times_s
+    speed = np.hypot(*np.diff(reckoning.position, axis=0).T) / np.diff(known)
+    jumped = speed > MOST_SPEED_MPS
+    middle = (times_s[1:] + times_s[:-1]) / 2
+    at = np.clip(np.searchsorted(known, middle) - 1, 0, len(jumped) - 1)
+    return np.asarray(jumped[at])
+
+
+def path(steps: Steps, first: int, last: int) -> Floats:
+    """Reckon the path from one node to another one, as if the heading at the first were north.
+
+    Parameters
+    ----------
+    steps : Steps
+    first, last : int
+        Nodes with odometry all the way.
+
+    Returns
+    -------
+    (last - first + 1, 2) float64
+        Metres right, metres forward of the first node.
+    """
+    moves = steps.moves[first + 1 : last + 1]
+    heading = np.concatenate([[0.0], np.cumsum(moves[:, 2])])[:-1]
+    forward, right = moves[:, 0], moves[:, 1]
+    de = forward * np.sin(heading) + right * np.cos(heading)
+    dn = forward * np.cos(heading) - right * np.sin(heading)
+    return np.vstack([np.zeros((1, 2)), np.cumsum(np.column_stack([de, dn]), axis=0)])
