@@ -80,6 +80,23 @@ export function upload(path, { method = "POST", body, headers = {}, onProgress, 
   });
 }
 
+/**
+ * Listen to what a server tells by itself (server-sent events); the browser comes back when the stream ends.
+ * @param {string} path
+ * @param {Object} listeners
+ * @param {function(Object, string): void} listeners.changed told the data of each event, and its id
+ * @param {function(): void} listeners.open
+ * @param {function(boolean): void} listeners.error told whether the browser has given up
+ * @returns {{close: function(): void}}
+ */
+export function events(path, { changed, open, error }) {
+  const source = new EventSource(BASE + path);
+  source.addEventListener("changed", ({ data, lastEventId }) => changed(JSON.parse(data), lastEventId));
+  source.addEventListener("open", open);
+  source.addEventListener("error", () => error(source.readyState === EventSource.CLOSED));
+  return source;
+}
+
 function csrfToken() {
   return document.querySelector('meta[name="csrf-token"]')?.content ?? ""; // pages for visitors have none
 }

@@ -154,7 +154,7 @@ export class MapView {
   }
 }
 
-function tileLayer(satellite, bounds) {
+export function tileLayer(satellite, bounds) {
   const most = satellite.tiles.max_zoom;
   return L.tileLayer(satellite.tiles.url, {
     tileSize: TILE,
@@ -170,7 +170,7 @@ function tileLayer(satellite, bounds) {
 }
 
 /** The longest 1, 2 or 5 times a power of ten that is not above. */
-function roundLength(length) {
+export function roundLength(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   return [5, 2, 1].find((n) => n * power <= length) * power;
 }

@@ -1,0 +1,81 @@
+/** What people do with a whole mission: import, correct, share, rename, delete. */
+
+import { askDialog, busy, confirmDialog } from "../dialog.js";
+import { h } from "../dom.js";
+import { openDialog } from "../editor/dialogs.js";
+import { listenToDrops, usable } from "../editor/dropfiles.js";
+import { byId } from "../editor/page.js";
+import { t, tn } from "../i18n.js";
+import { toast, toastError } from "../toast.js";
+import { importDialog } from "./importing.js";
+import { ended, jobBar } from "./jobwatch.js";
+import { sharesDialog } from "./sharing.js";
+
+/**
+ * Connect the buttons that the page has for who looks at it.
+ * @param {import("./store.js").Store} store
+ * @param {function(): Promise<void>} refresh
+ */
+export function connectActions(store, refresh) {
+  const server = store.server(store.id);
+  const on = (name, run) => {
+    for (const button of document.querySelectorAll(`[data-does="${name}"]`)) {
+      button.addEventListener("click", () => {
+        button.closest("details")?.removeAttribute("open");
+        Promise.resolve(run(button)).catch(toastError);
+      });
+    }
+  };
+  const take = (file) => importDialog({
+    file,
+    mission: async () => store.id,
+    done: async (_, result) => {
+      await refresh();
+      toast(imported(result));
+    },
+  });
+  on("import", () => take(null));
+  if (document.querySelector('[data-does="import"]')) listenToDrops(byId("drop"), (files) => files[0] && take(usable(files)[0]));
+  on("fuse", (button) => busy(button, () => fuse(server, refresh)));
+  on("share", () => sharesDialog(server));
+  on("rename", () => rename(store, server));
+  on("delete", () => bin(store, server));
+}
+
+/** What an import says when it is done. @param {?{poses: number, skipped: number}} result */
+export function imported(result) {
+  if (!result?.poses) return t("The file is imported.");
+  const parts = [tn("{n} pose was imported", "{n} poses were imported", result.poses)];
+  if (result.skipped) parts.push(tn("{n} had not moved and was left out", "{n} had not moved and were left out", result.skipped));
+  return `${parts.join(", ")}.`;
+}
+
+async function fuse(server, refresh) {
+  const bar = jobBar(t("The tracks are being fused"));
+  const dialog = openDialog(t("Fuse the tracks"), [
+    h("p", { class: "soft" }, t("Odometry, GPS and visual fixes become one corrected track; the others stay as they are.")), bar,
+  ]);
+  try {
+    const { job } = await server.fuse();
+    await ended(server.job, job, bar.show);
+    await refresh();
+    toast(t("The corrected track is in place."));
+  } finally {
+    dialog.close();
+  }
+}
+
+function rename({ mission }, server) {
+  askDialog({ title: t("Rename the mission"), label: t("Name"), value: mission.name, action: t("Rename") }, async (name) => {
+    await server.change({ name });
+    location.reload();
+  });
+}
+
+async function bin({ mission }, server) {
+  const title = t("Put {name} into the bin?", { name: mission.name });
+  const text = t("It can be restored from there.");
+  if (!(await confirmDialog({ title, text, action: t("Put into the bin") }))) return;
+  await server.bin();
+  location.assign("/missions");
+}

@@ -1,0 +1,43 @@
+/** What the pages of missions ask the server. */
+
+import { del, events, get, patch, post, upload } from "../api.js";
+
+/** The list of missions, or of those in the bin. */
+export const missionList = ({ binned = false } = {}) => get(`/missions?bin=${binned}`);
+/** @param {{name: string, map: ?string, start: ?Object, note: string}} wish */
+export const makeMission = (wish) => post("/missions", wish);
+
+/**
+ * What can be asked of one mission.
+ * @param {number} id
+ */
+export function endpointsOf(id) {
+  const base = `/missions/${id}`;
+  return {
+    state: () => get(base),
+    change: (fields) => patch(base, fields),
+    bin: () => del(base),
+    restore: () => post(`${base}/restore`, {}),
+    deleteForever: () => del(`${base}?forever=true`),
+    line: (track, wish, signal) => get(`${base}/tracks/${track}/line?${parameters(wish)}`, { signal }),
+    profile: (track, points, signal) => get(`${base}/tracks/${track}/profile?points=${points}`, { signal }),
+    objects: (wish, signal) => get(`${base}/objects?${parameters(wish)}`, { signal }),
+    object: (object) => get(`${base}/objects/${encodeURIComponent(object)}`),
+    photos: () => get(`${base}/photos`),
+    events: (cursor, listeners) => events(`${base}/events?${parameters({ cursor })}`, listeners),
+    fuse: () => post(`${base}/fuse`, {}),
+    importFile: (body, onProgress, signal) => upload(`${base}/imports`, { body, onProgress, signal }),
+    job: (job) => get(`/jobs/${job}`),
+    shares: () => get(`${base}/shares`),
+    share: (wish) => post(`${base}/shares`, wish),
+    revoke: (share) => del(`${base}/shares/${share}`),
+    /** Address of a file that the browser fetches by itself. */
+    file: (name) => `/api/v1${base}/${name}`,
+    photo: (sha256) => `/api/v1${base}/photos/${sha256}/preview`,
+  };
+}
+
+function parameters(wish) {
+  const known = Object.entries(wish).filter(([, value]) => value !== null && value !== undefined && value !== "");
+  return new URLSearchParams(known).toString();
+}

@@ -1,0 +1,150 @@
+/** The list of missions: make one, import a file, rename, delete. */
+
+import { askDialog, busy, confirmDialog } from "../dialog.js";
+import { h, icon } from "../dom.js";
+import { errorLine, field, openDialog } from "../editor/dialogs.js";
+import { listenToDrops, usable } from "../editor/dropfiles.js";
+import { byId } from "../editor/page.js";
+import { moment, t, tn } from "../i18n.js";
+import { sentence, toastError } from "../toast.js";
+import { endpointsOf, makeMission, missionList } from "./endpoints.js";
+import { importDialog } from "./importing.js";
+import { lengthText, spanText } from "./words.js";
+
+const { maps, binned } = JSON.parse(byId("page").textContent);
+const list = byId("missions");
+
+for (const button of document.querySelectorAll("[data-opens=create]")) ready(button, create);
+for (const button of document.querySelectorAll("[data-opens=import]")) ready(button, () => importFile(null));
+if (!binned) listenToDrops(byId("drop"), (files) => files.length && importFile(usable(files)[0]));
+byId("try-again").addEventListener("click", show);
+show();
+
+function ready(button, run) {
+  button.addEventListener("click", run);
+  button.disabled = false; // until now a click would have been lost
+}
+
+async function show() {
+  byId("failed").hidden = true;
+  byId("loading").hidden = false;
+  try {
+    const { missions } = await missionList({ binned });
+    list.replaceChildren(...missions.map(card));
+    byId("empty").hidden = missions.length > 0;
+  } catch (error) {
+    byId("failed").hidden = false;
+    byId("failed-text").textContent = [error.message, error.hint].filter(Boolean).map(sentence).join(". ");
+  }
+  byId("loading").hidden = true;
+}
+
+function card(mission) {
+  const { id, name, map, poses, objects, photos, distance_m: way, duration_s: duration, changed_at: changed, ended_at: ended } = mission;
+  const facts = [
+    way ? lengthText(way) : null,
+    duration ? spanText(duration) : null,
+    tn("{n} pose", "{n} poses", poses),
+    objects ? tn("{n} object", "{n} objects", objects) : null,
+    photos ? tn("{n} photo", "{n} photos", photos) : null,
+  ].filter(Boolean);
+  const onMap = maps.find(({ slug }) => slug === map)?.name;
+  const title = binned ? h("span", {}, name) : h("a", { class: "mi-entry__link", href: `/missions/${id}` }, name);
+  return h("li", { class: "card mi-entry", "data-testid": "mission" },
+    h("span", { class: "mi-entry__sign" }, icon("route")),
+    h("div", { class: "mi-entry__text" },
+      h("h2", {}, title),
+      h("span", { class: "small number" }, facts.join(" · ")),
+      h("span", { class: "small soft" }, [moment(changed), onMap && t("on {map}", { map: onMap })].filter(Boolean).join(" · "))),
+    !binned && !ended && poses > 0 && h("span", { class: "badge badge--success" }, t("Live")),
+    mission.role === "owner" && (binned ? binButtons(mission) : menu(mission)));
+}
+
+function binButtons({ id, name }) {
+  const server = endpointsOf(id);
+  const restore = (event) => busy(event.currentTarget, () => server.restore().then(show)).catch(toastError);
+  const remove = async () => {
+    const title = t("Delete {name} for good?", { name });
+    const text = t("Its tracks, objects and photos are deleted from the disk. This cannot be undone.");
+    if (!(await confirmDialog({ title, text, action: t("Delete for good"), danger: true }))) return;
+    await server.deleteForever().then(show).catch(toastError);
+  };
+  return h("div", { class: "row" },
+    h("button", { class: "button", type: "button", onclick: restore }, icon("back"), t("Restore")),
+    h("button", { class: "icon-button", type: "button", "aria-label": t("Delete {name} for good", { name }), onclick: remove }, icon("trash")));
+}
+
+function menu({ id, name }) {
+  const server = endpointsOf(id);
+  const pick = (run) => (event) => {
+    event.currentTarget.closest("details").open = false;
+    run().catch(toastError);
+  };
+  const rename = async () => askDialog({ title: t("Rename the mission"), label: t("Name"), value: name, action: t("Rename") }, async (wanted) => {
+    await server.change({ name: wanted });
+    await show();
+  });
+  const bin = async () => {
+    const title = t("Put {name} into the bin?", { name });
+    if (!(await confirmDialog({ title, text: t("It can be restored from there."), action: t("Put into the bin") }))) return;
+    await server.bin();
+    location.reload();
+  };
+  return h("details", { class: "menu" },
+    h("summary", { class: "icon-button", "aria-label": t("Actions for {name}", { name }) }, icon("more")),
+    h("div", { class: "menu__list" },
+      h("button", { class: "menu__item", type: "button", onclick: pick(rename) }, icon("pencil"), t("Rename")),
+      h("a", { class: "menu__item", href: server.file("export.kmz") }, icon("download"), t("Download as KMZ")),
+      h("hr"),
+      h("button", { class: "menu__item menu__item--danger", type: "button", onclick: pick(bin) }, icon("trash"), t("Put into the bin"))));
+}
+
+function mapField() {
+  const select = h("select", { class: "select" },
+    h("option", { value: "" }, t("none: anywhere on the globe")), ...maps.map(({ slug, name }) => h("option", { value: slug }, name)));
+  return { select, field: field(t("Map"), select, t("Who may see the map may see the mission, and its photos can be localized.")) };
+}
+
+function create() {
+  const name = h("input", { class: "input", required: true, maxlength: 120, autocomplete: "off", "data-testid": "mission-name" });
+  const { select, field: map } = mapField();
+  const number = (label, most) => h("input", { class: "input number", type: "number", step: "any", min: -most, max: most, inputmode: "decimal", "aria-label": label });
+  const [lat, lon, heading] = [number(t("Latitude"), 90), number(t("Longitude"), 180), number(t("Heading, degrees"), 360)];
+  const error = errorLine();
+  const start = h("details", {}, h("summary", {}, t("Start of the robot")), h("div", { class: "stack stack--tight" },
+    h("p", { class: "soft small" }, t("For robots that send positions in a frame of their own: where it begins, and which way its x axis points, clockwise from north.")),
+    h("div", { class: "mi-start" }, field(t("Latitude"), lat), field(t("Longitude"), lon), field(t("Heading, degrees"), heading))));
+  const make = h("button", { class: "button button--primary", type: "button" }, t("Create"));
+  const dialog = openDialog(t("New mission"), [field(t("Name"), name), map, start, error], { actions: [make] });
+  const run = async () => {
+    error.show(null);
+    const given = lat.value !== "" && lon.value !== "";
+    const begin = given ? { lat: lat.valueAsNumber, lon: lon.valueAsNumber, heading_deg: heading.value === "" ? 90 : heading.valueAsNumber } : null;
+    try {
+      const { id } = await makeMission({ name: name.value, map: select.value || null, start: begin, note: "" });
+      location.assign(`/missions/${id}`);
+    } catch (problem) {
+      error.show(problem);
+    }
+  };
+  make.addEventListener("click", () => busy(make, run));
+  dialog.addEventListener("keydown", (event) => {
+    if (event.key === "Enter" && event.target.matches("input")) busy(make, run);
+  });
+  name.focus();
+}
+
+function importFile(file) {
+  const { select, field: map } = mapField();
+  let made = null;
+  importDialog({
+    file,
+    more: [map],
+    async mission({ name }) {
+      const title = name.replace(/\.\w+$/, "").slice(0, 120) || name;
+      made ??= (await makeMission({ name: title, map: select.value || null, start: null, note: "" })).id;
+      return made;
+    },
+    done: (id) => location.assign(`/missions/${id}`),
+  });
+}

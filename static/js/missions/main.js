@@ -1,0 +1,125 @@
+/** The page of a mission: makes the parts and connects them. */
+
+import { byId } from "../editor/page.js";
+import { t } from "../i18n.js";
+import { sentence, toastError } from "../toast.js";
+import { connectActions } from "./actions.js";
+import { chooseGround } from "./grounds.js";
+import { showLegend } from "./legend.js";
+import { Lines } from "./lines.js";
+import { Live } from "./live.js";
+import { showObject } from "./objectcard.js";
+import { ObjectTable } from "./objecttable.js";
+import { otherMissions } from "./others.js";
+import { showPhotos } from "./photos.js";
+import { Player } from "./player.js";
+import { listenToHands } from "./pointing.js";
+import { Profile } from "./profile.js";
+import { Scene } from "./scene.js";
+import { Store } from "./store.js";
+import { connectTabs } from "./tabs.js";
+import { showTracks } from "./trackpanel.js";
+import { MissionView } from "./view.js";
+
+const page = JSON.parse(byId("page").textContent);
+const store = new Store(page.id);
+const server = store.server(page.id);
+
+load();
+
+/** The mission comes first; what fails here is told in place of the map. */
+async function load() {
+  byId("loading").hidden = false;
+  byId("failed").hidden = true;
+  try {
+    store.setMission(await server.state());
+    begin();
+  } catch (error) {
+    if (!error.status && error.code !== "offline") throw error;
+    fail([error.message, error.hint].filter(Boolean).map(sentence).join(". "));
+    byId("try-again").addEventListener("click", load, { once: true });
+  } finally {
+    byId("loading").hidden = true;
+  }
+}
+
+function fail(text) {
+  byId("failed").hidden = false;
+  byId("failed-text").textContent = text;
+}
+
+function begin() {
+  const view = new MissionView(byId("map-canvas"));
+  const lines = new Lines(store, view);
+  const scene = new Scene(store, lines, view);
+  view.add(scene);
+  const player = new Player(store);
+  const fit = (track = null) => {
+    const boxes = (track ? [track] : store.shown.map((one) => one.track)).map(({ bounds }) => bounds).filter(Boolean);
+    if (!view.ground) return;
+    if (boxes.length) view.show(around(boxes));
+    else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
+  };
+  listenToHands({ view, scene, store, player, fit: () => fit() });
+  chooseGround(store, view, { services: page.services, fit });
+  lines.load().catch(toastError);
+  showTracks(store, { fit, forget: otherMissions(store, fit) });
+  showLegend(store, lines);
+  new Profile(store, scene, player);
+  connectTabs(["tracks", "objects", "photos"]);
+  showObject(store);
+  new ObjectTable(store, ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon)));
+  showPhotos(store, (photo) => view.ground && view.reveal(view.ground.flat(photo.lat, photo.lon)));
+  zoomButtons(view, fit);
+  const live = new Live(store, page.id);
+  connectActions(store, () => live.refresh());
+  state(live);
+  live.start();
+  firstPositions(view, fit);
+}
+
+function around(boxes) {
+  const all = (axis) => boxes.map((box) => box[axis]);
+  return { south: Math.min(...all(0)), west: Math.min(...all(1)), north: Math.max(...all(2)), east: Math.max(...all(3)) };
+}
+
+function zoomButtons(view, fit) {
+  byId("zoom-in").addEventListener("click", () => view.map?.zoomIn());
+  byId("zoom-out").addEventListener("click", () => view.map?.zoomOut());
+  byId("zoom-fit").addEventListener("click", () => fit());
+}
+
+/** A mission without positions says how they come; the first ones are shown, and followed until somebody looks elsewhere. */
+function firstPositions(view, fit) {
+  const follow = byId("follow");
+  let empty = false;
+  const render = () => {
+    const none = !store.tracks.some(({ track }) => track.poses) && !store.mission.objects;
+    byId("empty").hidden = !none;
+    if (empty && !none) fit();
+    empty = none;
+  };
+  store.on("missions grown", render);
+  store.on("poses", ({ detail: { points } }) => {
+    const [, , lat, lon] = points.at(-1);
+    const flat = view.ground?.flat(lat, lon);
+    if (flat && follow.checked && store.moment === null) view.reveal(flat, { margin: 90 });
+  });
+  render();
+}
+
+/** Whether the mission goes on, and whether the page hears of it. */
+function state(live) {
+  const badge = byId("live-state");
+  const render = () => {
+    const ended = Boolean(store.mission.ended_at);
+    const text = !live.connected ? t("No connection") : ended ? t("Ended") : t("Live");
+    badge.className = `badge ${!live.connected ? "badge--warning" : ended ? "" : "badge--success mi-live"}`;
+    if (badge.textContent !== text) badge.textContent = text;
+    byId("follow-part").hidden = ended;
+  };
+  store.on("missions grown", render);
+  live.addEventListener("state", render);
+  live.addEventListener("gone", () => fail(t("This mission is not there any more.")));
+  render();
+}

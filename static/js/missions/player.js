@@ -1,0 +1,103 @@
+/** The time line: the slider, and the replay that moves it. */
+
+import { byId } from "../editor/page.js";
+import { t } from "../i18n.js";
+import { clockText, DAY_S, spanText, timeText } from "./words.js";
+
+const STEPS = 400;
+const SHOWN_EVERY_MS = 100;
+
+/** Slider, play button and speed. */
+export class Player {
+  /** @param {import("./store.js").Store} store */
+  constructor(store) {
+    this.store = store;
+    this.slider = byId("moment");
+    this.button = byId("play");
+    this.speed = byId("replay-speed");
+    this.now = byId("now");
+    this._playing = 0;
+    this._before = 0;
+    this._told = 0;
+    this.slider.addEventListener("input", () => this._seek(this.slider.valueAsNumber));
+    this.button.addEventListener("click", () => this.toggle());
+    this.now.addEventListener("click", () => this.end());
+    store.on("missions shown grown moment", () => this._render());
+    this._render();
+  }
+
+  get playing() {
+    return this._playing !== 0;
+  }
+
+  /** Begin or stop the replay; at the end it begins anew. */
+  toggle() {
+    if (this.playing) return this.stop();
+    const { clock, moment } = this.store;
+    if (!clock) return;
+    if (moment === null || moment >= clock.span) this.store.setMoment(0);
+    this._before = performance.now();
+    this._playing = requestAnimationFrame((now) => this._turn(now));
+    this._render();
+  }
+
+  stop() {
+    cancelAnimationFrame(this._playing);
+    this._playing = 0;
+    this._render();
+  }
+
+  /** Show everything, and what comes. */
+  end() {
+    this.stop();
+    this.store.setMoment(null);
+  }
+
+  _seek(moment) {
+    this.store.setMoment(moment >= Number(this.slider.max) ? null : moment);
+  }
+
+  _turn(now) {
+    const { clock, moment } = this.store;
+    const next = moment + ((now - this._before) / 1000) * Number(this.speed.value);
+    this._before = now;
+    if (!clock || moment === null || next >= clock.span) return this.end();
+    this._playing = requestAnimationFrame((later) => this._turn(later));
+    this.store.setMoment(next);
+  }
+
+  _render() {
+    const { clock, moment } = this.store;
+    const { slider, button } = this;
+    slider.disabled = button.disabled = !clock || clock.span <= 0;
+    button.setAttribute("aria-label", this.playing ? t("Pause") : t("Replay"));
+    button.classList.toggle("is-on", this.playing);
+    button.querySelector(".mi-play").toggleAttribute("hidden", this.playing);
+    button.querySelector(".mi-pause").toggleAttribute("hidden", !this.playing);
+    this.now.setAttribute("aria-pressed", String(moment === null));
+    if (!clock) return;
+    slider.max = clock.span;
+    slider.step = "any";
+    slider.value = moment ?? clock.span;
+    this._tell(clock, moment ?? clock.span);
+  }
+
+  /** The words change ten times a second at most. */
+  _tell({ first, span, aligned }, moment) {
+    const now = performance.now();
+    if (this.playing && now - this._told < SHOWN_EVERY_MS) return;
+    this._told = now;
+    const text = aligned ? spanText(moment) : (span < DAY_S ? timeText : clockText)(first + moment);
+    byId("moment-text").textContent = aligned ? "" : text;
+    byId("moment-span").textContent = `${spanText(moment)} / ${spanText(span)}`;
+    this.slider.setAttribute("aria-valuetext", text);
+  }
+
+  /** Keys move by a share of the whole. @param {number} direction */
+  step(direction) {
+    const { clock, moment } = this.store;
+    if (!clock) return;
+    const next = (moment ?? clock.span) + (direction * clock.span) / STEPS;
+    this._seek(Math.max(0, next));
+  }
+}

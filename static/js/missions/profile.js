@@ -1,0 +1,202 @@
+/** Speed, height or distance over the time line; pointing at it points at the map, a click goes there. */
+
+import { h } from "../dom.js";
+import { byId, eachFrame, whenCalm } from "../editor/page.js";
+import { t } from "../i18n.js";
+import { toastError } from "../toast.js";
+import { sourceColour } from "./colours.js";
+import { Inks } from "./inks.js";
+import { lengthText, spanText, speedText } from "./words.js";
+
+const POINTS = 1000;
+const CALM_MS = 2500;
+const PAD = { top: 18, bottom: 6, side: 8 };
+const QUANTITIES = {
+  speed: { column: "speed_mps", text: speedText, name: () => t("Speed") },
+  height: { column: "height_m", text: lengthText, name: () => t("Height") },
+  distance: { column: "travelled_m", text: lengthText, name: () => t("Distance") },
+};
+
+/** The chart above the slider. */
+export class Profile {
+  /**
+   * @param {import("./store.js").Store} store
+   * @param {import("./scene.js").Scene} scene
+   * @param {import("./player.js").Player} player
+   */
+  constructor(store, scene, player) {
+    Object.assign(this, { store, scene, player });
+    this.quantity = "speed";
+    this.told = new Map();
+    this.hover = null;
+    this.canvas = byId("profile");
+    this._draw = eachFrame(() => this._paint());
+    this._inks = new Inks(this.canvas.parentElement, ["--line", "--text", "--text-soft"], this._draw);
+    this._later = whenCalm(() => this._load({ anew: true }), CALM_MS);
+    this._choice();
+    this._listen();
+    store.on("missions shown", () => this._load());
+    store.on("poses", this._later);
+    store.on("moment grown", this._draw);
+    new ResizeObserver(this._draw).observe(this.canvas);
+    this._load();
+  }
+
+  _choice() {
+    for (const button of document.querySelectorAll("[data-quantity]")) {
+      button.addEventListener("click", () => {
+        this.quantity = button.dataset.quantity;
+        for (const other of document.querySelectorAll("[data-quantity]")) other.setAttribute("aria-pressed", String(other === button));
+        this._facts();
+        this._draw();
+      });
+    }
+  }
+
+  _listen() {
+    const momentAt = ({ offsetX }) => {
+      const { clock } = this.store;
+      const share = (offsetX - PAD.side) / (this.canvas.clientWidth - 2 * PAD.side);
+      return clock && Math.min(Math.max(share, 0), 1) * clock.span;
+    };
+    const point = (moment) => {
+      this.hover = moment;
+      this.scene.setHover(moment);
+      this._draw();
+    };
+    this.canvas.addEventListener("pointermove", (event) => point(momentAt(event)));
+    this.canvas.addEventListener("pointerleave", () => point(null));
+    this.canvas.addEventListener("click", (event) => {
+      this.player.stop();
+      const moment = momentAt(event);
+      if (moment !== null) this.store.setMoment(moment);
+    });
+  }
+
+  async _load({ anew = false } = {}) {
+    const wanted = this.store.shown.filter(({ key, track }) => track.poses && (anew || !this.told.has(key)));
+    await Promise.all(wanted.map(({ mission, track, key }) =>
+      this.store.server(mission.id).profile(track.id, POINTS).then((told) => this.told.set(key, told), toastError)));
+    this._facts();
+    this._draw();
+  }
+
+  /** The most and the sum of what is shown first, in words, for those who do not see the chart. */
+  _facts() {
+    const shown = this.store.shown.find(({ key }) => this.told.has(key));
+    const told = shown && this.told.get(shown.key);
+    const rows = told ? factsOf(told, shown.track) : [];
+    byId("profile-facts").replaceChildren(...rows.map(([name, value]) => h("span", {}, h("span", { class: "soft" }, name), " ", value)));
+    const heights = [...this.told.values()].some(({ height_m: heights }) => heights.some(Number.isFinite));
+    document.querySelector("[data-quantity=height]").disabled = !heights;
+  }
+
+  _paint() {
+    const { canvas, store } = this;
+    const ratio = devicePixelRatio || 1;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    if (!width) return; // hidden
+    Object.assign(canvas, { width: width * ratio, height: height * ratio });
+    const pen = canvas.getContext("2d");
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    const { clock } = store;
+    if (!clock?.span) return;
+    const { column, text, name } = QUANTITIES[this.quantity];
+    const series = store.shown.filter(({ key }) => this.told.has(key)).map((one) => ({ ...one, told: this.told.get(one.key) }));
+    const values = series.flatMap(({ told }) => told[column].filter(Number.isFinite));
+    const [low, high] = values.length ? rangeOf(values, this.quantity) : [0, 1];
+    const x = (moment) => PAD.side + (moment / clock.span) * (width - 2 * PAD.side);
+    const y = (value) => height - PAD.bottom - ((value - low) / (high - low)) * (height - PAD.top - PAD.bottom);
+    const ink = this._inks.all;
+    frame(pen, { width, bottom: y(low), top: y(high), colour: ink.line });
+    for (const { told, mission, track } of series.toReversed()) {
+      curve(pen, told, { column, x: (time) => x(store.momentOf(mission, time)), y, colour: sourceColour(track.source), fill: series.length === 1 && y(low) });
+    }
+    pen.font = "12px system-ui, sans-serif";
+    pen.textBaseline = "top";
+    pen.fillStyle = ink.textSoft;
+    if (values.length) pen.fillText(`${name()}: ${text(low)} – ${text(high)}`, PAD.side, 2);
+    if (store.moment !== null) cursor(pen, x(store.moment), { height, colour: ink.text, width: 2 });
+    if (this.hover !== null) this._pointed(pen, { x: x(this.hover), width, height, colour: ink.textSoft }, series);
+  }
+
+  /** What the curves show where the pointer is. */
+  _pointed(pen, { x, width, height, colour }, series) {
+    cursor(pen, x, { height, colour, width: 1 });
+    const { column, text } = QUANTITIES[this.quantity];
+    const values = series.map(({ told, mission }) => valueAt(told, column, this.store.timeIn(mission, this.hover))).filter(Number.isFinite);
+    const words = [spanText(this.hover), ...values.slice(0, 3).map(text)].join("  ·  ");
+    pen.textAlign = "end";
+    pen.fillText(words, width - PAD.side, 2);
+    pen.textAlign = "start";
+  }
+}
+
+function factsOf({ speed_mps: speeds, height_m: heights, travelled_m: way }, track) {
+  const rows = [[t("Distance"), lengthText(track.distance_m ?? way.at(-1) ?? 0)]];
+  if (track.duration_s) {
+    rows.push([t("Duration"), spanText(track.duration_s)], [t("Mean"), speedText(track.distance_m / track.duration_s)]);
+  }
+  const most = speeds.filter(Number.isFinite).reduce((a, b) => Math.max(a, b), 0);
+  if (most) rows.push([t("Fastest"), speedText(most)]);
+  const known = heights.filter(Number.isFinite);
+  if (known.length > 1) {
+    const climb = known.reduce((sum, value, n) => sum + Math.max(0, n ? value - known[n - 1] : 0), 0);
+    rows.push([t("Climb"), lengthText(climb)]);
+  }
+  return rows;
+}
+
+function rangeOf(values, quantity) {
+  const [low, high] = values.reduce(([a, b], value) => [Math.min(a, value), Math.max(b, value)], [Infinity, -Infinity]);
+  const from = quantity === "height" ? low : 0;
+  return [from, high > from ? high : from + 1];
+}
+
+function frame(pen, { width, bottom, top, colour }) {
+  pen.strokeStyle = colour;
+  pen.lineWidth = 1;
+  for (const at of [bottom, (bottom + top) / 2, top]) {
+    pen.beginPath();
+    pen.moveTo(PAD.side, Math.round(at) + 0.5);
+    pen.lineTo(width - PAD.side, Math.round(at) + 0.5);
+    pen.stroke();
+  }
+}
+
+function curve(pen, told, { column, x, y, colour, fill }) {
+  const line = new Path2D();
+  let [pen_down, first, last] = [false, null, null];
+  told[column].forEach((value, n) => {
+    if (!Number.isFinite(value)) return (pen_down = false);
+    const at = [x(told.time_s[n]), y(value)];
+    if (pen_down) line.lineTo(...at);
+    else line.moveTo(...at);
+    first ??= at;
+    last = at;
+    pen_down = true;
+  });
+  if (!last) return;
+  if (fill) {
+    const area = new Path2D(line);
+    area.lineTo(last[0], fill);
+    area.lineTo(first[0], fill);
+    pen.globalAlpha = 0.15;
+    pen.fillStyle = colour;
+    pen.fill(area);
+    pen.globalAlpha = 1;
+  }
+  pen.lineWidth = 1.75;
+  pen.strokeStyle = colour;
+  pen.stroke(line);
+}
+
+function cursor(pen, x, { height, colour, width }) {
+  pen.fillStyle = colour;
+  pen.fillRect(x - width / 2, PAD.top - 2, width, height - PAD.top + 2);
+}
+
+function valueAt({ time_s: times, ...told }, column, time) {
+  const n = times.findIndex((one) => one >= time);
+  return n < 0 ? NaN : told[column][n];
+}
