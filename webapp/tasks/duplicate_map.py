@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from sqlalchemy import select
@@ -17,7 +18,7 @@ from webapp.progress import Progress
 from webapp.store import maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks import adopt_map, library_export
+from webapp.tasks import adopt_map, library_export, staging
 
 _RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
 _NOT_COPIED = frozenset({"exports", "health.json"})
@@ -54,40 +55,62 @@ def run(
     StorageError, Cancelled
         There is no copy.
     """
-    progress = progress or Progress()
-    folder: Path | None = None
-    kept = False
+    name = maps.checked_name(name)
+    with library.database.read() as session:
+        original = _read(session, map_id)
+    there = library.map_folder(original.record.slug)
+    place = staging.make(library)
     try:
-        with library.database.write() as session:
-            record = session.get(MapRecord, map_id)
-            if record is None:
-                raise NotFound("there is no such map")
-            folders = [path.name for path in library.folder.iterdir()]
-            copy = maps.create(session, maps.checked_name(name), account_id=account_id, folders=folders)
-            photos = _copy_records(session, record, copy)
-            folder = library.map_folder(copy.slug)
-            wanted = _files(library.map_folder(record.slug), record, photos)
-            _copy_files(library.map_folder(record.slug), folder, wanted=wanted, progress=progress)
-            adopt_map.queue_derived(session, copy)
-        kept = True
+        wanted = _files(there, original.record, original.photos)
+        _copy_files(there, place / "map", wanted=wanted, progress=progress or Progress())
+        copy = _register(library, original, place / "map", name=name, account_id=account_id)
     finally:
-        if folder is not None and not kept:
-            shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(place, ignore_errors=True)
     library_export.follow(library, copy.id)
     return copy.slug
 
 
-def _copy_records(session: Session, record: MapRecord, copy: MapRecord) -> list[Photo]:
-    """Copy the records; gives the photos of the map that the copy has too."""
-    for field in _RECORD_FIELDS:
-        setattr(copy, field, getattr(record, field))
+@dataclass(frozen=True, slots=True)
+class _Original:
+    """The records of the map as they were when the copy was begun."""
+
+    record: MapRecord
+    photos: list[Photo]
+    placed: list[PlacedElsewhere]
+
+
+def _read(session: Session, map_id: int) -> _Original:
+    """Read the records of what the map has, without what was removed from it."""
+    record = session.get(MapRecord, map_id)
+    if record is None:
+        raise NotFound("there is no such map")
     photos = [photo for photo in maps.photos(session, record) if not photo.removed]
-    session.add_all(_same(photo, copy.id, revision=0) for photo in photos)
     ids = {photo.id for photo in photos}
     placed = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)).all()
-    session.add_all(_same(row, copy.id) for row in placed if row.photo_id in ids)
-    session.flush()
-    return photos
+    return _Original(record, photos, [row for row in placed if row.photo_id in ids])
+
+
+def _register(library: Library, original: _Original, files: Path, *, name: str, account_id: int) -> MapRecord:
+    """Make the records and move the files to their place; where the records cannot be kept, neither is."""
+    folder: Path | None = None
+    kept = False
+    try:
+        with library.database.write() as session:
+            folders = [path.name for path in library.folder.iterdir()]
+            copy = maps.create(session, name, account_id=account_id, folders=folders)
+            for field in _RECORD_FIELDS:
+                setattr(copy, field, getattr(original.record, field))
+            session.add_all(_same(photo, copy.id, revision=0) for photo in original.photos)
+            session.add_all(_same(row, copy.id) for row in original.placed)
+            session.flush()
+            adopt_map.queue_derived(session, copy)
+            folder = library.map_folder(copy.slug)
+            files.rename(folder)
+        kept = True
+    finally:
+        if folder is not None and not kept:
+            shutil.rmtree(folder, ignore_errors=True)
+    return copy
 
 
 def _same(row: Photo | PlacedElsewhere, map_id: int, **other: int) -> Photo | PlacedElsewhere:

@@ -67,12 +67,13 @@ def run(
     if fix in ("outside-take", "outside-discard"):
         take = fix == "outside-take"
         return _outside(library, map_id, take=take, account_id=account_id, settings=settings)
+    strangers = _strangers(library, map_id, settings=settings) if fix == "adopt" else []
     with library.database.write() as session:
         record = session.get_one(MapRecord, map_id)
         cfg = library.cfg(record.slug)
         with told_below(cfg.parent):
             if fix == "adopt":
-                changes = _adopt(session, record, cfg, settings=settings)
+                changes = _adopt(session, record, strangers)
             elif fix == "image-size":
                 changes = _true_size(session, record, cfg)
             else:
@@ -131,17 +132,26 @@ def _true_size(session: Session, record: MapRecord, cfg: Path) -> Changes:
     return changes
 
 
-def _adopt(session: Session, record: MapRecord, cfg: Path, *, settings: Settings) -> Changes:
-    """Bring the photos that lie in the folder into the tray; unreadable ones stay where they are."""
+def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Photo]:
+    """Read the photos of the folder that no record knows; unreadable ones stay where they are."""
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        cfg = library.cfg(record.slug)
+        with told_below(cfg.parent):
+            names = [name for name in orphans(session, record, cfg) if not name_problem(name)]
+    read = (photo_row(cfg, Experience(0, name, MapPixel(0.0, 0.0)), limits=settings.photo) for name in names)
+    return [row for row, problem in read if problem is None]
+
+
+def _adopt(session: Session, record: MapRecord, strangers: Sequence[Photo]) -> Changes:
+    """Bring photos into the tray, each once, without those that have come into the map meanwhile."""
+    rows = maps.photos(session, record)
+    known = {row.path for row in rows} | {row.sha256 for row in rows}
     new: list[Photo] = []
-    hashes: set[str] = set()
-    for name in orphans(session, record, cfg):
-        if name_problem(name):
-            continue
-        nowhere = Experience(record.next_id + len(new), name, MapPixel(0.0, 0.0))
-        row, problem = photo_row(cfg, nowhere, limits=settings.photo)
-        if problem is None and row.sha256 not in hashes:
-            hashes.add(row.sha256)
+    for row in strangers:
+        if row.path not in known and row.sha256 not in known:
+            known.add(row.sha256)
+            row.id = record.next_id + len(new)
             row.x_px = row.y_px = None
             row.removed = True
             new.append(row)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import secrets
 import shutil
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,15 +16,13 @@ from webapp.settings import Settings
 from webapp.store import maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks import adopt_map, check_map
+from webapp.tasks import adopt_map, check_map, staging
 from webapp.tasks.import_choice import add_placements, choose_map
 from webapp.tasks.satellite_apply import Writes
 from webapp.tasks.told_below import finding_below, told_below
 
 _BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 """Errors of single photos: the map is imported, and they are told."""
-
-_STALE_S = 7 * 86_400
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +156,10 @@ class _Found:
 @contextmanager
 def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: Progress) -> Iterator[_Found]:
     """Unpack, check and read a zip into a folder that is gone afterwards."""
-    staging = _staging(library)
+    place = staging.make(library)
     try:
         progress.note("unpacking")
-        unpacked = unpack(archive, staging, limits=settings.imports, progress=progress)
+        unpacked = unpack(archive, place, limits=settings.imports, progress=progress)
         cfg = choose_map(unpacked)
         with told_below(cfg.parent):
             progress.note("checking")
@@ -173,7 +169,7 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
             contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
         yield _Found(cfg, contents, findings, unpacked.left_out)
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def _register(library: Library, found: _Found, *, name: str, account_id: int) -> tuple[int, str]:
@@ -229,22 +225,4 @@ def archive_path(library: Library, token: str) -> Path:
     token : str
         Of hexadecimal digits.
     """
-    imports = _imports(library)
-    return imports / f"{int(token, 16):032x}.zip"
-
-
-def _staging(library: Library) -> Path:
-    """Make a folder to unpack in; delete what killed and given up imports have left."""
-    imports = _imports(library)
-    for old in imports.iterdir():
-        if time.time() - old.stat().st_mtime > _STALE_S:
-            shutil.rmtree(old, ignore_errors=True) if old.is_dir() else old.unlink(missing_ok=True)
-    staging = imports / secrets.token_hex(8)
-    staging.mkdir()
-    return staging
-
-
-def _imports(library: Library) -> Path:
-    imports = library.inner / "imports"
-    imports.mkdir(parents=True, exist_ok=True)
-    return imports
+    return staging.parent(library) / f"{int(token, 16):032x}.zip"

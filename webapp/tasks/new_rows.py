@@ -1,12 +1,38 @@
-"""Brings photos that lie in a map's folder already into the map, so that it can be undone."""
+"""Records of photos that lie in a map's folder already: read once, and brought into the map."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from sqlalchemy.orm import Session
 
+from webapp.core.mapmodel.model import Experience
+from webapp.settings import PhotoLimits
 from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.adopt_map import photo_row
+
+
+class PhotoFiles:
+    """Photos of a map's folder, each read once: the second time it takes no time, and no lock waits for it.
+
+    Parameters
+    ----------
+    cfg : Path
+        Of the map.
+    limits : PhotoLimits
+    """
+
+    def __init__(self, cfg: Path, limits: PhotoLimits) -> None:
+        self._cfg, self._limits = cfg, limits
+        self._read: dict[Experience, tuple[Photo, str | None]] = {}
+
+    def row(self, experience: Experience) -> tuple[Photo, str | None]:
+        """Make a new record of an experience's photo, as `adopt_map.photo_row` does."""
+        if experience not in self._read:
+            self._read[experience] = photo_row(self._cfg, experience, limits=self._limits)
+        row, problem = self._read[experience]
+        return Photo(**{column.key: getattr(row, column.key) for column in Photo.__table__.columns}), problem
 
 
 def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> None:

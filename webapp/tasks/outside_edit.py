@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from webapp.errors import Conflict, MapError, NotFound, UsageError
@@ -12,7 +13,7 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks import library_export
 from webapp.tasks.library_export import changed_outside, file_sha256
-from webapp.tasks.new_rows import add_removed
+from webapp.tasks.new_rows import PhotoFiles, add_removed
 from webapp.tasks.outside_plan import Plan, plan
 from webapp.tasks.told_below import below, told_below
 
@@ -60,7 +61,7 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
             return None
         sha256 = file_sha256(cfg)
         try:
-            found = plan(session, record, cfg, limits=settings.photo)
+            found = plan(session, record, cfg, files=PhotoFiles(cfg, settings.photo))
         except (MapError, UsageError) as error:
             return {"sha256": sha256, "problem": below(str(error), cfg.parent), **_told(Plan())}
     return {"sha256": sha256, "problem": None, **_told(found)}
@@ -88,13 +89,18 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
     StorageError
         The disk refused; what was taken over is safe.
     """
-    with library.database.write() as session:
+    with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
         cfg = library.cfg(record.slug)
-        if not changed_outside(record, cfg) or file_sha256(cfg) != sha256:
-            raise Conflict("the file is another one than was shown", hint="look at it again")
+        files = PhotoFiles(cfg, settings.photo)
+        _check_same(record, cfg, sha256=sha256)
         with told_below(cfg.parent):
-            found = plan(session, record, cfg, limits=settings.photo)
+            plan(session, record, cfg, files=files)  # reads the photos, while others may write
+    with library.database.write() as session:
+        record = _record(session.get(MapRecord, map_id))
+        _check_same(record, cfg, sha256=sha256)
+        with told_below(cfg.parent):
+            found = plan(session, record, cfg, files=files)
         add_removed(session, record, found.new)
         for id, path in found.renamed.items():
             next(photo for photo in record.photos if photo.id == id).path = path
@@ -118,6 +124,11 @@ def discard(library: Library, map_id: int, *, sha256: str) -> None:
     if file_sha256(cfg) != sha256:
         raise Conflict("the file is another one than was shown", hint="look at it again")
     library_export.run(library, map_id, overwrite=True)
+
+
+def _check_same(record: MapRecord, cfg: Path, *, sha256: str) -> None:
+    if not changed_outside(record, cfg) or file_sha256(cfg) != sha256:
+        raise Conflict("the file is another one than was shown", hint="look at it again")
 
 
 def _record(found: MapRecord | None) -> MapRecord:

@@ -16,10 +16,10 @@ from webapp.core.mapmodel.positions import whole_pixel
 from webapp.errors import UsageError
 from webapp.files.mapfolder import read_map
 from webapp.files.mapjson import georeference_fields
-from webapp.settings import PhotoLimits
 from webapp.store import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks.adopt_map import photo_row, salted
+from webapp.tasks.adopt_map import salted
+from webapp.tasks.new_rows import PhotoFiles
 
 Change = Mapping[str, Any] | None
 
@@ -60,7 +60,7 @@ class Plan:
     georeference: bool = False
 
 
-def plan(session: Session, record: MapRecord, cfg: Path, *, limits: PhotoLimits) -> Plan:
+def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -> Plan:
     """Compare the file with the records.
 
     Parameters
@@ -68,7 +68,8 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, limits: PhotoLimits)
     session : Session
     record : MapRecord
     cfg : Path
-    limits : PhotoLimits
+    files : PhotoFiles
+        Reads the photos that no record knows.
 
     Returns
     -------
@@ -91,7 +92,7 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, limits: PhotoLimits)
             hint="import its folder as a new map, or write the file anew from the library",
         )
     rows = maps.photos(session, record)
-    made = _Planner(record, cfg, limits=limits, rows=rows)
+    made = _Planner(record, files, rows=rows)
     ids = made.take_photos(map_.experiences)
     made.take_placements(session, map_, ids)
     fields = georeference_fields(map_.georeference)
@@ -104,9 +105,9 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, limits: PhotoLimits)
 class _Planner:
     """Collects a plan photo by photo."""
 
-    def __init__(self, record: MapRecord, cfg: Path, *, limits: PhotoLimits, rows: Iterable[Photo]) -> None:
+    def __init__(self, record: MapRecord, files: PhotoFiles, *, rows: Iterable[Photo]) -> None:
         self.plan = Plan()
-        self._record, self._cfg, self._limits = record, cfg, limits
+        self._record, self._files = record, files
         self._rows = {row.id: row for row in rows}
         self._next_id = record.next_id
 
@@ -193,7 +194,7 @@ class _Planner:
 
     def _new(self, e: Experience, *, taken: set[int]) -> int | None:
         """Plan for a line whose photo no record has; gives its id, None where it is left out."""
-        row, problem = photo_row(self._cfg, e, limits=self._limits)
+        row, problem = self._files.row(e)
         if problem is not None:
             self.plan.left_out.append(problem)
             return None
