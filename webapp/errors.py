@@ -17,7 +17,7 @@
     │   ├── PhotoError           a photo
     │   ├── GeoreferenceError    corners, control points, world file, GeoTIFF
     │   ├── TableError           a CSV of queries or positions, at this line
-    │   └── TrackError           a GPX track
+    │   └── TrackError           a file with a track
     ├── StorageError             the disk refused: full, read-only, locked by another writer
     │   └── DiskFull             ... because there is no space left
     ├── IndexDamaged             an index file is not what its name and manifest say
@@ -158,7 +158,7 @@ class TableError(InputError):
 
 
 class TrackError(InputError):
-    """A GPX file is damaged, too large, or holds no track with times."""
+    """A file with a track is damaged, too large, of no known kind, or has nothing that can be used."""
 
 
 class StorageError(ExpMapError):

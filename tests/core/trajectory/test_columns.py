@@ -1,0 +1,57 @@
+"""Which column of a table holds what."""
+
+import pytest
+
+from webapp.core.trajectory.columns import Column, guess_columns, parse_columns
+from webapp.errors import TrackError, UsageError
+
+HEADER = ["stamp", "Latitude", "Longitude", "yaw", "a:b"]
+
+
+def test_columns_are_named_or_numbered_with_units() -> None:
+    found = parse_columns("time=stamp:ms, lat=latitude, lon=3:e7, heading=yaw:rad, height=a:b", HEADER)
+    assert found["time"] == Column(0, 1e-3)
+    assert found["lat"] == Column(1, 1.0)
+    assert found["lon"] == Column(2, 1e-7)
+    assert found["heading"].scale == pytest.approx(57.29577951)
+    assert found["height"] == Column(4, 1.0), "a colon can belong to the name"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("speed=stamp", "no field"),
+        ("time", "no field"),
+        ("time=when", "no column"),
+        ("time=9", "no column"),
+        ("lat=2:furlong, lon=3", "no unit"),
+        ("time=1", "no column holds a position"),
+        ("time=1, lat=2", "only one of two"),
+    ],
+)
+def test_what_does_not_fit_is_told(text: str, told: str) -> None:
+    with pytest.raises(UsageError, match=told):
+        parse_columns(text, HEADER)
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        (
+            "timestamp_ms;Latitude [deg];Longitude [deg];Alt (ft)",
+            {"time": 1e-3, "lat": 1, "lon": 1, "height": 0.3048},
+        ),
+        ("t,x,y,theta", {"time": 1, "x": 1, "y": 1, "yaw": 1}),
+        ("GPS Lat,GPS Lon,height_m,heading_deg", {"lat": 1, "lon": 1, "height": 1, "heading": 1}),
+        ("id,class,lat,lon,confidence", {"id": 1, "class": 1, "lat": 1, "lon": 1, "confidence": 1}),
+        ("time,time_s,lat,lon,var_e_m2", {"time": 1, "lat": 1, "lon": 1, "var_e": 1}),
+    ],
+)
+def test_headers_are_guessed(header: str, expected: dict[str, float]) -> None:
+    found = guess_columns(header.split(";" if ";" in header else ","))
+    assert {field: column.scale for field, column in found.items()} == expected
+
+
+def test_a_table_without_known_columns_is_refused() -> None:
+    with pytest.raises(TrackError, match="no columns of positions"):
+        guess_columns(["a", "b"])

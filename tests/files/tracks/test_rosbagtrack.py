@@ -1,0 +1,161 @@
+"""Bags of ROS 1 and ROS 2: all their kinds, and damaged ones."""
+
+import math
+import random
+from pathlib import Path
+
+import pytest
+
+from webapp.errors import TrackError
+from webapp.files import rosbagtrack
+from webapp.files.trackpieces import NO_ID, Findings, RobotObjects, RobotPiece, WorldPiece
+
+KINDS = pytest.mark.parametrize(
+    ("ros1", "mcap", "suffix"), [(True, False, ".bag"), (False, False, ".db3"), (False, True, ".mcap")]
+)
+
+
+def read(path: Path, suffix: str, wanted: tuple[str, ...] = ()) -> tuple[list[object], Findings]:
+    findings = Findings()
+    return list(rosbagtrack.read(path, suffix=suffix, wanted=wanted, findings=findings)), findings
+
+
+@KINDS
+def test_every_kind_of_bag_gives_its_poses_and_objects(ros, tmp_path, ros1, mcap, suffix) -> None:
+    m = ros(ros1)
+    path = m.bag(
+        tmp_path / f"one{suffix if ros1 else ''}",
+        [
+            ("/fix", 100.0, m.fix(99.5, 50.0, 14.0, variance=2.0)),
+            ("/odom", 100.1, m.odometry(100.05, m.pose(1.0, 2.0, 3.0, yaw=0.5), variance=0.25)),
+            ("/pose", 100.2, m.pose(5.0)),
+            ("/stamped", 100.3, m.stamped(100.25, m.pose(6.0), "map")),
+            ("/fix", 100.4, m.fix(100.5, 50.1, 14.1, status=-1)),
+            (
+                "/seen",
+                100.5,
+                m.detections(
+                    100.45, [("a1", "car", 0.75, m.pose(3.0, 1.0)), ("", "x", 1.0, m.pose(1))], "base_link"
+                ),
+            ),
+            (
+                "/marks",
+                100.6,
+                m.markers(100.55, [("barrel", 7, 0, m.pose(2.0)), ("barrel", 8, 2, m.pose(2.0))], "odom"),
+            ),
+            ("/odom", 100.7, m.odometry(0.0, m.pose(math.nan))),
+        ],
+        mcap=mcap,
+    )
+    pieces, findings = read(path, suffix)
+    fix, odometry, pose, stamped, seen, marks = pieces
+    assert isinstance(fix, WorldPiece)
+    assert fix.poses.latlon.tolist() == [[50.0, 14.0]]
+    assert fix.poses.times_s.tolist() == [99.5], "the time of the header, not of the recording"
+    assert fix.poses.covariance_m2.tolist() == [[2.0, 4.0, 0.0]]
+    assert isinstance(odometry, RobotPiece)
+    assert (odometry.track, odometry.frame, odometry.body) == ("/odom", "odom", "base_link")
+    assert odometry.poses.xyz_m.tolist() == [[1.0, 2.0, 3.0]]
+    assert odometry.poses.yaw_rad[0] == pytest.approx(0.5)
+    assert odometry.poses.covariance_m2.tolist() == [[0.25, 0.25, 0.0]]
+    assert pose.poses.times_s[0] == pytest.approx(100.2), (
+        "a pose without a header has the time of the recording"
+    )
+    assert (stamped.frame, stamped.poses.xyz_m[0, 0]) == ("map", 6.0)
+    assert isinstance(seen, RobotObjects)
+    assert seen.frame == "base_link"
+    (car,) = seen.sightings
+    assert (car.object_id, car.kind, car.confidence, car.xyz_m) == ("a1", "car", 0.75, (3.0, 1.0, 0.0))
+    (barrel,) = marks.sightings
+    assert (barrel.object_id, barrel.kind) == ("barrel/7", "barrel")
+    told = {one.reason: (one.count, one.where) for one in findings.skipped()}
+    assert told == {
+        "fixes that the receiver calls invalid": (1, "/fix"),
+        NO_ID: (1, "/seen"),
+        "poses with a time or a position that is no number": (1, "/odom"),
+    }
+
+
+@KINDS
+def test_a_bag_is_read_whatever_it_is_called(ros, tmp_path, ros1, mcap, suffix) -> None:
+    m = ros(ros1)
+    path = m.bag(
+        tmp_path / f"one{suffix if ros1 else ''}", [("/fix", 1.0, m.fix(1.0, 50.0, 14.0))], mcap=mcap
+    )
+    other = path.rename(tmp_path / "upload.part")
+    pieces, _ = read(other, suffix)
+    assert len(pieces) == 1
+    assert [topic.readable for topic in rosbagtrack.topics(other, suffix=suffix)] == [True]
+
+
+def test_the_folder_of_a_ros2_bag_is_read(ros, tmp_path) -> None:
+    m = ros(False)
+    m.bag(tmp_path / "folder", [("/fix", 1.0, m.fix(1.0, 50.0, 14.0))])
+    pieces, _ = read(tmp_path / "folder", "")
+    assert pieces[0].poses.latlon.tolist() == [[50.0, 14.0]]
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_growing_path_is_one_track(ros, tmp_path, stamped) -> None:
+    m = ros(True)
+    poses = [m.stamped(10.0 + i if stamped else 0.0, m.pose(float(i))) for i in range(5)]
+    path = m.bag(tmp_path / "p.bag", [("/path", 20.0 + n, m.path(poses[:n])) for n in (2, 3, 3, 5)])
+    pieces, _ = read(path, ".bag")
+    assert [x for piece in pieces for x in piece.poses.xyz_m[:, 0].tolist()] == [0.0, 1.0, 2.0, 3.0, 4.0]
+    times = [t for piece in pieces for t in piece.poses.times_s.tolist()]
+    assert times == pytest.approx([10, 11, 12, 13, 14] if stamped else [22, 22, 23, 25, 25])
+
+
+def test_topics_are_chosen_and_the_others_counted(ros, tmp_path) -> None:
+    m = ros(True)
+    path = m.bag(
+        tmp_path / "t.bag",
+        [
+            ("/a", 1.0, m.pose(1.0)),
+            ("/b", 2.0, m.pose(2.0)),
+            ("/b", 3.0, m.pose(3.0)),
+            ("/c", 3.0, m.header(1.0)),
+        ],
+    )
+    pieces, findings = read(path, ".bag", ("/a",))
+    assert [piece.track for piece in pieces] == ["/a"]
+    assert {one.where: one.count for one in findings.skipped()} == {"/b": 2, "/c": 1}
+    with pytest.raises(TrackError, match="no topic '/x'"):
+        read(path, ".bag", ("/x",))
+    with pytest.raises(TrackError, match="no poses that are understood"):
+        read(path, ".bag", ("/c",))
+    listed = {
+        topic.name: (topic.type, topic.messages, topic.readable)
+        for topic in rosbagtrack.topics(path, suffix=".bag")
+    }
+    assert listed["/b"] == ("geometry_msgs/msg/Pose", 2, True)
+    assert listed["/c"] == ("std_msgs/msg/Header", 1, False)
+
+
+def test_a_bag_without_poses_is_told(ros, tmp_path) -> None:
+    m = ros(True)
+    with pytest.raises(TrackError, match="no topic with poses"):
+        read(m.bag(tmp_path / "n.bag", [("/c", 3.0, m.header(1.0))]), ".bag")
+
+
+@KINDS
+def test_damaged_bags_are_told_or_read_never_worse(ros, tmp_path, ros1, mcap, suffix) -> None:
+    m = ros(ros1)
+    messages = [("/odom", float(i), m.odometry(float(i), m.pose(float(i)))) for i in range(1, 20)]
+    path = m.bag(tmp_path / f"d{suffix if ros1 else ''}", messages, mcap=mcap)
+    good = path.read_bytes()
+    rng = random.Random(7)
+    bad = [good[: len(good) // 2], good[:20]]
+    for _ in range(60):
+        spoilt = bytearray(good)
+        for _ in range(5):
+            spoilt[rng.randrange(len(spoilt))] = rng.randrange(256)
+        bad.append(bytes(spoilt))
+    refused = 0
+    for data in bad:
+        path.write_bytes(data)
+        try:
+            read(path, suffix)
+        except TrackError:
+            refused += 1
+    assert refused >= 2

@@ -1,0 +1,194 @@
+"""Tracks in text: NMEA, TUM, KITTI and tables."""
+
+import io
+import math
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from webapp.errors import TrackError
+from webapp.files import csvtrack, nmea, trajectorytext
+from webapp.files.trackpieces import Findings, RobotObjects, RobotPiece, WorldObjects, WorldPiece
+from webapp.files.tracktimes import filled, unix_time
+
+
+def sentence(body: str) -> str:
+    """An NMEA sentence with its checksum."""
+    check = 0
+    for letter in body.encode():
+        check ^= letter
+    return f"${body}*{check:02X}\r\n"
+
+
+def read_nmea(text: str) -> tuple[list[WorldPiece], Findings]:
+    findings = Findings()
+    return list(nmea.read(io.BytesIO(text.encode()), findings=findings)), findings
+
+
+def moment(*parts: int) -> float:
+    return datetime(*parts, tzinfo=UTC).timestamp()
+
+
+def test_sentences_of_one_time_are_one_fix() -> None:
+    pieces, findings = read_nmea(
+        sentence("GPGGA,235958.50,5005.100,N,01424.200,E,1,08,0.9,245.4,M,46.9,M,,")
+        + sentence("GPGST,235958.50,,,,,3.0,4.0,5.0")
+        + sentence("GPRMC,235958.50,A,5005.100,N,01424.200,E,10.0,084.4,230324,,")
+        + sentence("GPGSV,1,1,00")
+        + sentence("GPGGA,000001.00,5005.200,N,01424.200,E,1,08,0.9,246.0,M,46.9,M,,")
+    )
+    poses = pieces[0].poses
+    assert poses.times_s.tolist() == [moment(2024, 3, 23, 23, 59, 58) + 0.5, moment(2024, 3, 24, 0, 0, 1)]
+    assert poses.latlon[0] == pytest.approx([50 + 5.1 / 60, 14 + 24.2 / 60])
+    assert poses.height_m.tolist() == [245.4, 246.0]
+    assert poses.heading_deg[0] == 84.4
+    assert math.isnan(poses.heading_deg[1])
+    assert poses.covariance_m2[0].tolist() == [16.0, 9.0, 0.0], "to the east first"
+    assert not findings.skipped()
+
+
+def test_fixes_before_the_first_date_have_it_too() -> None:
+    pieces, _ = read_nmea(
+        sentence("GNGLL,5005.100,S,01424.200,W,235959,A")
+        + sentence("GNZDA,000001.00,01,01,2024,00,00")
+        + sentence("GNGLL,5005.100,S,01424.200,W,000002,A")
+    )
+    assert pieces[0].poses.times_s.tolist() == [moment(2023, 12, 31, 23, 59, 59), moment(2024, 1, 1, 0, 0, 2)]
+    assert (pieces[0].poses.latlon < 0).all()
+
+
+def test_what_is_left_out_of_a_log_is_counted() -> None:
+    good = sentence("GPRMC,120000,A,5005.1,N,01424.2,E,0.0,,230324,,")
+    pieces, findings = read_nmea(
+        good
+        + good.replace("5005", "5006")
+        + "boot\n"
+        + sentence("GPRMC,120001,V,,,,,,,230324,,")
+        + sentence("GPGGA,120002,,,,,1,,,,M,,M,,")
+        + sentence("GPGGA,,5005.1,N,01424.2,E,1,08,0.9,245.4,M,46.9,M,,")
+        + sentence("GPGGA,120003,5005.1,N,01424.2,E,x,08,0.9,high,M,46.9,M,,")
+    )
+    assert len(pieces[0].poses) == 1
+    counts = {one.reason: (one.count, one.where) for one in findings.skipped()}
+    assert counts["sentences with a wrong checksum"] == (1, "line 2")
+    assert counts["lines that are no NMEA sentences"] == (1, "line 3")
+    assert counts["fixes that the receiver calls invalid"][0] == 1
+    assert counts["times without a position"][0] == 1
+    assert counts["sentences without a time"][0] == 1
+    assert counts["sentences that cannot be read"][0] == 1
+
+
+def read_text(text: str, layout: trajectorytext.Layout) -> tuple[list[RobotPiece], Findings]:
+    findings = Findings()
+    return list(trajectorytext.read(io.BytesIO(text.encode()), layout, findings=findings)), findings
+
+
+def test_a_tum_trajectory_is_read() -> None:
+    pieces, findings = read_text(
+        "# a remark\n1.5 1 2 3 0 0 0.7071067811865476 0.7071067811865476\n2.5 nan 2 3 0 0 0 1\n1 2\n", "tum"
+    )
+    poses = pieces[0].poses
+    assert poses.times_s.tolist() == [1.5]
+    assert poses.xyz_m.tolist() == [[1.0, 2.0, 3.0]]
+    assert poses.yaw_rad[0] == pytest.approx(math.pi / 2)
+    assert findings.skipped()[0].count == 2
+
+
+def test_a_kitti_trajectory_is_turned_from_the_camera() -> None:
+    # 10 m ahead, 3 m to the right, 1 m down, turned a quarter to the right
+    pieces, findings = read_text("1 0 0 0 0 1 0 0 0 0 1 0\n0 0 1 3 0 1 0 1 -1 0 0 10\n", "kitti")
+    poses = pieces[0].poses
+    assert poses.times_s.tolist() == [0.0, 0.1]
+    assert poses.xyz_m[1].tolist() == [10.0, -3.0, -1.0]
+    assert poses.yaw_rad == pytest.approx([0.0, -math.pi / 2])
+    assert "ten a second" in findings.notes[0]
+
+
+def test_a_trajectory_without_poses_is_refused() -> None:
+    with pytest.raises(TrackError, match="no pose"):
+        read_text("# nothing\n", "tum")
+
+
+def read_csv(text: str | bytes, columns: str | None = None) -> tuple[list[object], Findings]:
+    findings = Findings()
+    data = text.encode() if isinstance(text, str) else text
+    return list(csvtrack.read(io.BytesIO(data), columns=columns, findings=findings)), findings
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|"])
+def test_tables_of_any_delimiter_are_read(delimiter: str) -> None:
+    comma = "," if delimiter == ";" else "."
+    rows = ["time,lat,lon,accuracy", "2024-03-23T12:00:00Z,50@5,14@25,2", "1711195201,50@6,14@25,", "x,,1,2"]
+    text = "\r\n".join(rows).replace(",", delimiter).replace("@", comma)
+    (piece,), findings = read_csv(b"\xef\xbb\xbf" + text.encode())
+    assert isinstance(piece, WorldPiece)
+    assert piece.poses.times_s.tolist() == [1711195200.0, 1711195201.0]
+    assert piece.poses.latlon.tolist() == [[50.5, 14.25], [50.6, 14.25]]
+    assert piece.poses.covariance_m2[0].tolist() == [4.0, 4.0, 0.0]
+    assert np.isnan(piece.poses.covariance_m2[1]).all()
+    assert findings.skipped()[0].reason == "rows without a position"
+    assert findings.skipped()[0].where == "line 4"
+
+
+def test_a_table_without_a_header_needs_numbers() -> None:
+    (piece,), _ = read_csv("1700000000000 500000000 142500000\n", "time=1:ms, lat=2:e7, lon=3:e7")
+    assert piece.poses.times_s.tolist() == [1700000000.0]
+    assert piece.poses.latlon[0] == pytest.approx([50.0, 14.25])
+    with pytest.raises(TrackError, match="no columns of positions"):
+        read_csv("1700000000,50,14\n")
+
+
+def test_rows_with_an_id_are_objects() -> None:
+    pieces, _ = read_csv("t,x,y,id,class,score\n1,0,0,,,\n2,3,1,car7,car,0.5\n3,1,0,,,\n")
+    first, objects, last = pieces
+    assert isinstance(first, RobotPiece), "the frame begins before what is seen in it"
+    assert isinstance(objects, RobotObjects)
+    assert objects.sightings[0].xyz_m == (3.0, 1.0, 0.0)
+    assert (objects.sightings[0].kind, objects.sightings[0].confidence) == ("car", 0.5)
+    assert last.poses.times_s.tolist() == [3.0]
+    (world,), _ = read_csv("time,lat,lon,id\n5,50,14,bin\n")
+    assert isinstance(world, WorldObjects)
+    assert world.sightings[0].kind == "object"
+
+
+def test_sources_of_a_table_stay_apart() -> None:
+    pieces, _ = read_csv("source,track,time,lat,lon\ngps,,1,50,14\nfused,,1,50,14\nelse,,2,50,14\n")
+    assert {piece.source: len(piece.poses) for piece in pieces} == {"gps": 2, "fused": 1}
+
+
+def test_tracks_of_a_table_stay_apart_and_times_go_on() -> None:
+    pieces, findings = read_csv("track,lat,lon\na,50,14\nb,51,14\na,50.1,14\n")
+    assert {piece.track: piece.poses.times_s.tolist() for piece in pieces} == {"a": [0.0, 2.0], "b": [1.0]}
+    assert "without a time" in findings.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("1970-01-02T00:00:00Z", 86400.0),
+        ("1970-01-01T01:00:00.25+01:00", 0.25),
+        ("19700101T000001", 1.0),
+        ("1970-01-01 00:01", 60.0),
+        ("1970-01-02", 86400.0),
+        ("1901-12-13T20:45:52Z", -2147483648.0),
+        ("2016-12-31T23:59:60Z", 1483228800.0),
+    ],
+)
+def test_times_are_read(text: str, seconds: float) -> None:
+    assert unix_time(text) == seconds
+
+
+@given(
+    st.one_of(st.text(max_size=30), st.from_regex(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:]{8}(Z|[+-][0-9:]{5})"))
+)
+def test_what_is_no_time_is_nan(text: str) -> None:
+    assert isinstance(unix_time(text), float)
+
+
+def test_missing_times_lie_between_their_neighbours() -> None:
+    nan = math.nan
+    assert filled([nan, 10.0, nan, nan, 40.0, nan], begin_s=7.0).tolist() == [9, 10, 20, 30, 40, 41]
+    assert filled([nan, nan], begin_s=7.0).tolist() == [7, 8]

@@ -1,0 +1,179 @@
+"""Tracks in XML: GPX, KML and KMZ, and what is made to hurt their readers."""
+
+import io
+import math
+import tracemalloc
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from webapp.errors import TrackError
+from webapp.files import gpxstream, kmlstream, trackpieces
+from webapp.files.kmz import opened_kml
+from webapp.files.trackpieces import Findings, WorldObjects, WorldPiece
+
+GPX = """<gpx xmlns="http://www.topografix.com/GPX/1/1"><metadata><time>2024-03-23T12:00:00Z</time></metadata>
+<wpt lat="50.1" lon="14.2"><ele>200</ele><name>bin  A</name><type>bin</type></wpt>
+<trk><name>round</name><trkseg>{points}</trkseg><trkseg><trkpt lat="50.5" lon="14.5"/></trkseg></trk>
+<rte><rtept lat="1" lon="2"/></rte><trk><name>empty</name></trk></gpx>"""
+
+
+def point(lat: float, time: str = "") -> str:
+    return f'<trkpt lat="{lat}" lon="14.5">{f"<time>{time}</time>" if time else ""}<ele>7</ele></trkpt>'
+
+
+def read_gpx(text: str | bytes) -> tuple[list[object], Findings]:
+    findings = Findings()
+    data = text.encode() if isinstance(text, str) else text
+    return list(gpxstream.read(io.BytesIO(data), findings=findings)), findings
+
+
+def test_a_gpx_has_tracks_routes_and_waypoints() -> None:
+    points = point(50.3, "2024-03-23T12:00:00Z") + point(50.35) + point(50.4, "2024-03-23T12:00:10Z")
+    (waypoint, track, route), findings = read_gpx(GPX.format(points=points))
+    assert isinstance(waypoint, WorldObjects)
+    (seen,) = waypoint.sightings
+    assert (seen.object_id, seen.kind, seen.latlon, seen.height_m) == (
+        "waypoint 1 bin A",
+        "bin",
+        (50.1, 14.2),
+        200,
+    )
+    assert isinstance(track, WorldPiece)
+    assert track.track == "track 1 round"
+    begin = seen.time_s
+    assert (track.poses.times_s - begin).tolist() == [0.0, 5.0, 10.0, 11.0]
+    assert track.poses.latlon[:, 0].tolist() == [50.3, 50.35, 50.4, 50.5]
+    assert route.track == "route 1"
+    assert route.poses.times_s.tolist() == [begin]
+    assert findings.skipped()[0].where == "track 2 empty"
+
+
+def test_a_long_gpx_comes_in_pieces_that_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gpxstream, "CHUNK", 4)
+    points = "".join(
+        point(50 + i * 1e-4, f"1970-01-01T00:00:{i:02d}Z" if i % 3 else "") for i in range(1, 50)
+    )
+    pieces, _ = read_gpx(GPX.format(points=points))
+    track = [piece for piece in pieces if isinstance(piece, WorldPiece) and piece.track == "track 1 round"]
+    assert len(track) > 5
+    times = [t for piece in track for t in piece.poses.times_s.tolist()]
+    assert times == pytest.approx(list(range(1, 51)))
+
+
+def test_memory_does_not_grow_with_a_gpx() -> None:
+    points = "".join(point(50 + i * 1e-6, "1970-01-01T00:00:00Z") for i in range(10_000))
+    data = io.BytesIO(GPX.format(points=points).encode())
+    tracemalloc.start()
+    for _ in gpxstream.read(data, findings=Findings()):
+        pass
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2_500_000
+
+
+KML = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>
+<Placemark><name>way</name><LineString><coordinates>14,50,1 14.1,50
+</coordinates></LineString></Placemark>
+<Placemark><name>drive</name><gx:MultiTrack><gx:Track><when>1970-01-01T00:00:05Z</when>
+<when>1970-01-01T00:00:07Z</when><when>1970-01-01T00:00:08Z</when><gx:coord>14 50 2</gx:coord>
+<gx:coord>14 50.1</gx:coord><gx:angles>90 0 0</gx:angles><gx:angles>-90 0 0</gx:angles></gx:Track>
+</gx:MultiTrack></Placemark>
+<Placemark><name>bin</name><TimeStamp><when>1970-01-01T00:00:09Z</when></TimeStamp>
+<Point><coordinates> 14.2 , 50.2 </coordinates></Point></Placemark>
+<Placemark><Polygon/></Placemark><NetworkLink/></Document></kml>"""
+
+
+def read_kml(text: str, tracks: tuple[str, ...] = ()) -> tuple[list[object], Findings]:
+    findings = Findings()
+    return list(kmlstream.read(io.BytesIO(text.encode()), findings=findings, tracks=tracks)), findings
+
+
+def test_a_kml_has_lines_tracks_and_points() -> None:
+    (line, track, objects), findings = read_kml(KML)
+    assert line.track == "way 1"
+    assert line.poses.latlon.tolist() == [[50.0, 14.0], [50.0, 14.1]]
+    assert line.poses.height_m[0] == 1.0
+    assert math.isnan(line.poses.height_m[1])
+    assert track.poses.times_s.tolist() == [5.0, 7.0]
+    assert track.poses.heading_deg.tolist() == [90.0, 270.0]
+    (seen,) = objects.sightings
+    assert (seen.object_id, seen.time_s, seen.latlon) == ("placemark 3 bin", 9.0, (50.2, 14.2))
+    told = {one.reason: one.count for one in findings.skipped()}
+    assert told["times or positions of a track without their counterpart"] == 1
+    assert told["areas, which are no tracks"] == 1
+    assert told["links to other files, which are not followed"] == 1
+
+
+def test_a_drawing_is_refused_unless_lines_are_named() -> None:
+    mark = "<Placemark><name>{}</name><LineString><coordinates>1,2 3,4</coordinates></LineString></Placemark>"
+    drawing = "<kml>" + "".join(mark.format(f"n{i}") for i in range(kmlstream.MAX_LINES + 1)) + "</kml>"
+    with pytest.raises(TrackError, match="drawing"):
+        read_kml(drawing)
+    pieces, findings = read_kml(drawing, tracks=("n7",))
+    assert [piece.track for piece in pieces] == ["n7 1"]
+    assert findings.skipped()[0].count == kmlstream.MAX_LINES
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b'<!DOCTYPE gpx [<!ENTITY a "b">]><gpx>&a;</gpx>', "document type"),
+        (b'<!DOCTYPE gpx SYSTEM "http://192.0.2.1/x.dtd"><gpx/>', "document type"),
+        (b"<gpx><trk>", "damaged"),
+        (b'<?xml version="1.0" encoding="nonsense"?><gpx/>', "damaged"),
+        (b'<?xml version="1.0" encoding="gb18030"?><gpx/>', "damaged"),
+        (b"<a>" * 100_000, "nested"),
+    ],
+)
+def test_bad_xml_is_refused(data: bytes, told: str) -> None:
+    with pytest.raises(TrackError, match=told):
+        read_gpx(data)
+
+
+def test_a_kmz_is_read_from_its_doc_kml(tmp_path: Path) -> None:
+    path = tmp_path / "a.kmz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("other.kml", "<kml/>")
+        archive.writestr("doc.kml", KML)
+    with opened_kml(path) as file:
+        assert len(list(kmlstream.read(file, findings=Findings()))) == 3
+
+
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "a.kmz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("doc.kml", b" " * 20_000_000)
+    tracemalloc.start()
+    with pytest.raises(TrackError, match="claims to hold"), opened_kml(path):
+        pass
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2_000_000
+
+
+def test_damaged_zips_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.kmz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("doc.kml", KML)
+    data = bytearray(path.read_bytes())
+    data[60:70] = b"0123456789"
+    path.write_bytes(data)
+    with pytest.raises(TrackError, match="damaged"), opened_kml(path) as file:
+        list(kmlstream.read(file, findings=Findings()))
+    path.write_bytes(data[:100])
+    with pytest.raises(TrackError, match="damaged"), opened_kml(path):
+        pass
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("readme.txt", "x")
+    with pytest.raises(TrackError, match="no KML"), opened_kml(path):
+        pass
+
+
+def test_the_first_place_of_a_reason_is_kept() -> None:
+    findings = trackpieces.Findings()
+    findings.skip("a", where="line 3")
+    findings.skip("a", where="line 9", count=4)
+    findings.skip("b", where="line 1", count=0)
+    assert findings.skipped() == (trackpieces.Skipped("a", 5, "line 3"),)

@@ -1,0 +1,212 @@
+"""Which column of a table holds what: told by its user, or guessed from its header.
+
+Written as `time=stamp:ms, lat=Latitude, lon=Longitude, heading=yaw:rad`: a field, the column by its header or
+by its number from 1, and a unit where it is not the usual one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from webapp.errors import TrackError, UsageError
+
+_DEG = math.degrees(1.0)
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "lat": {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6},
+    "lon": {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6},
+    "height": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048},
+    "heading": {"deg": 1.0, "rad": _DEG, "cdeg": 1e-2},
+    "yaw": {"rad": 1.0, "deg": 1.0 / _DEG},
+    "x": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "y": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "z": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "var_e": {"m2": 1.0},
+    "var_n": {"m2": 1.0},
+    "cov_en": {"m2": 1.0},
+    "accuracy": {"m": 1.0, "mm": 1e-3},
+    "confidence": {"1": 1.0, "%": 1e-2},
+    "id": {"": 1.0},
+    "class": {"": 1.0},
+    "track": {"": 1.0},
+    "source": {"": 1.0},
+}
+"""Fields and the units that they may have, the usual one first; texts have none. A time may also be of ISO
+8601. `heading` is clockwise from north, `yaw` against the clock from x; `accuracy` is one standard deviation
+in each direction."""
+
+_NAMES: dict[str, Sequence[str]] = {
+    "time": (
+        "time",
+        "timestamp",
+        "timestamps",
+        "stamp",
+        "t",
+        "utc",
+        "datetime",
+        "date_time",
+        "unixtime",
+        "times",
+    ),
+    "lat": ("lat", "latitude", "gps_lat", "gpslatitude", "breite"),
+    "lon": ("lon", "lng", "long", "longitude", "gps_lon", "gpslongitude"),
+    "height": ("height", "alt", "altitude", "ele", "elevation"),
+    "heading": ("heading", "hdg", "course", "bearing", "azimuth", "cog"),
+    "yaw": ("yaw", "theta"),
+    "x": ("x", "tx", "pos_x", "position_x"),
+    "y": ("y", "ty", "pos_y", "position_y"),
+    "z": ("z", "tz", "pos_z", "position_z"),
+    "var_e": ("var_e",),
+    "var_n": ("var_n",),
+    "cov_en": ("cov_en",),
+    "accuracy": ("accuracy", "hacc", "horizontal_accuracy"),
+    "confidence": ("confidence", "score"),
+    "id": ("id", "object_id", "object"),
+    "class": ("class", "kind", "type", "label"),
+    "track": ("track",),
+    "source": ("source",),
+}
+_UNIT_WORDS = {
+    "seconds": "s",
+    "sec": "s",
+    "msec": "ms",
+    "usec": "us",
+    "nsec": "ns",
+    "degrees": "deg",
+    "radians": "rad",
+    "metres": "m",
+    "meters": "m",
+    "feet": "ft",
+}
+_PART = re.compile(r"\s*([a-z_]+)\s*=\s*(.+?)\s*(?::\s*([a-z0-9%]+)\s*)?", re.IGNORECASE)
+_WITH_UNIT = re.compile(
+    r"(.+?)[\s_]*(?:[\[(]\s*([a-z0-9%]+)\s*[\])]|[_\s](s|ms|us|ns|m|m2|mm|cm|ft|deg|rad|e7))"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table.
+
+    Attributes
+    ----------
+    index : int
+        From 0.
+    scale : float
+        What its numbers are multiplied with to be in the field's usual unit.
+    """
+
+    index: int
+    scale: float
+
+
+Columns = Mapping[str, Column]
+
+
+def parse_columns(text: str, header: Sequence[str]) -> Columns:
+    """Read which column holds what.
+
+    Parameters
+    ----------
+    text : str
+        Fields separated by commas, as above.
+    header : sequence of str
+        The table's first line; names are compared without regard to case.
+
+    Returns
+    -------
+    mapping of str to Column
+
+    Raises
+    ------
+    UsageError
+        A field, a unit or a column is none, or positions are missing.
+    """
+    names = [name.strip().lower() for name in header]
+    found: dict[str, Column] = {}
+    for part in text.split(","):
+        written = _PART.fullmatch(part)
+        field = written[1].lower() if written else ""
+        if written is None or field not in UNITS:
+            hint = f"write it like time=stamp:ms, lat=Latitude; fields are {', '.join(UNITS)}"
+            raise UsageError(f"{part.strip()[:60]!r} is no field of a pose", where="columns", hint=hint)
+        name, unit = written[2], written[3]
+        index = _place(name, names)
+        if index is None and unit is not None:  # a header with a colon of its own
+            index, unit = _place(f"{name}:{unit}", names), None
+        if index is None:
+            hint = f"it has {', '.join(header)[:200]}; a number counts columns from 1"
+            raise UsageError(f"the table has no column {name[:40]!r}", where="columns", hint=hint)
+        found[field] = Column(index, _scale(field, unit))
+    problem = _missing(found)
+    if problem:
+        raise UsageError(problem, where="columns", hint="name lat and lon, or x and y")
+    return found
+
+
+def guess_columns(header: Sequence[str]) -> Columns:
+    """Guess from the header which column holds what: `timestamp_ms`, `Latitude [deg]`, `x (m)` ...
+
+    Parameters
+    ----------
+    header : sequence of str
+
+    Returns
+    -------
+    mapping of str to Column
+
+    Raises
+    ------
+    TrackError
+        No columns for a position are recognized.
+    """
+    found: dict[str, Column] = {}
+    for index, name in enumerate(header):
+        plain = name.strip().lower()
+        field, unit = _recognized(plain), None
+        with_unit = _WITH_UNIT.fullmatch(plain)
+        if field is None and with_unit is not None:
+            field, unit = _recognized(with_unit[1]), with_unit[2] or with_unit[3]
+        if field is not None and field not in found:
+            unit = _UNIT_WORDS.get(unit, unit) if unit else None
+            found[field] = Column(index, UNITS[field].get(unit or "", _scale(field, None)))
+    if _missing(found):
+        hint = "say which column holds what, like time=stamp:ms, lat=Latitude, lon=Longitude"
+        raise TrackError(f"no columns of positions are known in {', '.join(header)[:100]!r}", hint=hint)
+    return found
+
+
+def _recognized(name: str) -> str | None:
+    word = re.sub(r"[\s.\-]+", "_", name.strip())
+    return next((field for field, names in _NAMES.items() if word in names), None)
+
+
+def _place(name: str, names: Sequence[str]) -> int | None:
+    wanted = name.strip().strip("'\"").lower()
+    if wanted in names:
+        return names.index(wanted)
+    if wanted.isascii() and wanted.isdecimal() and 1 <= int(wanted) <= len(names):
+        return int(wanted) - 1
+    return None
+
+
+def _scale(field: str, unit: str | None) -> float:
+    units = UNITS[field]
+    if unit is None:
+        return next(iter(units.values()))
+    if unit.lower() not in units:
+        raise UsageError(
+            f"{field} has no unit {unit!r}",
+            where="columns",
+            hint=f"it can have {', '.join(filter(None, units)) or 'none'}",
+        )
+    return units[unit.lower()]
+
+
+def _missing(found: Columns) -> str | None:
+    if ("lat" in found) != ("lon" in found) or ("x" in found) != ("y" in found):
+        return "only one of two coordinates has a column"
+    return None if "lat" in found or "x" in found else "no column holds a position"

@@ -1,0 +1,138 @@
+"""What the readers of tracks give: pieces of a file in its order, so that no file has to fit into memory."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from webapp.core.trajectory.records import Poses, Sighting, Source
+from webapp.core.trajectory.robotframe import LocalPoses
+
+CHUNK = 2048
+"""At most so many poses in a piece."""
+
+BAD_POSITION = "positions that are none on the Earth"
+UNTIMED = "points of tracks without times count as one second apart"
+NO_ID = "objects without an id of their own, by which they could be known again"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorldPiece:
+    """Poses on the Earth.
+
+    Attributes
+    ----------
+    track : str
+        Name of the track in the file: a topic, say; empty where a file has only one.
+    source : Source
+    poses : Poses
+        Without `travelled_m`. Positions may be none on the Earth: they are left out later.
+    """
+
+    track: str
+    source: Source
+    poses: Poses
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotPiece:
+    """Poses in a robot's frame.
+
+    Attributes
+    ----------
+    track : str
+    source : Source
+    frame, body : str
+        Names of the frame they are in, and of that which they move; empty where the file has none.
+    poses : LocalPoses
+        Finite positions.
+    """
+
+    track: str
+    source: Source
+    frame: str
+    body: str
+    poses: LocalPoses
+
+
+@dataclass(frozen=True, slots=True)
+class WorldObjects:
+    """Objects on the Earth, in the order in which they were seen."""
+
+    sightings: tuple[Sighting, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalSighting:
+    """An object was seen at a position in a frame; the other attributes are those of `Sighting`.
+
+    Attributes
+    ----------
+    xyz_m : tuple of float
+        Metres forward, left and up; finite.
+    """
+
+    object_id: str
+    kind: str
+    time_s: float
+    xyz_m: tuple[float, float, float]
+    confidence: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RobotObjects:
+    """Objects in a frame of the file, which has its name."""
+
+    frame: str
+    sightings: tuple[LocalSighting, ...]
+
+
+Piece = WorldPiece | RobotPiece | WorldObjects | RobotObjects
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """What was left out.
+
+    Attributes
+    ----------
+    reason : str
+        What it was, and why: `sentences with a wrong checksum`.
+    count : int
+    where : str
+        The first of them: a line, a topic, a track.
+    """
+
+    reason: str
+    count: int
+    where: str
+
+
+@dataclass(slots=True)
+class Findings:
+    """What a reader has to say beside what it reads.
+
+    Attributes
+    ----------
+    notes : list of str
+        Sentences on how the file was understood, each once.
+    """
+
+    notes: list[str] = field(default_factory=list)
+    _counts: Counter[str] = field(default_factory=Counter)
+    _first: dict[str, str] = field(default_factory=dict)
+
+    def skip(self, reason: str, *, where: str, count: int = 1) -> None:
+        """Count what is left out."""
+        if count:
+            self._counts[reason] += count
+            self._first.setdefault(reason, where)
+
+    def note(self, sentence: str) -> None:
+        """Tell how something was understood."""
+        if sentence not in self.notes:
+            self.notes.append(sentence)
+
+    def skipped(self) -> tuple[Skipped, ...]:
+        """Give what was left out, in the order in which it was met."""
+        return tuple(Skipped(reason, self._counts[reason], where) for reason, where in self._first.items())
