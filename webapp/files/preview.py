@@ -61,12 +61,12 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[Box] =
     return found
 
 
-def preview_path(map_folder: Path, photo_id: int, *, kind: Kind) -> Path:
+def preview_path(map_folder: Path, photo_id: int | str, *, kind: Kind) -> Path:
     """Name the file of a preview, by the id of the photo: it is never used for another one."""
     return map_folder / DERIVED / "previews" / f"{photo_id}-{SIDES[kind]}.jpg"
 
 
-def write_previews(map_folder: Path, photo_id: int, *, previews: Mapping[Kind, bytes]) -> None:
+def write_previews(map_folder: Path, photo_id: int | str, *, previews: Mapping[Kind, bytes]) -> None:
     """Keep the previews of a photo.
 
     Raises

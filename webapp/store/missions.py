@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -87,9 +88,11 @@ def checked_note(note: str) -> str:
     ------
     UsageError
     """
-    if len(note) > _MAX_NOTE or "\x00" in note:
+    if len(note) > _MAX_NOTE or not re.sub(r"[\n\r\t]", "", note).isprintable():
         raise UsageError(
-            "this is no note for a mission", where="note", hint=f"give at most {_MAX_NOTE} characters"
+            "this is no note for a mission",
+            where="note",
+            hint=f"give at most {_MAX_NOTE} printable characters",
         )
     return note
 

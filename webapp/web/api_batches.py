@@ -89,6 +89,17 @@ class BatchIn(Schema):
     records = List(Raw(metadata=_RECORD), required=True)
 
 
+class KeyIn(Schema):
+    """By what a batch is known when it is sent once more."""
+
+    key = String(
+        load_default=None,
+        data_key=_HEADER,
+        validate=[Length(1, _MAX_NAME), Predicate("isprintable")],
+        metadata={"description": "Another one for each batch; instead of `sender` and `first`."},
+    )
+
+
 class BatchOut(Schema):
     """What became of a batch: it is on the disk."""
 
@@ -114,6 +125,7 @@ def tell_next(error: OutOfOrder) -> Response:
 
 @blueprint.post("/<int(max=2147483647):mission_id>/batches")
 @blueprint.input(BatchIn, arg_name="given")
+@blueprint.input(KeyIn, location="headers", arg_name="sent")
 @blueprint.output(BatchOut)
 @blueprint.doc(
     description="All records of a batch are stored, or none. The answer comes when they are on the disk; who "
@@ -121,7 +133,7 @@ def tell_next(error: OutOfOrder) -> Response:
     "next. A batch after a gap is answered by 409 with `error.next`. When the server is busy it answers 429: "
     "wait for as long as `Retry-After` says."
 )
-def send(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
+def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
     """Send poses and objects of a mission."""
     mission, records = open_mission(mission_id, "editor"), given["records"]
     most = settings().missions.batch_records
@@ -129,7 +141,7 @@ def send(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
         raise UsageError(
             f"{len(records)} records in one batch", where="records", hint=f"send at most {most} at once"
         )
-    numbered, key = _numbered(given), _key()
+    numbered, key = _numbered(given), sent["key"]
     if (numbered is None) == (key is None):
         raise UsageError(
             "the batch does not tell how to know it again",
@@ -147,12 +159,3 @@ def _numbered(given: dict[str, Any]) -> Numbered | None:
     if "sender" in given and "first" in given:
         return Numbered(given["sender"], given["first"])
     return None
-
-
-def _key() -> str | None:
-    key = request.headers.get(_HEADER)
-    if key is not None and not (1 <= len(key) <= _MAX_NAME and key.isprintable()):
-        raise UsageError(
-            "this is no key of a batch", where=_HEADER, hint=f"send 1 to {_MAX_NAME} printable characters"
-        )
-    return key

@@ -9,9 +9,11 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Float, Integer, List, Raw
 from apiflask.validators import Range
 from numpy.typing import NDArray
+from sqlalchemy.orm import Session
 
 from webapp.errors import UsageError
 from webapp.store import tracks
+from webapp.store.schema_missions import Track
 from webapp.tasks import track_line, track_profile
 from webapp.tasks.track_line import View
 from webapp.web.context import library, open_mission
@@ -85,25 +87,42 @@ def points_json(points: NDArray[np.float64]) -> list[list[float | None]]:
     ]
 
 
-@blueprint.get(f"/{_ID}/line")
-@blueprint.input(LineQuery, location="query", arg_name="query")
-@blueprint.output(LineOut)
-def line(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
-    """Get a track, or what of it is in a box, as a line."""
-    mission = open_mission(mission_id, binned=True)
+def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
+    """Give a track as a line, as `LineQuery` asks for it; the fields of `LineOut`.
+
+    Raises
+    ------
+    UsageError
+        The box lacks a side.
+    """
     given = [query[side] for side in _SIDES if side in query]
     if len(given) not in (0, len(_SIDES)):
         raise UsageError("a box has four sides", where="south", hint="send south, west, north and east")
     box = (given[0], given[1], given[2], given[3]) if given else None
-    with library().database.read() as session:
-        track = tracks.find(session, mission.id, track_id)
-        found = track_line.run(session, track, View(query["tolerance_m"], box, query["since"]))
+    found = track_line.run(session, track, View(query["tolerance_m"], box, query["since"]))
     return {
         "level": found.level,
         "points": points_json(found.points),
         "gaps": found.gaps.tolist(),
         "complete": found.complete,
     }
+
+
+def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
+    """Give the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
+    columns = track_profile.run(session, track, points=query["points"]).T.tolist()
+    time, travelled, speed, height = ([None if v != v else v for v in column] for column in columns)
+    return {"time_s": time, "travelled_m": travelled, "speed_mps": speed, "height_m": height}
+
+
+@blueprint.get(f"/{_ID}/line")
+@blueprint.input(LineQuery, location="query", arg_name="query")
+@blueprint.output(LineOut)
+def line(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
+    """Get a track, or what of it is in a box, as a line."""
+    mission = open_mission(mission_id, binned=True)
+    with library().database.read() as session:
+        return line_json(session, tracks.find(session, mission.id, track_id), query)
 
 
 @blueprint.get(f"/{_ID}/profile")
@@ -113,7 +132,4 @@ def profile(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, 
     """Get way, speed and height of a track over time."""
     mission = open_mission(mission_id, binned=True)
     with library().database.read() as session:
-        track = tracks.find(session, mission.id, track_id)
-        columns = track_profile.run(session, track, points=query["points"]).T.tolist()
-    time, travelled, speed, height = ([None if v != v else v for v in column] for column in columns)
-    return {"time_s": time, "travelled_m": travelled, "speed_mps": speed, "height_m": height}
+        return profile_json(session, tracks.find(session, mission.id, track_id), query)

@@ -14,6 +14,9 @@ from webapp.web.api_georeference import blueprint as api_georeference
 from webapp.web.api_jobs import blueprint as api_jobs
 from webapp.web.api_localize import blueprint as api_localize
 from webapp.web.api_maps import blueprint as api_maps
+from webapp.web.api_mission_events import blueprint as api_mission_events
+from webapp.web.api_mission_objects import blueprint as api_mission_objects
+from webapp.web.api_mission_photos import blueprint as api_mission_photos
 from webapp.web.api_missions import blueprint as api_missions
 from webapp.web.api_photos import blueprint as api_photos
 from webapp.web.api_placements import blueprint as api_placements
@@ -48,6 +51,9 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_jobs,
     api_localize,
     api_maps,
+    api_mission_events,
+    api_mission_objects,
+    api_mission_photos,
     api_missions,
     api_photos,
     api_placements,

@@ -8,12 +8,14 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.drift import closing
+from webapp.core.trajectory.drift import Closing, closing
 from webapp.core.trajectory.records import Poses
 from webapp.store import missions, tracks
 from webapp.store.schema import Account, MapRecord
 from webapp.store.schema_missions import Mission, Track
 from webapp.web import map_state
+
+_BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
 
 
 def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
@@ -34,6 +36,7 @@ def summary(session: Session, mission: Mission, *, account: Account) -> dict[str
         "changed_at": _told(mission.changed_at),
         "ended_at": _told(mission.ended_at),
         "poses": poses,
+        **_way(tracks.listed(session, mission.id)),
         "objects": objects,
         "photos": photos,
     }
@@ -62,7 +65,7 @@ def track_json(session: Session, track: Track) -> dict[str, Any]:
         "poses": track.poses,
         "skipped": track.skipped,
         "distance_m": track.distance_m,
-        "duration_s": (track.last_time_s or 0.0) - (track.first_time_s or 0.0),
+        "duration_s": _duration_s(track),
         "first_time_s": track.first_time_s,
         "last_time_s": track.last_time_s,
         "bounds": _bounds(track),
@@ -109,6 +112,18 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
     return int(revision), {int(id): int(count) for id, count in pairs}
 
 
+def _way(found: list[Track]) -> dict[str, float]:
+    """Tell how far and how long a mission went, by the track that knows it best."""
+    best = min(found, key=lambda track: _BEST_FIRST.index(track.source), default=None)
+    if best is None:
+        return {"distance_m": 0.0, "duration_s": 0.0}
+    return {"distance_m": best.distance_m, "duration_s": _duration_s(best)}
+
+
+def _duration_s(track: Track) -> float:
+    return (track.last_time_s or 0.0) - (track.first_time_s or 0.0)
+
+
 def _map(session: Session, mission: Mission) -> MapRecord | None:
     return None if mission.map_id is None else session.get(MapRecord, mission.map_id)
 
@@ -130,4 +145,4 @@ def _closing(track: Track, ends: Poses) -> dict[str, float] | None:
     first, last = (LatLon(*latlon) for latlon in ends.latlon.tolist())
     south, west, north, east = bounds
     found = closing(first, last, distance_m=track.distance_m, bounds=(south, west, north, east))
-    return {"gap_m": found.gap_m, "share": found.share} if found else None
+    return {"gap_m": found.gap_m, "share": found.share} if isinstance(found, Closing) else None

@@ -53,6 +53,8 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "id": {"description": "Id, unique in the map."},
     "token": {"description": "The end of the address of a shared map or answer."},
     "mission_id": {"description": "Id of the mission."},
+    "object_id": {"description": "Id of the object, as the robot gave it."},
+    "sha256": {"description": "SHA-256 of the photo, hexadecimal."},
     "track_id": {"description": "Id of the track."},
     "job_id": {"description": "Id of the job."},
     "name": {"description": "Name, as it is listed."},

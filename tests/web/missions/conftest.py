@@ -48,3 +48,17 @@ def walk():
 def state(client, mission):
     """Give the state of the mission."""
     return lambda: client.get(f"/api/v1/missions/{mission}").json
+
+
+@pytest.fixture
+def add_photo(client, mission, save_photo, tmp_path):
+    """Add a photo to the mission; each seed is another one. Gives the answer."""
+
+    def post(seed=1, **fields):
+        path = tmp_path / f"{seed}.jpg"
+        save_photo(path, seed)
+        with path.open("rb") as file:
+            given = {"file": (file, "car 1.jpg"), **fields}
+            return client.post(f"/api/v1/missions/{mission}/photos", data=given)
+
+    return post

@@ -147,7 +147,7 @@ def test_objects_are_where_they_were_seen_last(send, client, mission):
     later = {**CAR, "time": 9.0, "lat": 50.1, "class": "van", "confidence": 0.5}
     send([CAR, later, {**CAR, "time": 7.0, "lat": 49.0}])
     found = client.get(f"/api/v1/missions/{mission}/objects/car-1").json
-    assert (found["lat"], found["class"], found["confidence"]) == (50.1, "van", 0.5)
+    assert (found["lat"], found["kind"], found["confidence"]) == (50.1, "van", 0.5)
     assert (found["first_time_s"], found["last_time_s"]) == (5.0, 9.0)
     assert [s["time_s"] for s in found["sightings"]] == [5.0, 9.0, 7.0]
 

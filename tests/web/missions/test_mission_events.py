@@ -1,0 +1,135 @@
+"""Who follows a mission hears of everything that is new, once."""
+
+import dataclasses
+import json
+import time
+
+import pytest
+
+from webapp.settings import MissionSettings, Settings
+from webapp.web.mission_state import cursor, read_cursor
+
+CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0, "lon": 14.0}
+
+
+@pytest.fixture
+def settings(tmp_path):
+    limits = MissionSettings(stream_s=0.6, look_s=0.05)
+    return dataclasses.replace(Settings(library=tmp_path / "library"), missions=limits)
+
+
+def parsed(text):
+    """The data and id of the events of a stream."""
+    found = []
+    for block in text.split("\n\n"):
+        fields = dict(line.partition(": ")[::2] for line in block.splitlines())
+        if fields.get("event") == "changed":
+            found.append((json.loads(fields["data"]), fields["id"]))
+    return found
+
+
+@pytest.fixture
+def follow(client, mission):
+    """Read a stream to its end; gives its events."""
+
+    def get(known=None, **query):
+        headers = {} if known is None else {"Last-Event-ID": known}
+        answer = client.get(f"/api/v1/missions/{mission}/events", headers=headers, query_string=query)
+        assert (answer.status_code, answer.mimetype) == (200, "text/event-stream")
+        return parsed(answer.text)
+
+    return get
+
+
+def numbers(data):
+    return [point[0] for point in data["tracks"][0]["new"]]
+
+
+def test_first_the_last_poses_are_told(send, walk, follow):
+    send(walk(300))
+    ((data, id),) = follow()
+    assert data["revision"] == 1
+    assert numbers(data) == list(range(100, 300))
+    assert data["tracks"][0]["poses"] == 300
+    assert data["tracks"][0]["last"]["time_s"] == 1299
+    assert read_cursor(id) == (1, {data["tracks"][0]["id"]: 300})
+
+
+def test_then_what_is_new(send, walk, follow, state):
+    send(walk(3))
+    known = state()["cursor"]
+    send([*walk(2, begin=3), CAR], first=3)
+    ((data, id),) = follow(cursor=known)
+    assert numbers(data) == [3, 4]
+    assert data["tracks"][0]["new"][0] == [3, 1003, pytest.approx(50 + 3 / 111_229), 14, None]
+    assert [o["id"] for o in data["objects"]] == ["car-1"]
+    assert follow(id) == []
+    send([CAR], first=6)
+    ((data, _),) = follow(id)
+    assert (data["tracks"], len(data["objects"])) == ([], 1)
+
+
+def test_what_comes_while_one_listens(client, mission, send, walk, state):
+    send(walk(3))
+    known = state()["cursor"]
+    answer = client.get(f"/api/v1/missions/{mission}/events?cursor={known}", buffered=False)
+    stream = iter(answer.response)
+    assert next(stream) == b"retry: 1000\n\n"
+    send([*walk(2, begin=3), {"type": "end"}], first=3)
+    begun = time.monotonic()
+    ((data, _),) = parsed(next(stream).decode())
+    assert time.monotonic() - begun < 0.5
+    assert numbers(data) == [3, 4]
+    assert data["ended_at"] is not None
+    answer.close()
+
+
+def test_of_very_many_poses_some_are_told(send, walk, follow, state):
+    send(walk(1))
+    known = state()["cursor"]
+    send(walk(4999, begin=1), first=1)
+    ((data, _),) = follow(known)
+    told = numbers(data)
+    assert len(told) == 500
+    assert (told[0], told[-1]) == (1, 4999)
+
+
+def test_only_so_many_streams_stay_open(app, client, mission, follow, send, walk):
+    turns = app.extensions["expmap_turns"]["events"]
+    answers = [client.get(f"/api/v1/missions/{mission}/events", buffered=False) for _ in range(2)]
+    assert not turns.acquire(blocking=False)
+    send(walk(1))
+    begun = time.monotonic()
+    assert len(follow()) == 1
+    assert time.monotonic() - begun < 0.4
+    for answer in answers:
+        answer.close()
+        answer.close()
+    assert turns.acquire(blocking=False)
+
+
+def test_a_mission_in_the_bin_ends_the_stream(client, mission):
+    answer = client.get(f"/api/v1/missions/{mission}/events", buffered=False)
+    stream = iter(answer.response)
+    next(stream), next(stream)
+    client.delete(f"/api/v1/missions/{mission}")
+    assert list(stream) == []
+    assert client.get(f"/api/v1/missions/{mission}/events").status_code == 404
+
+
+def test_nobody_else_follows(mission, new_account, sign_in):
+    browser = sign_in(new_account("ann"))
+    assert browser.get(f"/api/v1/missions/{mission}/events").status_code == 404
+
+
+def test_cursors():
+    assert read_cursor(cursor(7, {3: 100, 12: 0})) == (7, {3: 100, 12: 0})
+    assert read_cursor(cursor(0, {})) == (0, {})
+    for text in ("", "x", "1-2", "1-2.x", "-1", "1-2.3.4", "9" * 40, "1--2"):
+        assert read_cursor(text) is None
+
+
+def test_another_word_is_no_cursor(send, walk, follow):
+    send(walk(2))
+    ((data, _),) = follow("17; drop")
+    assert numbers(data) == [0, 1]

@@ -1,0 +1,155 @@
+"""Missions: made, changed, binned, deleted; and who may."""
+
+import pytest
+
+from webapp.store.schema_missions import Mission, Pose
+
+
+def test_a_new_mission(client, new_map, owner):
+    slug = new_map(owner)
+    start = {"lat": 50.1, "lon": 14.4}
+    made = client.post(
+        "/api/v1/missions", json={"name": " A  b ", "map": slug, "start": start, "note": "x\ny"}
+    )
+    assert made.status_code == 201
+    found = client.get(f"/api/v1/missions/{made.json['id']}").json
+    assert (found["name"], found["map"], found["note"]) == ("A b", slug, "x\ny")
+    assert found["start"] == {"lat": 50.1, "lon": 14.4, "heading_deg": 90.0}
+    assert found["url"] == f"/missions/{found['id']}"
+    assert (found["tracks"], found["satellite"], found["revision"]) == ([], None, 0)
+
+
+@pytest.mark.parametrize(
+    ("given", "status"),
+    [
+        ({"name": ""}, 400),
+        ({"name": "x" * 121}, 400),
+        ({"name": "\ud800"}, 400),
+        ({"name": "x", "note": "\ud800"}, 400),
+        ({"name": "x", "start": {"lat": 91, "lon": 0}}, 422),
+        ({"name": "x", "map": "nowhere"}, 404),
+        ({}, 422),
+    ],
+)
+def test_no_mission(client, given, status):
+    assert client.post("/api/v1/missions", json=given).status_code == status
+    assert client.get("/api/v1/missions").json == {"missions": []}
+
+
+def test_changes(client, mission, state, new_map, owner):
+    slug = new_map(owner)
+    client.patch(f"/api/v1/missions/{mission}", json={"name": "New", "map": slug})
+    assert (state()["name"], state()["map"], state()["revision"]) == ("New", slug, 1)
+    client.patch(f"/api/v1/missions/{mission}", json={"map": None, "note": "n"})
+    assert (state()["name"], state()["map"], state()["note"]) == ("New", None, "n")
+
+
+def test_the_roles_of_the_map_hold(new_account, new_map, new_mission, sign_in, owner):
+    people = {role: new_account(role) for role in ("viewer", "editor", "other")}
+    shared = {people["viewer"]: "viewer", people["editor"]: "editor"}
+    id = new_mission(map=new_map(owner, shared=shared))
+    address = f"/api/v1/missions/{id}"
+    expected = {"viewer": (200, 403, 403, 1), "editor": (200, 200, 403, 1), "other": (404, 404, 404, 0)}
+    for role, (look, edit, delete, listed) in expected.items():
+        browser = sign_in(people[role])
+        assert browser.get(address).status_code == look
+        assert browser.patch(address, json={"note": "a"}).status_code == edit
+        assert browser.delete(address).status_code == delete
+        assert len(browser.get("/api/v1/missions").json["missions"]) == listed
+
+
+def test_a_mission_without_a_map_is_its_makers(client, new_account, new_mission, sign_in):
+    ann, bob = sign_in(new_account("ann")), sign_in(new_account("bob"))
+    id = new_mission(ann)
+    assert [b.get(f"/api/v1/missions/{id}").status_code for b in (ann, bob, client)] == [200, 404, 200]
+    assert bob.get("/api/v1/missions").json["missions"] == []
+
+
+def test_only_editors_put_a_mission_on_a_map(new_account, new_map, new_mission, sign_in, owner):
+    ann = new_account("ann")
+    slug = new_map(owner, shared={ann: "viewer"})
+    browser = sign_in(ann)
+    assert browser.post("/api/v1/missions", json={"name": "x", "map": slug}).status_code == 403
+    id = new_mission(browser)
+    assert browser.patch(f"/api/v1/missions/{id}", json={"map": slug}).status_code == 403
+
+
+def test_the_bin(client, mission, send, walk):
+    send(walk(3))
+    address = f"/api/v1/missions/{mission}"
+    assert client.delete(f"{address}?forever=true").status_code == 409
+    assert client.delete(address).json["binned"]
+    assert client.get("/api/v1/missions").json["missions"] == []
+    assert len(client.get("/api/v1/missions?bin=true").json["missions"]) == 1
+    assert send(walk(1), first=3).status_code == 404
+    assert not client.post(f"{address}/restore").json["binned"]
+    assert send(walk(1, begin=3), first=3).json["stored"] == 1
+
+
+def test_deleted_for_good(client, library, mission, send, walk, add_photo):
+    send([*walk(3), *walk(2, track="b")])
+    add_photo()
+    folder = library.folder / ".missions" / str(mission)
+    assert folder.is_dir()
+    address = f"/api/v1/missions/{mission}"
+    client.delete(address)
+    assert client.delete(f"{address}?forever=true").status_code == 200
+    assert client.get(address).status_code == 404
+    assert not folder.exists()
+    with library.database.read() as session:
+        assert session.query(Pose).count() == session.query(Mission).count() == 0
+
+
+def test_ids_are_never_used_again(client, new_mission):
+    first = new_mission()
+    client.delete(f"/api/v1/missions/{first}")
+    client.delete(f"/api/v1/missions/{first}?forever=true")
+    assert new_mission() > first
+
+
+def test_a_deleted_map_leaves_its_missions(client, new_map, new_mission, owner):
+    slug = new_map(owner)
+    id = new_mission(map=slug)
+    client.delete(f"/api/v1/maps/{slug}")
+    client.delete(f"/api/v1/maps/{slug}?forever=true")
+    assert client.get(f"/api/v1/missions/{id}").json["map"] is None
+
+
+def test_the_list_tells_of_the_best_track(client, send, walk):
+    send([*walk(5, source="odometry", track="a"), *walk(3)])
+    (found,) = client.get("/api/v1/missions").json["missions"]
+    assert (found["poses"], found["duration_s"]) == (8, 2)
+    assert found["distance_m"] == pytest.approx(2, rel=1e-3)
+
+
+def test_a_track_that_closes(send, state):
+    way = [(0, 0), (0, 50), (50, 50), (50, 0), (1, 0)]
+    metres = [(n / 111_195, e / 111_195) for n, e in way]
+    send([{"type": "pose", "time": t, "lat": lat, "lon": lon} for t, (lat, lon) in enumerate(metres)])
+    closing = state()["tracks"][0]["closing"]
+    assert closing["gap_m"] == pytest.approx(1, rel=0.02)
+    assert closing["share"] == pytest.approx(1 / 199, rel=0.02)
+
+
+def test_objects_in_pages(client, mission, send):
+    seen = [
+        {
+            "type": "object",
+            "id": f"o{n}",
+            "class": "car" if n % 2 else "dog",
+            "time": 10 - n,
+            "lat": 0,
+            "lon": 0,
+        }
+        for n in range(5)
+    ]
+    send(seen)
+    address = f"/api/v1/missions/{mission}/objects"
+    all_ = client.get(address).json
+    assert [o["id"] for o in all_["objects"]] == ["o0", "o1", "o2", "o3", "o4"]
+    assert all_["kinds"] == [{"kind": "car", "objects": 2}, {"kind": "dog", "objects": 3}]
+    page = client.get(f"{address}?kind=dog&sort=last_time_s&limit=1&offset=1").json
+    assert ([o["id"] for o in page["objects"]], page["total"]) == (["o2"], 3)
+    assert client.get(f"{address}?sort=count&descending=true").status_code == 200
+    assert client.get(f"{address}/none").status_code == 404
+    assert client.get(f"{address}/o1").json["sightings"][0]["time_s"] == 9
