@@ -4,6 +4,7 @@
 
 const ASK_MS = 3000;
 const SLOWEST_MS = 30000;
+const ENDED_MS = 15000;
 
 /** Follows one mission; fires `state` with whether it hears the server, `gone` when there is no such mission any more. */
 export class Live extends EventTarget {
@@ -30,11 +31,13 @@ export class Live extends EventTarget {
   start() {
     this._pause();
     const mission = this.store.missions.get(this.id);
+    if (mission.ended_at) return this._later(ENDED_MS); // it may still be corrected, and needs no stream for that
     this._stream = this._server.events(mission.cursor, {
       changed: (told, cursor) => this._take(told, cursor),
       open: () => this._heard(),
       error: (closed) => this._lost(closed),
     });
+    return null;
   }
 
   stop() {
@@ -77,7 +80,10 @@ export class Live extends EventTarget {
     this._tell(navigator.onLine && this.failures < 3);
     if (!closed) return;
     this._pause();
-    const wait = Math.min(ASK_MS * 2 ** Math.min(this.failures - 1, 6), SLOWEST_MS);
+    this._later(Math.min(ASK_MS * 2 ** Math.min(this.failures - 1, 6), SLOWEST_MS));
+  }
+
+  _later(wait) {
     this._timer = setTimeout(() => this.refresh().then(() => this._away.signal.aborted || this.start()), wait);
   }
 

@@ -21,6 +21,9 @@ import { connectTabs } from "./tabs.js";
 import { showTracks } from "./trackpanel.js";
 import { MissionView } from "./view.js";
 
+/** A robot that was not heard for so long is not there any more. */
+const LIVE_MS = 120_000;
+
 const page = JSON.parse(byId("page").textContent);
 const store = new Store(page.id);
 const server = store.server(page.id);
@@ -111,14 +114,18 @@ function firstPositions(view, fit) {
 /** Whether the mission goes on, and whether the page hears of it. */
 function state(live) {
   const badge = byId("live-state");
+  let heard = Date.parse(store.mission.changed_at);
   const render = () => {
     const ended = Boolean(store.mission.ended_at);
-    const text = !live.connected ? t("No connection") : ended ? t("Ended") : t("Live");
-    badge.className = `badge ${!live.connected ? "badge--warning" : ended ? "" : "badge--success mi-live"}`;
+    const isLive = live.connected && !ended && Date.now() - heard < LIVE_MS;
+    const text = !live.connected ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : t("Nothing new lately");
+    badge.className = `badge ${!live.connected ? "badge--warning" : isLive ? "badge--success mi-live" : ""}`;
     if (badge.textContent !== text) badge.textContent = text;
     byId("follow-part").hidden = ended;
   };
+  store.on("poses", () => (heard = Date.now()));
   store.on("missions grown", render);
+  setInterval(render, LIVE_MS / 10);
   live.addEventListener("state", render);
   live.addEventListener("gone", () => fail(t("This mission is not there any more.")));
   render();
