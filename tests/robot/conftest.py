@@ -1,12 +1,16 @@
-"""A stand-in for the server, and options for quick tests."""
+"""A stand-in for the server, the application itself, and options for quick tests."""
 
 import dataclasses
+import threading
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from werkzeug.serving import make_server
 
+from tests.robot.site import Site
 from tests.robot.stand_in import StandIn
+from tests.robot.wire import Wire
 from webapp.robot import RobotOptions
 
 QUICK = RobotOptions(sync_s=0.01, every_s=0.02, timeout_s=2.0, backoff_s=0.01, backoff_max_s=0.05)
@@ -36,3 +40,25 @@ def until() -> Callable[[Callable[[], object]], None]:
             time.sleep(0.005)
 
     return wait
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """The application in a thread, and a wire to it."""
+    site = Site(tmp_path_factory.mktemp("served") / "library")
+    http = make_server("127.0.0.1", 0, site.app, threaded=True)
+    thread = threading.Thread(target=http.serve_forever, args=(0.05,))
+    thread.start()
+    with Wire(http.server_address) as site.wire:
+        site.url = f"http://127.0.0.1:{http.port}"
+        yield site
+    http.shutdown()
+    thread.join()
+    http.server_close()
+    site.library.database.close()
+
+
+@pytest.fixture
+def mission(site: Site) -> int:
+    """A new mission; its number."""
+    return site.new_mission()

@@ -1,6 +1,6 @@
 """A server for the robot's client that keeps to the protocol, and does as badly as it is told to.
 
-As a program, `python stand_in.py PORT FILE`, it keeps what it has stored in a file, and so survives being killed.
+As a program, `python stand_in.py PORT FILE`, it keeps what it has stored in a file: it survives being killed.
 """
 
 import json

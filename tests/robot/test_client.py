@@ -51,8 +51,10 @@ def test_what_is_told_arrives_as_it_was_told(start, server):
     assert server.stored() == [
         {"type": "pose", "time": 1, "lat": 50, "lon": 14, "height_m": 200, "heading_deg": 270,
          "covariance": covariance, "source": "odometry"},
-        {"type": "pose", "time": 2, "lat": 50.1, "lon": 14.1, "travelled_m": 3, "track": "left", "skipped": 4},
-        {"type": "object", "id": "car 1", "class": "car", "time": 3, "lat": 50, "lon": 14.2, "confidence": 0.5},
+        {"type": "pose", "time": 2, "lat": 50.1, "lon": 14.1, "travelled_m": 3, "track": "left",
+         "skipped": 4},
+        {"type": "object", "id": "car 1", "class": "car", "time": 3, "lat": 50, "lon": 14.2,
+         "confidence": 0.5},
         {"type": "end"},
     ]  # fmt: skip
     path, body = server.requests[0]
@@ -162,8 +164,7 @@ def test_an_answer_that_is_lost_does_no_harm(start, server):
 
 def test_a_server_that_acknowledges_a_part_gets_the_rest(start, server):
     def script(path, body):
-        told = server._batch(body | {"records": body["records"][:2]})
-        return told
+        return server._batch(body | {"records": body["records"][:2]})
 
     server.script = script
     client = start(batch_records=7)

@@ -71,7 +71,7 @@ def send(spool: Path, every: float, at_end: bool, sync: float, limit: float, **c
     "--patience", type=click.FloatRange(0.0), default=60.0, show_default=True, metavar="S",
     help="Give up when nothing was taken for so many seconds.",
 )  # fmt: skip
-def recover(context: click.Context, spool: Path, url: str | None, token: str | None, patience: float) -> int:
+def recover(spool: Path, url: str | None, token: str | None, patience: float) -> int:
     """Upload what a robot has left in the folder SPOOL."""
     known, secret = read_identity(spool), find_token(token)
     opened = Spool(spool, identity=Identity("", known.mission, url or known.url, known.about))

@@ -1,0 +1,51 @@
+"""The application on a library of its own."""
+
+from sqlalchemy import select
+
+from tests.robot.wire import Wire
+from webapp.settings import Settings
+from webapp.store import accounts, missions, tracks
+from webapp.store.library import open_library
+from webapp.store.schema_missions import Mission, MissionObject
+from webapp.web import create_app
+
+
+class Site:
+    """A running application, and what it has stored."""
+
+    def __init__(self, folder):
+        self.library = open_library(folder)
+        with self.library.database.write() as session:
+            owner = accounts.ensure_owner(session)
+            self.token = accounts.new_token(session, owner, name="robot")
+        self.mission = 0
+        self.url = ""
+        self.wire: Wire | None = None
+        self.app = create_app(Settings(library=folder), library=self.library)
+
+    def new_mission(self):
+        with self.library.database.write() as session:
+            owner = accounts.ensure_owner(session)
+            self.mission = missions.create(session, "Yard", account_id=owner.id).id
+        return self.mission
+
+    def poses(self, mission=None):
+        """Poses of the only track."""
+        with self.library.database.read() as session:
+            (track,) = tracks.listed(session, mission or self.mission)
+            return tracks.read(session, track)
+
+    def state(self, mission=None):
+        with self.library.database.read() as session:
+            found = session.get_one(Mission, mission or self.mission)
+            return found.name, found.start, found.ended_at is not None
+
+    def told(self, mission):
+        """What a robot has told, in short."""
+        with self.library.database.read() as session:
+            objects = select(MissionObject.object_id).where(MissionObject.mission_id == mission)
+            return {
+                "tracks": [(track.source, track.poses) for track in tracks.listed(session, mission)],
+                "objects": list(session.scalars(objects)),
+                "photos": len(missions.photos(session, mission)),
+            }

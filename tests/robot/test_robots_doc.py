@@ -1,0 +1,71 @@
+"""The page for robot people says what is so, and its examples run."""
+
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from webapp.robot import RobotClient, RobotOptions
+from webapp.robot.records import SOURCES, ObjectFields, PoseFields, parse_record
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "robots.md").read_text("utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.M | re.S)
+
+
+def test_the_example_in_python_sends_what_it_says(site, mission, tmp_path, save_photo):
+    (program,) = blocks("python")
+    (tmp_path / "example.py").write_text(program)
+    save_photo(tmp_path / "door.jpg", 3)
+    words = [sys.executable, "example.py", site.url, site.token, str(mission), "spool"]
+    environ = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    done = subprocess.run(words, cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert site.told(mission) == {"tracks": [("gps", 1), ("odometry", 1)], "objects": ["door 1"], "photos": 1}
+
+
+def test_the_lines_for_other_languages_are_records():
+    (lines,) = blocks("json")
+    records = [json.loads(line) for line in lines.splitlines()]
+    assert [record["type"] for record in records] == ["pose", "object", "upload", "end"]
+    for record in records:
+        if record["type"] != "upload":
+            assert parse_record(record, now_s=0) == record
+
+
+def test_every_field_is_explained():
+    fields = re.findall(r"^\| (`[a-z_`, ]+) \| (?:both|pose|object) \|", PAGE, re.M)
+    told = {name for cell in fields for name in re.findall(r"[a-z_0-9]+", cell)}
+    known = {*PoseFields.__annotations__, *ObjectFields.__annotations__, "time", "lat", "lon", "id", "class"}
+    assert told == known
+    assert all(f"`{source}`" in PAGE for source in SOURCES)
+
+
+def test_every_option_is_explained_with_its_default():
+    told = dict(re.findall(r"^\| `([a-z_]+)` \| ([\d.]+) \|", PAGE, re.M))
+    assert told == {field.name: str(field.default) for field in dataclasses.fields(RobotOptions)}
+
+
+def test_every_call_is_explained():
+    told = set(re.findall(r"^\| `([a-z_]+)\(", PAGE, re.M))
+    assert told == {name for name in vars(RobotClient) if not name.startswith("_")}
+
+
+def test_the_folder_and_one_module_are_enough(tmp_path, server):
+    package = tmp_path / "webapp"
+    (package / "robot").mkdir(parents=True)
+    parts = ["__init__.py", "errors.py", *(f"robot/{p.name}" for p in (ROOT / "webapp/robot").glob("*.py"))]
+    for part in parts:
+        (package / part).write_bytes((ROOT / "webapp" / part).read_bytes())
+    program = (
+        "from webapp.robot import RobotClient\n"
+        f"with RobotClient({server.url!r}, 'token', mission=1, spool='spool') as robot: robot.pose(1, 2)\n"
+    )
+    words = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.insert(0, '.')\n{program}"]
+    subprocess.run(words, cwd=tmp_path, check=True)
+    assert server.stored()[0]["lat"] == 1

@@ -1,0 +1,30 @@
+"""What is replayed is what the import of the same file keeps."""
+
+import numpy as np
+import pytest
+
+from webapp.core.trajectory.batch import parse
+from webapp.core.trajectory.thinning import MinMove
+from webapp.tasks import read_track, replay_track
+from webapp.tasks.read_track import Wishes
+
+
+@pytest.mark.parametrize("least", [MinMove(), MinMove(0.5, "m"), MinMove(0.0)])
+def test_a_replayed_bag_is_the_imported_one(shared_data, least):
+    bag = shared_data / "robot" / "test1.bag"
+    replayed = replay_track.run(bag, min_move=least)
+    (imported,) = read_track.run(bag, wishes=Wishes(min_move=least)).tracks
+    batch = parse([event.record for event in replayed.events])
+    part = batch.tracks["gps", imported.name]
+    for name in ("times_s", "latlon", "height_m", "covariance_m2", "travelled_m"):
+        np.testing.assert_array_equal(getattr(part.poses, name), getattr(imported.poses, name))
+    assert replayed.skipped == imported.skipped >= part.skipped
+    assert [event.time_s for event in replayed.events] == sorted(event.time_s for event in replayed.events)
+    assert sum(left.count for left in replayed.left_out) == 11865 + 3952
+
+
+def test_tracks_and_objects_come_in_the_order_of_their_times(tmp_path):
+    file = tmp_path / "walk.csv"
+    file.write_text("time,lat,lon\n10,50,14\n30,50.1,14\n20,50.2,14\n")
+    replayed = replay_track.run(file, min_move=MinMove(0.0))
+    assert [event.record["time"] for event in replayed.events] == [10, 30, 20]  # a track keeps its own order
