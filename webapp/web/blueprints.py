@@ -5,6 +5,7 @@ from __future__ import annotations
 from flask import Blueprint
 
 from webapp.web.account_page import blueprint as account_page
+from webapp.web.api_account import blueprint as api_account
 from webapp.web.api_batches import blueprint as api_batches
 from webapp.web.api_blur import blueprint as api_blur
 from webapp.web.api_checks import blueprint as api_checks
@@ -14,10 +15,12 @@ from webapp.web.api_georeference import blueprint as api_georeference
 from webapp.web.api_jobs import blueprint as api_jobs
 from webapp.web.api_localize import blueprint as api_localize
 from webapp.web.api_maps import blueprint as api_maps
+from webapp.web.api_members import blueprint as api_members
 from webapp.web.api_mission_events import blueprint as api_mission_events
 from webapp.web.api_mission_objects import blueprint as api_mission_objects
 from webapp.web.api_mission_photos import blueprint as api_mission_photos
 from webapp.web.api_missions import blueprint as api_missions
+from webapp.web.api_people import blueprint as api_people
 from webapp.web.api_photos import blueprint as api_photos
 from webapp.web.api_placements import blueprint as api_placements
 from webapp.web.api_placing import blueprint as api_placing
@@ -42,6 +45,7 @@ from webapp.web.sign_in import blueprint as sign_in
 
 BLUEPRINTS: tuple[Blueprint, ...] = (
     account_page,
+    api_account,
     api_batches,
     api_blur,
     api_checks,
@@ -51,10 +55,12 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_jobs,
     api_localize,
     api_maps,
+    api_members,
     api_mission_events,
     api_mission_objects,
     api_mission_photos,
     api_missions,
+    api_people,
     api_photos,
     api_placements,
     api_placing,

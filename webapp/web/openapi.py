@@ -40,6 +40,7 @@ _TAGS = {
     "Placements": "Further sets of places for the photos of a map.",
     "Localization": "Where was this photo taken? And what was asked before.",
     "Session": "Who is signed in.",
+    "Accounts": "One's own account and tokens, and, for the owner of the library, all accounts.",
     "Sharing": "Links that show a map or an answer without a sign-in.",
     "Shared": "What such a link shows: for visitors, without a sign-in.",
     "Checks": "What is wrong with a map, and which of its places are weak.",
@@ -57,6 +58,8 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "sha256": {"description": "SHA-256 of the photo, hexadecimal."},
     "track_id": {"description": "Id of the track."},
     "job_id": {"description": "Id of the job."},
+    "token_id": {"description": "Id of the token."},
+    "account_id": {"description": "Id of the account."},
     "name": {"description": "Name, as it is listed."},
     "form": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
     "z": {"description": "Zoom level: 0 shows the image in one tile."},
@@ -96,6 +99,8 @@ _IF_MATCH = {
     "schema": {"type": "string", "pattern": '^("[0-9]{1,15}"|[0-9]{1,15})$'},
 }
 _MORE: dict[str, dict[str, Any]] = {
+    "api_people.list_accounts": {"statuses": [403]},
+    "api_shares.list_shares": {"statuses": [403]},
     "maps.edit_one": {"parameters": [_IF_MATCH]},
     "maps.remove_one": {"parameters": [_IF_MATCH]},
     "api_uploads.send": {
@@ -113,7 +118,7 @@ _MORE: dict[str, dict[str, Any]] = {
         },
     },
 }
-"""What routes read that no schema of theirs tells, by endpoint."""
+"""What routes read, and answer with, that no schema of theirs tells, by endpoint."""
 
 _ERROR = {
     "type": "object",
@@ -206,7 +211,8 @@ def _complete(app: Flask, document: dict[str, Any]) -> dict[str, Any]:
             operation["security"] = []
         if "requestBody" in operation:
             operation["requestBody"]["required"] = _needs_body(operation["requestBody"], document)
-        for status in _statuses(operation, changes="GET" not in (rule.methods or ())):
+        changes = "GET" not in (rule.methods or ())
+        for status in [*_statuses(operation, changes=changes), *more.get("statuses", ())]:
             operation["responses"].setdefault(str(status), {"$ref": f"#/components/responses/Error{status}"})
     return document
 
