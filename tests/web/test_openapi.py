@@ -3,6 +3,7 @@
 import io
 import itertools
 import json
+import re
 
 import hypothesis
 import pytest
@@ -18,9 +19,13 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
-from webapp.store import accounts, jobs, members, queries, uploads
+from webapp.settings import MissionSettings, Settings
+from webapp.store import accounts, jobs, members, missions, queries, tracks, uploads
 from webapp.store.schema import MapRecord, Photo, QueryRecord
-from webapp.tasks import adopt_map
+from webapp.store.schema_missions import Mission, MissionPhoto
+from webapp.tasks import add_mission_photo, adopt_map, take_batch
+from webapp.tasks.add_mission_photo import About
+from webapp.tasks.take_batch import Numbered
 from webapp.web.map_schemas import MapChanges, MapState
 from webapp.web.openapi import PATH
 
@@ -42,8 +47,15 @@ GEO = {
         "method": "corners",
     },
 }
+OF_THE_MAP = re.compile("{slug}|{mission_id}")
 HOSTILE = ["..", "a\x00b", "%2e%2e", "map.cfg", "' OR 1=1 --", "\u202e", "é" * 300, "C:\\x"]
 NUMBERS = [0, 1, 10**4, 2**31 - 1, 2**31, 2**63 - 1, 2**63, 10**40]
+
+
+@pytest.fixture
+def settings(tmp_path):
+    """Let streams of events end at once."""
+    return Settings(library=tmp_path / "library", missions=MissionSettings(stream_s=0.0))
 
 
 @pytest.fixture(autouse=True)
@@ -79,8 +91,39 @@ def picture():
 
 
 @pytest.fixture
-def fresh(library, owner, make_map):
-    """Make a map with photos, a placement, a query, an upload and a job; gives its slug and ids of all."""
+def add_mission(library, settings, owner):
+    """Make a mission on a map with a track, an object and a photo; gives their ids by parameter."""
+
+    def make(map_id):
+        with library.database.write() as session:
+            id = missions.create(session, "Round", account_id=owner.id, map_id=map_id).id
+        spot = {"time": 1.0, "lat": 60.4, "lon": 26.5}
+        records = [{"type": "pose", **spot}, {"type": "object", "id": "car-1", "class": "car", **spot}]
+        take_batch.run(library, id, records, place=Numbered("robot", 0))
+        (library.uploads / "m.part").write_bytes(picture())
+        photo = add_mission_photo.run(
+            library,
+            id,
+            source=library.uploads / "m.part",
+            name="m.jpg",
+            about=About(object_id="car-1"),
+            settings=settings,
+        )
+        with library.database.read() as session:
+            (track,) = tracks.listed(session, id)
+        return {
+            "mission_id": [id],
+            "track_id": [track.id],
+            "object_id": ["car-1"],
+            "sha256": [photo.sha256],
+        }
+
+    return make
+
+
+@pytest.fixture
+def fresh(library, owner, make_map, add_mission):
+    """Make a map with photos, a placement, a query, an upload, a job, a mission; gives its slug and ids."""
     numbers = itertools.count()
 
     def make():
@@ -108,6 +151,7 @@ def fresh(library, owner, make_map):
             photos = [0, 1]
             ids = {"photos": photos, "experiences": photos, "queries": [row.id], "uploads": [upload.id]}
             ids |= {"jobs": [job.id], "placements": ["other"], "members": [owner.id], "accounts": [owner.id]}
+        ids |= add_mission(map_id)
         folder = queries.folder(library, map_id)
         folder.mkdir(parents=True)
         (folder / "0.jpg").write_bytes(picture())
@@ -138,8 +182,8 @@ def cases(operation, slug, ids, modes=GenerationMode):
         parts = operation.path.split("/")
         for name in case.path_parameters:
             place = parts.index(f"{{{name}}}") if f"{{{name}}}" in parts else 0
-            known = [slug] if name == "slug" else ids.get(parts[place - 1], [])
-            wild = HOSTILE if name in ("slug", "name", "form") else NUMBERS
+            known = [slug] if name == "slug" else ids.get(name) or ids.get(parts[place - 1], [])
+            wild = HOSTILE if name in ("slug", "name", "form", "object_id", "sha256") else NUMBERS
             pick = draw(st.integers(0, 9))
             if known and pick < 8:
                 case.path_parameters[name] = draw(st.sampled_from(known))
@@ -171,11 +215,17 @@ def each(strategy, *, examples, call):
 
 
 def state(library, slug):
-    """What nobody may change who must not: the records of a map and of its photos."""
+    """What nobody may change who must not: the records of a map, of its photos and of its mission."""
     with library.database.read() as session:
         record = session.query(MapRecord).filter_by(slug=slug).one()
         rows = session.query(Photo).filter_by(map_id=record.id).order_by(Photo.id)
-        return record.revision, record.name, record.binned_at, [(p.x_px, p.removed, p.revision) for p in rows]
+        mission = session.query(Mission).filter_by(map_id=record.id).one()
+        photos = session.query(MissionPhoto).filter_by(mission_id=mission.id).count()
+        return (
+            (record.revision, record.name, record.binned_at),
+            [(p.x_px, p.removed, p.revision) for p in rows],
+            (mission.revision, mission.name, mission.binned_at, photos),
+        )
 
 
 def test_the_document_is_valid_and_tells_every_route(app, document, api):
@@ -270,7 +320,7 @@ def test_others_get_nothing_of_what_is_not_shared(operations, fresh, library, ne
         assert answer.status_code >= 400, answer.text
 
     for operation in operations:
-        if "{slug}" in operation.path or "{job_id}" in operation.path:
+        if any(name in operation.path for name in ("{slug}", "{job_id}", "{mission_id}")):
             each(cases(operation, slug, ids, [GenerationMode.POSITIVE]), examples=1, call=call)
     assert state(library, slug) == before
 
@@ -288,6 +338,6 @@ def test_viewers_change_nothing(operations, fresh, library, new_account, token):
         case.call_and_validate(headers=headers, checks=CHECKS)
 
     for operation in operations:
-        if "{slug}" in operation.path and operation.method != "get":
+        if OF_THE_MAP.search(operation.path) and operation.method != "get":
             each(cases(operation, slug, ids), examples=2, call=call)
     assert state(library, slug) == before

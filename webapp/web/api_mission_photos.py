@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
+from apiflask.fields import Boolean, Dict, File, Float, Integer, List, Nested, String
 from apiflask.validators import Length, Predicate, Range
 from flask import Response, request, send_file, url_for
 
 from webapp.files.partfile import check_space, discard, receive
 from webapp.files.preview import Kind
 from webapp.store import missions
-from webapp.store.schema_missions import MissionPhoto
-from webapp.tasks import add_mission_photo
+from webapp.store.schema_missions import Mission, MissionPhoto
+from webapp.tasks import add_mission_photo, mission_fix
 from webapp.tasks.add_mission_photo import About
-from webapp.web.context import library, open_mission, settings
+from webapp.web.context import account, library, open_mission, settings
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint(
@@ -42,6 +42,12 @@ class PhotoIn(Schema):
         validate=[Length(1, 200), Predicate("isprintable")],
         metadata={"description": "Id of the object of the mission that it shows."},
     )
+
+
+class AddQuery(Schema):
+    """What is done with a new photo."""
+
+    fix = Boolean(load_default=False, metadata={"description": "Localize it on the mission's map, soon."})
 
 
 class MissionPhotoOut(Schema):
@@ -103,10 +109,13 @@ def listed(mission_id: int) -> dict[str, Any]:
 
 @blueprint.post("")
 @blueprint.input(PhotoIn, location="form_and_files", arg_name="given")
+@blueprint.input(AddQuery, location="query", arg_name="query")
 @blueprint.output(MissionPhotoOut, status_code=201)
-def add(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
+def add(mission_id: int, *, given: dict[str, Any], query: dict[str, Any]) -> dict[str, Any]:
     """Add a photo to a mission; the same content again is the same photo."""
     mission, file = open_mission(mission_id, "editor"), given["file"]
+    if query["fix"]:
+        mission_fix.map_of(mission)
     check_space(library().uploads, request.content_length or 0, reserve_mb=settings().upload.reserve_mb)
     part = library().uploads / f"{secrets.token_hex(16)}.part"
     try:
@@ -121,6 +130,11 @@ def add(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
         )
     finally:
         discard(part)
+    if query["fix"]:
+        with library().database.write() as session:
+            kept = missions.find_photo(session, mission.id, kept.sha256)
+            row = session.get_one(Mission, mission.id)
+            mission_fix.queue(session, row, photos=[kept], account_id=account().id)
     return photo_json(kept)
 
 

@@ -15,6 +15,7 @@ from flask import Flask
 from werkzeug.routing import Rule
 
 from webapp.render.export_file import FORMATS
+from webapp.render.export_mission_file import FORMATS as MISSION_FORMATS
 from webapp.web.access import is_public
 
 PATH = "/api/v1/openapi.json"
@@ -41,7 +42,7 @@ _TAGS = {
     "Localization": "Where was this photo taken? And what was asked before.",
     "Session": "Who is signed in.",
     "Accounts": "One's own account and tokens, and, for the owner of the library, all accounts.",
-    "Sharing": "Links that show a map or an answer without a sign-in.",
+    "Sharing": "Links that show a map, an answer or a mission without a sign-in.",
     "Shared": "What such a link shows: for visitors, without a sign-in.",
     "Checks": "What is wrong with a map, and which of its places are weak.",
     "Import and export": "Maps on their way in and out.",
@@ -52,7 +53,7 @@ _TAGS = {
 _PARAMETERS: dict[str, dict[str, Any]] = {
     "slug": {"description": "The map: the last part of its address."},
     "id": {"description": "Id, unique in the map."},
-    "token": {"description": "The end of the address of a shared map or answer."},
+    "token": {"description": "The end of the address of what is shared."},
     "mission_id": {"description": "Id of the mission."},
     "object_id": {"description": "Id of the object, as the robot gave it."},
     "sha256": {"description": "SHA-256 of the photo, hexadecimal."},
@@ -62,12 +63,13 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "account_id": {"description": "Id of the account."},
     "name": {"description": "Name, as it is listed."},
     "form": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
+    "ending": {"description": "Format.", "schema": {"type": "string", "enum": list(MISSION_FORMATS)}},
     "z": {"description": "Zoom level: 0 shows the image in one tile."},
     "x": {"description": "Column of the tile, from the left."},
     "y": {"description": "Row of the tile, from the top."},
 }
 
-_LIMITS = {"max": "maximum", "maxlength": "maxLength"}
+_LIMITS = {"max": ("maximum",), "maxlength": ("maxLength",), "length": ("minLength", "maxLength")}
 
 _ALWAYS = (401, 429)
 _OF_PATH = (404, 405)
@@ -235,7 +237,7 @@ def _describe(parameter: dict[str, Any], rule: Rule) -> None:
     schema: dict[str, Any] = {"type": "string", "minLength": 1}
     if part["kind"] == "int":
         schema = {"type": "integer", "minimum": 0}
-    schema.update({_LIMITS[key]: int(value) for key, value in limits.items()})
+    schema.update({bound: int(value) for key, value in limits.items() for bound in _LIMITS[key]})
     parameter.update({"required": True, "schema": schema, **_PARAMETERS[name]})
 
 
