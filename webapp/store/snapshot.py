@@ -26,12 +26,15 @@ class Contents:
         Slug of the map and path in its folder, of all photos and images.
     queries : frozenset of (int, str)
         Id of the map and name of the file, of all photos that were asked about.
+    mission_photos : frozenset of (int, str)
+        Id of the mission and path in its folder, of all photos of missions.
     """
 
     maps: dict[int, str]
     photos: int
     files: frozenset[tuple[str, str]]
     queries: frozenset[tuple[int, str]]
+    mission_photos: frozenset[tuple[int, str]]
 
 
 def copy_to(database: Database, target: Path) -> Contents:
@@ -100,7 +103,13 @@ def _contents(database: sqlite3.Connection) -> Contents:
     photos = database.execute("SELECT map.slug, path FROM photo JOIN map ON map.id = map_id").fetchall()
     images = database.execute("SELECT slug, satellite_path FROM map WHERE satellite_path IS NOT NULL")
     queries = database.execute("SELECT map_id, file FROM query")
-    return Contents(maps, len(photos), frozenset([*photos, *images]), frozenset(queries))
+    files = frozenset([*photos, *images])
+    return Contents(maps, len(photos), files, frozenset(queries), _mission_photos(database))
+
+
+def _mission_photos(database: sqlite3.Connection) -> frozenset[tuple[int, str]]:
+    older = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'mission_photo'").fetchone() is None
+    return frozenset() if older else frozenset(database.execute("SELECT mission_id, path FROM mission_photo"))
 
 
 def _told(error: sqlite3.Error, path: Path) -> StorageError:

@@ -18,7 +18,7 @@ from webapp import __version__
 from webapp.errors import StorageError, UsageError
 from webapp.files.backupfile import Archive, new_backup
 from webapp.progress import Progress
-from webapp.store import queries, snapshot
+from webapp.store import missions, queries, snapshot
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, Library
 from webapp.store.snapshot import Contents
@@ -26,7 +26,8 @@ from webapp.tasks.library_export import LOCK
 
 MAPS = "maps"
 QUERIES = "queries"
-"""Where everything is in a backup: `library.db`, `maps/SLUG/...`, `queries/ID/...`."""
+MISSIONS = "missions"
+"""Where everything is in a backup: `library.db`, `maps/SLUG/...`, `queries/ID/...`, `missions/ID/...`."""
 
 _DERIVED = "derived"
 _EXPORTED = frozenset({".cfg", ".json"})
@@ -166,6 +167,7 @@ def _copy_files(library: Library, archive: Archive, moment: _Moment, *, progress
     found = {name: path for name, path in _files(library, moment.contents) if name not in moment.exported}
     needed = {f"{MAPS}/{slug}/{path}" for slug, path in moment.contents.files}
     needed |= {f"{QUERIES}/{map_id}/{file}" for map_id, file in moment.contents.queries}
+    needed |= {f"{MISSIONS}/{id}/{path}" for id, path in moment.contents.mission_photos}
     progress.size(len(found))
     for name, path in found.items():
         progress.check()
@@ -188,11 +190,17 @@ def _files(library: Library, contents: Contents) -> Iterator[tuple[str, Path]]:
         folder = queries.folder(library, map_id)
         for file in sorted(file for id, file in contents.queries if id == map_id):
             yield f"{QUERIES}/{map_id}/{file}", folder / file
+    for mission_id, path in sorted(contents.mission_photos):
+        yield f"{MISSIONS}/{mission_id}/{path}", missions.folder(library, mission_id) / path
 
 
 def _belongs(name: str, contents: Contents) -> bool:
-    """Tell whether a file is not one of a map that was deleted while it was copied."""
+    """Tell whether a file is not one of a map or a mission that was deleted while it was copied."""
     kind, _, rest = name.partition("/")
     whose = rest.partition("/")[0]
-    maps = contents.maps.values() if kind == MAPS else [str(id) for id in contents.maps]
-    return not rest or whose in maps
+    owners = {
+        MAPS: contents.maps.values(),
+        QUERIES: [str(id) for id in contents.maps],
+        MISSIONS: [str(id) for id, _ in contents.mission_photos],
+    }
+    return not rest or whose in owners[kind]

@@ -17,12 +17,12 @@ from webapp.files.alive import any_alive
 from webapp.files.atomic import storage_error, sync_folder
 from webapp.files.backupfile import read_manifest, unpack
 from webapp.progress import Progress
-from webapp.store import jobs, snapshot
+from webapp.store import jobs, missions, snapshot
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, INNER, open_library
 from webapp.store.schema import MapRecord, Photo
 from webapp.store.snapshot import Contents
-from webapp.tasks.backup_library import MAPS, QUERIES
+from webapp.tasks.backup_library import MAPS, MISSIONS, QUERIES
 from webapp.tasks.library_export import INDEX_JOB
 
 _STAGE = ".restoring"
@@ -124,13 +124,15 @@ def _check_idle(folder: Path) -> None:
 def _unpack(archive: Path, stage: Path, *, progress: Progress) -> int:
     """Unpack a backup as a library; gives the number of its files."""
 
+    folders = {MAPS: stage, QUERIES: stage / INNER / QUERIES, MISSIONS: stage / missions.FOLDER}
+
     def place(name: str) -> Path:
         kind, _, rest = name.partition("/")
         if name == DATABASE:
             return stage / INNER / DATABASE
-        if kind not in (MAPS, QUERIES) or "/" not in rest or rest.startswith("."):
+        if kind not in folders or "/" not in rest or rest.startswith("."):
             raise InputError("the backup holds what is no part of a library", where=name)
-        return (stage if kind == MAPS else stage / INNER / QUERIES) / PurePosixPath(rest)
+        return folders[kind] / PurePosixPath(rest)
 
     files = unpack(archive, stage, place=place, progress=progress)
     if DATABASE not in files:
