@@ -33,8 +33,7 @@ def format_mission_gpx(mission: MissionOut) -> Iterator[bytes]:
 
 
 def _pieces(mission: MissionOut) -> Iterator[str]:
-    about = element("desc", mission.note) if mission.note else ""
-    yield f"{DECLARATION}{_OPEN}<metadata>{element('name', mission.name)}{about}</metadata>\n"
+    yield f"{DECLARATION}{_OPEN}<metadata>{element('name', mission.name)}</metadata>\n"
     for found in mission.objects():
         yield _waypoint(found)
     for track in mission.tracks:

@@ -64,8 +64,6 @@ def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
 
 def _pieces(mission: MissionOut, icons: Mapping[str, str]) -> Iterator[str]:
     yield f"{DECLARATION}{_OPEN}<Document>{element('name', mission.name)}<open>1</open>\n"
-    if mission.note:
-        yield element("description", mission.note) + "\n"
     styles = {kind: f"kind-{number}" for number, kind in enumerate(mission.kinds)}
     for kind, style in styles.items():
         yield _kind_style(kind, style, icons.get(kind))

@@ -57,11 +57,30 @@ def read(database: Database, mission_id: int, *, most: int | None = None) -> Mis
         found = [track for track in tracks.listed(session, mission_id) if track.poses]
         return MissionOut(
             name=mission.name,
-            note=mission.note,
             tracks=tuple(_track(database, track, most=most) for track in found),
             kinds=_kinds(session, mission_id),
             objects=partial(_objects, database, mission_id),
         )
+
+
+def some_objects(
+    session: Session, mission_id: int, *, since: int = -1, limit: int, offset: int = 0
+) -> list[MissionObject]:
+    """Read some objects of a mission in the order of their ids.
+
+    Parameters
+    ----------
+    session : Session
+    mission_id : int
+    since : int
+        Only those that changed after that revision of the mission.
+    limit, offset : int
+        At most so many, after so many.
+    """
+    found = select(MissionObject).where(
+        MissionObject.mission_id == mission_id, MissionObject.revision > since
+    )
+    return list(session.scalars(found.order_by(MissionObject.object_id).limit(limit).offset(offset)))
 
 
 def _track(database: Database, track: Track, *, most: int | None) -> TrackOut:

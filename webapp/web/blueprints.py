@@ -17,8 +17,10 @@ from webapp.web.api_localize import blueprint as api_localize
 from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.api_members import blueprint as api_members
 from webapp.web.api_mission_events import blueprint as api_mission_events
+from webapp.web.api_mission_exports import blueprint as api_mission_exports
 from webapp.web.api_mission_objects import blueprint as api_mission_objects
 from webapp.web.api_mission_photos import blueprint as api_mission_photos
+from webapp.web.api_mission_shares import blueprint as api_mission_shares
 from webapp.web.api_missions import blueprint as api_missions
 from webapp.web.api_people import blueprint as api_people
 from webapp.web.api_photos import blueprint as api_photos
@@ -28,6 +30,7 @@ from webapp.web.api_queries import blueprint as api_queries
 from webapp.web.api_satellite import blueprint as api_satellite
 from webapp.web.api_session import blueprint as api_session
 from webapp.web.api_shared import blueprint as api_shared
+from webapp.web.api_shared_missions import blueprint as api_shared_missions
 from webapp.web.api_shares import blueprint as api_shares
 from webapp.web.api_tracks import blueprint as api_tracks
 from webapp.web.api_uploads import blueprint as api_uploads
@@ -39,6 +42,7 @@ from webapp.web.localize import blueprint as localize
 from webapp.web.map_settings import blueprint as map_settings
 from webapp.web.maps_page import blueprint as maps_page
 from webapp.web.people_page import blueprint as people_page
+from webapp.web.public_mission_pages import blueprint as public_mission_pages
 from webapp.web.public_pages import blueprint as public_pages
 from webapp.web.satellite import blueprint as satellite
 from webapp.web.sign_in import blueprint as sign_in
@@ -57,8 +61,10 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_maps,
     api_members,
     api_mission_events,
+    api_mission_exports,
     api_mission_objects,
     api_mission_photos,
+    api_mission_shares,
     api_missions,
     api_people,
     api_photos,
@@ -68,6 +74,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_satellite,
     api_session,
     api_shared,
+    api_shared_missions,
     api_shares,
     api_tracks,
     api_uploads,
@@ -79,6 +86,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     map_settings,
     maps_page,
     people_page,
+    public_mission_pages,
     public_pages,
     satellite,
     sign_in,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from flask import Blueprint, render_template
 
 from webapp.errors import NotFound
-from webapp.store import shares
+from webapp.store import mission_shares, shares
 from webapp.web import errors, shared_state
 from webapp.web.access import public
 from webapp.web.answer_colours import answer_colours
@@ -22,7 +22,8 @@ _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 def index() -> str:
     """List what is open to everybody."""
     with library().database.read() as session:
-        return render_template("public/index.html", opened=shares.public(session))
+        missions = mission_shares.public(session)
+        return render_template("public/index.html", opened=shares.public(session), missions=missions)
 
 
 @blueprint.get("/s/<token>")

@@ -45,6 +45,7 @@ export function showAddress(share) {
     !share.public && once,
     secret(t("Address"), share.url, "share-url"),
     secret(t("Tag that shows it in another page"), share.embed, "share-embed"),
+    share.kml && secret(t("Link for Google Earth and others, which stays up to date"), share.kml, "share-kml"),
   ].filter(Boolean));
 }
 

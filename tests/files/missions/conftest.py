@@ -59,4 +59,4 @@ def mission(poses, track):
         ObjectOut("v", "victim", LatLon(50.003, 14.004), 1.7e9 + 1, 1.7e9 + 9, None, 1.0, 3, None),
     ]
     kinds = ("car", HOSTILE, "victim")
-    return MissionOut(f"Search {HOSTILE}", "A note", tracks, kinds, lambda: iter(objects))
+    return MissionOut(f"Search {HOSTILE}", tracks, kinds, lambda: iter(objects))

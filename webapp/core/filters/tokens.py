@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 from webapp.errors import UsageError
 
@@ -89,8 +89,8 @@ def tokens(text: str, field: str) -> list[Token]:
         match = _TOKEN.match(text, at)
         if match is None:
             raise _strange(text, at, field=field)
-        kind = match.lastgroup
-        if kind in ("name", "number", "text", "sign"):
+        kind = cast("TokenKind | Literal['space']", match.lastgroup)
+        if kind != "space":
             word = match[kind]
             found.append(Token(kind, word.replace("''", "'") if kind == "text" else word, at + 1))
         at = match.end()

@@ -100,7 +100,7 @@ class MissionOut:
 
     Attributes
     ----------
-    name, note : str
+    name : str
     tracks : tuple of TrackOut
         Those that have poses.
     kinds : tuple of str
@@ -110,7 +110,6 @@ class MissionOut:
     """
 
     name: str
-    note: str
     tracks: tuple[TrackOut, ...]
     kinds: tuple[str, ...]
     objects: Callable[[], Iterable[ObjectOut]]

@@ -1,0 +1,153 @@
+"""The fused track of a mission, written as a whole."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from tests.core.trajectory.simulated import Drive
+from tests.core.trajectory.test_fusion import FRAME, error_m, gps_of, odometry_of
+from webapp.core.trajectory.fusion import Fusion
+from webapp.errors import Cancelled, NotFound, UsageError
+from webapp.progress import Progress
+from webapp.store import missions, tracks
+from webapp.store.schema_missions import Mission, MissionPhoto
+from webapp.tasks import fuse_mission
+
+
+@pytest.fixture
+def driven(library, owner):
+    """A mission with odometry and GPS, of which one fix is wrong; its id and what is true of it."""
+    drive = Drive(3)
+    drive.measured[20] += (0, 90)
+    with library.database.write() as session:
+        mission = missions.create(session, "Yard", account_id=owner)
+        for source, poses in (("odometry", odometry_of(drive)), ("gps", gps_of(drive))):
+            tracks.append(session, tracks.get_or_create(session, mission.id, source=source), poses)
+    return mission.id, drive
+
+
+def fused(library, mission_id):
+    with library.database.read() as session:
+        track = next(t for t in tracks.listed(session, mission_id) if t.source == "fused")
+        return track, tracks.read(session, track)
+
+
+def run(library, mission_id, progress=None):
+    return fuse_mission.run(
+        library, mission_id, write=library.database.write, progress=progress or Progress()
+    )
+
+
+def test_a_corrected_track_stands_beside_the_others(library, driven):
+    mission_id, drive = driven
+    report = run(library, mission_id)
+    track, poses = fused(library, mission_id)
+    assert track.poses == report["poses"] == drive.nodes
+    assert error_m(Fusion(poses, {}, (), None), drive) < 1.5
+    assert (poses.covariance_m2[:, :2] > 0).all()
+    assert track.distance_m == pytest.approx(120, rel=0.1)
+    with library.database.read() as session:
+        assert [t.source for t in tracks.listed(session, mission_id)] == ["odometry", "gps", "fused"]
+        assert session.get_one(Mission, mission_id).revision == report["revision"] == 1
+
+
+def test_what_was_left_out_is_told_and_kept(library, driven):
+    mission_id, drive = driven
+    report = run(library, mission_id)
+    (gated,) = report["gated"]
+    assert (gated["source"], gated["number"]) == ("gps", 20)
+    assert gated["off_m"] == pytest.approx(90, abs=8)
+    assert gated["most_m"] < 20
+    assert f"{gated['off_m']:.1f} m from where it was expected" in gated["reason"]
+    expected = FRAME.enu_from_latlon([list(gated["expected"].values())])[0]
+    assert np.hypot(*(expected - drive.truth[80])) < 5
+    (statistics,) = report["fixes"]
+    assert (statistics["used"], statistics["gated"]) == (59, 1)
+    low, high = statistics["expected_between"]
+    assert low < 2 < high
+    assert fuse_mission.read_report(library, mission_id) == json.loads(json.dumps(report))
+
+
+def test_done_again_it_is_the_same(library, driven):
+    mission_id, _ = driven
+    first, again = run(library, mission_id), run(library, mission_id)
+    assert again == {**first, "revision": 2}
+    assert fused(library, mission_id)[0].poses == first["poses"]
+
+
+def test_stopped_it_leaves_the_former_track(library, driven):
+    mission_id, _ = driven
+    run(library, mission_id)
+    before = fused(library, mission_id)[1]
+
+    class Stop(Progress):
+        def cancelled(self):
+            return True
+
+    with pytest.raises(Cancelled):
+        run(library, mission_id, Stop())
+    assert fused(library, mission_id)[1].latlon.tolist() == before.latlon.tolist()
+
+
+def test_who_reads_meanwhile_sees_the_old_or_the_new(library, driven):
+    mission_id, _ = driven
+    count, seen = run(library, mission_id)["poses"], []
+    worker = threading.Thread(target=run, args=(library, mission_id))
+    worker.start()
+    while worker.is_alive():
+        seen.append(len(fused(library, mission_id)[1]))
+    worker.join()
+    assert set(seen) == {count}
+
+
+def test_a_photo_whose_fix_was_left_out_says_so(library, driven):
+    mission_id, drive = driven
+    right, wrong = drive.truth[100], drive.truth[150] + (0, 200)
+    with library.database.write() as session:
+        for name, node, at in (("a", 100, right), ("b", 150, wrong)):
+            lat, lon = FRAME.latlon_from_enu([at])[0].tolist()
+            time_s = float(odometry_of(drive).times_s[node])
+            session.add(
+                MissionPhoto(
+                    mission_id=mission_id, sha256=name * 64, name=name, path=name,
+                    width=1, height=1, size_bytes=1, time_s=time_s, fix={"lat": lat, "lon": lon, "time": time_s}, fix_state="done",
+                )
+            )  # fmt: skip
+            poses = odometry_of(drive).take(slice(node, node + 1))
+            poses.latlon[:] = lat, lon
+            poses.covariance_m2[:] = 4.0, 4.0, 0.0
+            tracks.append(
+                session, tracks.get_or_create(session, mission_id, source="visual", name="photos"), poses
+            )
+    run(library, mission_id)
+    with library.database.read() as session:
+        photos = session.scalars(select(MissionPhoto).order_by(MissionPhoto.name)).all()
+    assert [photo.fix["gated"] for photo in photos] == [False, True]
+    assert "from where it was expected" in photos[1].fix["gated_why"]
+
+
+def test_nothing_to_correct_by(library, owner):
+    with library.database.write() as session:
+        mission = missions.create(session, "Yard", account_id=owner)
+        poses = odometry_of(Drive(0))
+        tracks.append(session, tracks.get_or_create(session, mission.id, source="odometry"), poses)
+    with pytest.raises(UsageError, match="no fix"):
+        run(library, mission.id)
+    with pytest.raises(NotFound, match="not fused yet"):
+        fuse_mission.read_report(library, mission.id)
+
+
+def test_a_mission_that_is_gone(library):
+    with pytest.raises(NotFound):
+        run(library, 77)
+
+
+def test_of_a_long_track_some_poses_are_taken(library, driven, monkeypatch):
+    mission_id, drive = driven
+    monkeypatch.setattr(fuse_mission, "MOST_POSES", 50)
+    report = run(library, mission_id)
+    assert report["poses"] <= 100
+    assert error_m(Fusion(fused(library, mission_id)[1], {}, (), None), drive) < 2.0

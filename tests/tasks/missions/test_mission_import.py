@@ -1,0 +1,202 @@
+"""Files become tracks and objects of a mission: each pose once, whenever the import was killed."""
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.robotframe import Start
+from webapp.core.trajectory.thinning import MinMove
+from webapp.errors import NotFound, TrackError
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store import missions, tracks
+from webapp.store.schema_missions import Mission, Track
+from webapp.tasks import mission_import, read_track
+from webapp.tasks.mission_import import Order
+from webapp.tasks.read_track import Wishes
+
+ALL = Wishes(min_move=MinMove(0.0))
+
+
+class Killed(BaseException):
+    """Nothing may catch it."""
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A table of two tracks and objects among their poses, of many parts."""
+    rows = ["time,lat,lon,track,id,class"]
+    for i in range(900):
+        rows.append(f"{1000 + i},{50 + i * 1e-5:.6f},14,{'ab'[i % 2]},,")
+        if i % 300 == 7:
+            rows.append(f"{1000 + i},{50 + i * 1e-5:.6f},14.1,,bin{i % 2},bin")
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(rows))
+    return path
+
+
+@pytest.fixture
+def mission(library, owner):
+    """The id of a mission without tracks."""
+    with library.database.write() as session:
+        return missions.create(session, "Search", account_id=owner).id
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    """Have files cut into small parts, and stored a few at a time."""
+    monkeypatch.setattr("webapp.files.csvtrack.CHUNK", 50)
+    monkeypatch.setattr(mission_import, "_AT_ONCE", 120)
+
+
+def order_for(path, wishes=ALL, name=None):
+    return Order(path, name or path.name, wishes)
+
+
+def imported(library, mission, order, **how):
+    return mission_import.run(library, mission, order=order, settings=Settings(), **how)
+
+
+def content(library, mission):
+    """All that is stored: tracks with their counts and poses, objects with their sightings."""
+    with library.database.read() as session:
+        found = {}
+        for track in tracks.listed(session, mission):
+            poses = tracks.read(session, track)
+            facts = (track.poses, track.skipped, round(track.distance_m, 6))
+            found[(track.source, track.name)] = (*facts, poses.times_s.tolist(), poses.latlon.tolist())
+        seen = {o.object_id: (o.kind, o.sightings, o.last_time_s) for o in missions.objects(session, mission)}
+        return found, seen
+
+
+def test_what_is_stored_is_what_is_read(library, mission, log, small_parts):
+    done = imported(library, mission, order_for(log))
+    whole = read_track.run(log, wishes=ALL)
+    stored, seen = content(library, mission)
+    assert {name for _, name in stored} == {"log a", "log b"}
+    for track in whole.tracks:
+        count, skipped, distance, times, latlon = stored[("gps", f"log {track.name}")]
+        assert (count, skipped) == (450, 0)
+        assert distance == pytest.approx(track.distance_m)
+        assert times == track.poses.times_s.tolist()
+        assert np.array_equal(latlon, track.poses.latlon)
+    assert seen == {"bin1": ("bin", 3, 1607.0)}
+    assert (done.objects, done.new) == (3, True)
+
+
+@pytest.mark.parametrize("after_commit", [False, True])
+def test_killed_anywhere_it_goes_on_and_stores_each_pose_once(
+    library, mission, log, small_parts, after_commit
+):
+    with library.database.write() as session:
+        other = missions.create(session, "Whole", account_id=session.get_one(Mission, mission).account_id).id
+    imported(library, other, order_for(log))
+    expected = content(library, other)
+    kills = 0
+    for survives in range(100):
+        left = survives
+
+        @contextmanager
+        def write():
+            nonlocal left
+            with library.database.write() as session:
+                yield session
+                if left == 0 and not after_commit:
+                    raise Killed
+            if left == 0:
+                raise Killed
+            left -= 1
+
+        try:
+            imported(library, mission, order_for(log), writes=write)
+            break
+        except Killed:
+            kills += 1
+    assert kills > 3
+    assert content(library, mission) == expected
+
+
+def test_a_file_that_comes_again_stores_nothing(library, mission, log):
+    imported(library, mission, order_for(log))
+    before = content(library, mission)
+    again = imported(library, mission, order_for(log))
+    assert not again.new
+    assert content(library, mission) == before
+    with library.database.read() as session:
+        revision = session.get_one(Mission, mission).revision
+    imported(library, mission, order_for(log))
+    with library.database.read() as session:
+        assert session.get_one(Mission, mission).revision == revision, "open pages hear of nothing"
+
+
+def test_read_in_another_way_it_makes_tracks_of_its_own(library, mission, log):
+    imported(library, mission, order_for(log))
+    done = imported(library, mission, order_for(log, Wishes(min_move=MinMove(100.0, "m"))))
+    assert sorted(track.name for track in done.tracks) == ["log a (2)", "log b (2)"]
+    assert all(track.skipped > 400 for track in done.tracks)
+
+
+def test_the_distance_is_that_before_thinning(library, mission, tmp_path):
+    path = tmp_path / "still.csv"
+    path.write_text("time,lat,lon\n" + "".join(f"{i},50.00000{i % 2},14\n" for i in range(101)))
+    (track,) = imported(library, mission, order_for(path, Wishes())).tracks
+    assert (track.poses, track.skipped) == (1, 100)
+    assert track.distance_m == pytest.approx(100 * 0.1112, rel=0.01)
+
+
+def test_a_damaged_file_stores_nothing_and_is_called_by_its_name(library, mission, tmp_path):
+    path = tmp_path / "0123.track"
+    path.write_text('<gpx><trk><trkseg><trkpt lat="50" lon="14"/></trkseg></trk>')
+    with pytest.raises(TrackError) as error:
+        imported(library, mission, order_for(path, name="walk.gpx"))
+    assert error.value.where == "walk.gpx"
+    assert content(library, mission) == ({}, {})
+
+
+def test_waypoints_of_two_files_stay_apart(library, mission, tmp_path):
+    for lat, name in ((50, "a.gpx"), (51, "b.gpx")):
+        path = tmp_path / name
+        path.write_text(f'<gpx><wpt lat="{lat}" lon="14"><name>001</name></wpt></gpx>')
+        imported(library, mission, order_for(path))
+    assert set(content(library, mission)[1]) == {"a: waypoint 1 001", "b: waypoint 1 001"}
+
+
+def test_the_start_is_that_of_the_mission(library, mission, tmp_path):
+    path = tmp_path / "way.tum"
+    path.write_text("0 0 0 0 0 0 0 1\n1 100 0 0 0 0 0 1\n")
+    with pytest.raises(TrackError, match="needs a start"):
+        imported(library, mission, order_for(path))
+    with library.database.write() as session:
+        session.get_one(Mission, mission).start = {"lat": 50.0, "lon": 14.0, "heading_deg": 0.0}
+    (track,) = imported(library, mission, order_for(path)).tracks
+    assert track.source == "odometry"
+    with library.database.read() as session:
+        latlon = tracks.read(session, session.get_one(Track, track.id)).latlon
+    assert latlon[1, 0] - 50.0 == pytest.approx(100 / 111_229, rel=1e-3)
+    start = Start(LatLon(10.0, 10.0), 0.0)
+    (other,) = imported(library, mission, order_for(path, Wishes(start=start))).tracks
+    assert other.name == "way (2)"
+
+
+def test_a_mission_in_the_bin_takes_nothing(library, mission, log):
+    with library.database.write() as session:
+        missions.put_into_bin(session.get_one(Mission, mission))
+    with pytest.raises(NotFound, match="in the bin"):
+        imported(library, mission, order_for(log))
+
+
+def test_every_pose_and_object_is_a_step(library, mission, log):
+    class Counted(Progress):
+        total = steps = 0
+
+        def size(self, total):
+            self.total = total
+
+        def advance(self, steps=1):
+            self.steps += steps
+
+    progress = Counted()
+    imported(library, mission, order_for(log), progress=progress)
+    assert progress.steps == progress.total == 903

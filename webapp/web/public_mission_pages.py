@@ -1,0 +1,91 @@
+"""Pages and files of shared missions for visitors, the same for frames, and a link for other programs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flask import Blueprint, Response, render_template, request
+from marshmallow import Schema, ValidationError
+
+from webapp.errors import NotFound, UsageError
+from webapp.store import mission_shares
+from webapp.store.mission_shares import OpenedMission
+from webapp.web import errors, mission_download, shared_mission
+from webapp.web.access import public
+from webapp.web.context import library
+from webapp.web.mission_download import ExportQuery, LinkQuery
+from webapp.web.security import allow_framing
+
+blueprint = Blueprint("public_mission_pages", __name__, url_prefix="/m/<token>")
+
+_SECRET = {"X-Robots-Tag": "noindex, nofollow"}
+
+
+@blueprint.get("")
+@public
+def show(token: str) -> tuple[str, int, dict[str, str]]:
+    """Show a shared mission."""
+    return _page(token, framed=False)
+
+
+@blueprint.get("/embed")
+@public
+def embed(token: str) -> tuple[str, int, dict[str, str]]:
+    """Show it in a frame of another site: no sign-in, no cookie, nothing that could be done for somebody."""
+    allow_framing()
+    return _page(token, framed=True)
+
+
+@blueprint.get("/export.<string(maxlength=20):ending>")
+@public
+def export(token: str, ending: str) -> Response:
+    """Take a shared mission away; `?points=` thins its tracks."""
+    mission = _opened(token).mission
+    return mission_download.export(mission.id, ending=ending, query=_query(ExportQuery()))
+
+
+@blueprint.get("/objects.csv")
+@public
+def objects(token: str) -> Response:
+    """Take the objects of a shared mission away."""
+    return mission_download.export(_opened(token).mission.id, ending="objects.csv", query={"points": None})
+
+
+@blueprint.get("/link.kml")
+@public
+def network_link(token: str) -> Response:
+    """Take a KML link away that programs fetch again and again, each `?every=` seconds."""
+    mission = _opened(token).mission
+    return mission_download.link(mission.name, token=token, every=_query(LinkQuery())["every"])
+
+
+def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
+    try:
+        with library().database.read() as session:
+            opened = mission_shares.opened(session, token)
+            state = shared_mission.whole(session, opened, token=token)
+    except NotFound as error:
+        gone = render_template("public/gone.html", error=error, framed=framed)
+        return gone, errors.status_of(error), _SECRET
+    page = {"id": state["id"], "token": token, "photos": opened.share.photos, "services": []}
+    text = render_template(
+        "public/mission.html", mission=opened.mission, page=page, token=token, framed=framed, role="visitor"
+    )
+    return text, 200, {} if opened.share.public_token else _SECRET
+
+
+def _opened(token: str) -> OpenedMission:
+    with library().database.read() as session:
+        return mission_shares.opened(session, token)
+
+
+def _query(schema: Schema) -> dict[str, Any]:
+    """Read what follows the question mark."""
+    try:
+        read: dict[str, Any] = schema.load(request.args.to_dict(), unknown="exclude")
+    except ValidationError as error:
+        field = next(iter(error.messages_dict))
+        raise UsageError(
+            f"{request.args[field]!r} cannot be used here", where=field, hint="give a number that makes sense"
+        ) from error
+    return read
