@@ -128,7 +128,7 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
     with received(record, files, again=given.get("query")) as photos:
         question = replace(_question(photos, way, given), key=key)
-        asked = _asked(record, question)
+        asked = ask(record, question)
         id = None
         if given["keep"]:
             id = localize_upload.remember(
@@ -226,8 +226,15 @@ def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Ques
     )
 
 
-def _asked(record: MapRecord, question: Question) -> Asked:
-    """Ask; where the index is missing, or lacks photos, it is built in the background."""
+def ask(record: MapRecord, question: Question) -> Asked:
+    """Ask; where the index is missing, or lacks photos, it is built in the background.
+
+    Raises
+    ------
+    NotReady
+        It is being built.
+    PhotoError, UsageError, MapError, NotFound
+    """
     features = question.way.resolved()[1]
     try:
         asked = localize_upload.run(ready_maps(), record.id, question=question, settings=settings())

@@ -113,7 +113,8 @@ def test_a_photo_whose_fix_was_left_out_says_so(library, driven):
             session.add(
                 MissionPhoto(
                     mission_id=mission_id, sha256=name * 64, name=name, path=name,
-                    width=1, height=1, size_bytes=1, time_s=time_s, fix={"lat": lat, "lon": lon, "time": time_s}, fix_state="done",
+                    width=1, height=1, size_bytes=1, time_s=time_s,
+                    fix={"lat": lat, "lon": lon, "time": time_s}, fix_state="done",
                 )
             )  # fmt: skip
             poses = odometry_of(drive).take(slice(node, node + 1))

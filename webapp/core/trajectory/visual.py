@@ -1,0 +1,69 @@
+"""A localized photo as a fix: a position with its covariance in metres, or the reason why there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.hypotheses.model import NoPose
+
+CLEARLY = 0.7
+"""A less probable place is no fix: a filter takes one place with an error, not several to choose from."""
+
+_AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
+"""Standard deviation along one axis, of the radius that holds 68 % of a normal distribution in the plane."""
+
+
+@dataclass(frozen=True, slots=True)
+class VisualFix:
+    """Where a photo was taken.
+
+    Attributes
+    ----------
+    latlon : LatLon
+    covariance_m2 : (float, float, float)
+        Variance east, variance north, and the covariance of both.
+    heading_deg : float or None
+        Where the camera looked, clockwise from north.
+    """
+
+    latlon: LatLon
+    covariance_m2: tuple[float, float, float]
+    heading_deg: float | None
+
+
+def visual_fix(answer: Mapping[str, Any], georeference: Georeference | None) -> VisualFix | NoPose:
+    """Make a fix of an answer, where one place is clearly the most probable.
+
+    Parameters
+    ----------
+    answer : mapping
+        As `localize --json` prints it.
+    georeference : Georeference or None
+        Of the map that answered.
+    """
+    best = next(iter(answer["hypotheses"]), None)
+    off = answer["off_map_probability"]
+    if best is None or (off is not None and off > best["probability"]):
+        return NoPose("the photo was not taken on this map, as far as can be told")
+    if best["probability"] < CLEARLY:
+        return NoPose(
+            f"no place is clearly the right one: the best has a probability of {best['probability']:.2f}"
+        )
+    if best["lat"] is None or georeference is None:
+        return NoPose("it is not known where on the Earth the map is")
+    if best["radius_px"] is None:
+        return NoPose("it is not known how exact the position is")
+    pixels = georeference.jacobian(MapPixel(best["x_px"], best["y_px"]))
+    spread = pixels * (best["radius_px"] * _AXIS_OF_RADIUS)
+    covariance = spread @ spread.T
+    if not np.isfinite(covariance).all():
+        return NoPose("the map has no scale at that place")
+    (east, both), (_, north) = covariance.tolist()
+    return VisualFix(LatLon(best["lat"], best["lon"]), (east, north, both), best["heading_deg"])
