@@ -56,6 +56,17 @@ map_group = LazyGroup(
     },
 )
 
+mission_group = LazyGroup(
+    name="mission",
+    help="What robots and people did: tracks, and objects that they saw.",
+    where={
+        "list": "webapp.cli.mission:list_missions",
+        "new": "webapp.cli.mission:new",
+        "import": "webapp.cli.mission:import_files",
+        "export": "webapp.cli.mission:export",
+    },
+)
+
 account_group = LazyGroup(
     name="account",
     help="Who may sign in, and with what.",
@@ -89,6 +100,7 @@ root = LazyGroup(
         "evaluate": "webapp.cli.evaluate:evaluate",
         "serve": "webapp.cli.serve:serve",
         "worker": "webapp.cli.worker:worker",
+        "mission": "webapp.cli.main:mission_group",
         "robot": "webapp.cli.main:robot_group",
         "account": "webapp.cli.main:account_group",
         "backup": "webapp.cli.backup:backup",

@@ -32,6 +32,11 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
+    """Replace a file by new content, in parts where to join them would cost memory; as `write_pieces`."""
+    write_pieces(path, parts)
+
+
+def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
     """Replace a file by new content: afterwards it holds all of the old or all of the new.
 
     The data goes to a temporary file in the same folder, to the disk, and then under the name. A file
@@ -40,8 +45,8 @@ def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
     Parameters
     ----------
     path : Path
-    *parts : bytes or memoryview
-        The content; in parts where to join them would cost memory.
+    pieces : iterable of bytes or memoryview
+        The content, which may be made while it is written.
 
     Raises
     ------
@@ -51,7 +56,7 @@ def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
     temporary = path.with_name(f".{path.name[:80]}.{secrets.token_hex(6)}.tmp")
     try:
         try:
-            _write_through(temporary, parts)
+            _write_through(temporary, pieces)
             if path.is_file() and not path.is_symlink():
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             temporary.replace(path)

@@ -183,9 +183,19 @@ class _Table:
         column: Column = self.columns[name]
         try:
             value = float(text.replace(",", ".") if self.comma == "," else text) * column.scale
+            if name == "time" and column.scale == 1.0:
+                value = _seconds(value)
         except ValueError:
             value = unix_time(text) if name == "time" else math.nan
         return value if math.isfinite(value) else math.nan
+
+
+def _seconds(value: float) -> float:
+    """Take numbers that no time in seconds has for milli-, micro- or nanoseconds."""
+    for unit, most in ((1e9, 1e17), (1e6, 1e14), (1e3, 1e11)):
+        if abs(value) >= most:
+            return value / unit
+    return value
 
 
 def _fields(line: str, delimiter: str) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,10 @@ from webapp.files.trackpieces import (
 from webapp.progress import Progress
 
 _SUFFIX: dict[Kind, str] = {"ros1": ".bag", "ros2-sqlite": ".db3", "ros2-mcap": ".mcap", "ros2-folder": ""}
+_MOST_S = 1e11
+"""In the year 5138: larger numbers are no seconds since 1970."""
+_MAX_NAME = 100
+BAD_TIME = "poses or objects at times that are none"
 NO_START = "poses in the robot's own frame: the mission needs a start position and heading for them"
 
 
@@ -247,9 +251,12 @@ class _Places:
                 yield from self._objects(tuple(self._on_earth(piece)))
 
     def _part(self, track: str, source: Source, poses: Poses) -> Iterator[TrackPart]:
-        good = _on_the_earth(poses.latlon)
-        self.findings.skip(BAD_POSITION, where=track or "line 1", count=len(poses) - int(good.sum()))
-        poses = poses.take(good)
+        where = track or "line 1"
+        placed = _on_the_earth(poses.latlon)
+        self.findings.skip(BAD_POSITION, where=where, count=len(poses) - int(placed.sum()))
+        timed = np.abs(poses.times_s) <= _MOST_S
+        self.findings.skip(BAD_TIME, where=where, count=int((placed & ~timed).sum()))
+        poses = poses.take(placed & timed)
         if not len(poses):
             return
         key = (self.wishes.source or source, track)
@@ -294,8 +301,10 @@ class _Places:
             yield Sighting(one.object_id, one.kind, one.time_s, LatLon(lat, lon), height, one.confidence)
 
     def _objects(self, sightings: tuple[Sighting, ...]) -> Iterator[tuple[Sighting, ...]]:
-        good = tuple(one for one in sightings if _on_the_earth(np.array([one.latlon]))[0])
-        self.findings.skip(BAD_POSITION, where="objects", count=len(sightings) - len(good))
+        placed = [one for one in sightings if _on_the_earth(np.array([one.latlon]))[0]]
+        self.findings.skip(BAD_POSITION, where="objects", count=len(sightings) - len(placed))
+        good = tuple(_tidy(one) for one in placed if abs(one.time_s) <= _MOST_S)
+        self.findings.skip(BAD_TIME, where="objects", count=len(placed) - len(good))
         if good:
             yield good
 
@@ -304,6 +313,23 @@ def _on_the_earth(latlon: np.ndarray) -> np.ndarray:
     """Tell which positions (n, 2) are some: (n,) bool."""
     good: np.ndarray = (np.abs(latlon) <= (90.0, 180.0)).all(axis=1)
     return good
+
+
+def _tidy(seen: Sighting) -> Sighting:
+    """Give a sighting as it can be kept: names on one line and not endless, a confidence that is one."""
+    sure = seen.confidence is not None and 0.0 <= seen.confidence <= 1.0
+    return replace(
+        seen,
+        object_id=_one_line(seen.object_id),
+        kind=_one_line(seen.kind),
+        confidence=seen.confidence if sure else None,
+    )
+
+
+def _one_line(text: str) -> str:
+    """Give a name without what cannot be shown; `?` for one that has nothing else."""
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    return " ".join(printable.split())[:_MAX_NAME].strip() or "?"
 
 
 def _pieces(path: Path, kind: Kind, wishes: Wishes, *, findings: Findings) -> Iterator[Piece]:

@@ -18,6 +18,7 @@ from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.api_members import blueprint as api_members
 from webapp.web.api_mission_events import blueprint as api_mission_events
 from webapp.web.api_mission_exports import blueprint as api_mission_exports
+from webapp.web.api_mission_imports import blueprint as api_mission_imports
 from webapp.web.api_mission_objects import blueprint as api_mission_objects
 from webapp.web.api_mission_photos import blueprint as api_mission_photos
 from webapp.web.api_mission_shares import blueprint as api_mission_shares
@@ -62,6 +63,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_members,
     api_mission_events,
     api_mission_exports,
+    api_mission_imports,
     api_mission_objects,
     api_mission_photos,
     api_mission_shares,

@@ -1,8 +1,11 @@
 """Which column of a table holds what."""
 
+import re
+from pathlib import Path
+
 import pytest
 
-from webapp.core.trajectory.columns import Column, guess_columns, parse_columns
+from webapp.core.trajectory.columns import UNITS, Column, guess_columns, parse_columns
 from webapp.errors import TrackError, UsageError
 
 HEADER = ["stamp", "Latitude", "Longitude", "yaw", "a:b"]
@@ -55,3 +58,16 @@ def test_headers_are_guessed(header: str, expected: dict[str, float]) -> None:
 def test_a_table_without_known_columns_is_refused() -> None:
     with pytest.raises(TrackError, match="no columns of positions"):
         guess_columns(["a", "b"])
+
+
+def test_the_docs_have_every_field_and_unit() -> None:
+    text = (Path(__file__).resolve().parents[3] / "docs" / "missions.md").read_text(encoding="utf-8")
+    table = text.split("| field | units | what |")[1].split("\n\n")[0]
+    told = {
+        field: [unit for unit in units.strip().split(", ") if unit]
+        for fields, units in re.findall(r"^\| (`[^|]+) \|([^|]*)\|", table, re.MULTILINE)
+        for field in re.findall(r"`(\w+)`", fields)
+    }
+    assert told.keys() == UNITS.keys()
+    for field, units in UNITS.items():
+        assert set(filter(None, units)) <= set(told[field]), field

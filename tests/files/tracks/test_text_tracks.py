@@ -141,6 +141,12 @@ def test_a_table_without_a_header_needs_numbers() -> None:
         read_csv("1700000000,50,14\n")
 
 
+@pytest.mark.parametrize("zeros", ["", "000", "000000", "000000000"])
+def test_times_of_any_unit_are_seconds(zeros: str) -> None:
+    (piece,), _ = read_csv(f"time,lat,lon\n1711195200{zeros},50,14\n")
+    assert piece.poses.times_s.tolist() == [1711195200.0]
+
+
 def test_rows_with_an_id_are_objects() -> None:
     pieces, _ = read_csv("t,x,y,id,class,score\n1,0,0,,,\n2,3,1,car7,car,0.5\n3,1,0,,,\n")
     first, objects, last = pieces

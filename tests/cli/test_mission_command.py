@@ -1,0 +1,88 @@
+"""The command `expmap mission`."""
+
+import pytest
+
+GPX = (
+    '<gpx><wpt lat="50" lon="14"/><trk><trkseg><trkpt lat="50" lon="14"/>'
+    '<trkpt lat="51" lon="14"/></trkseg></trk></gpx>'
+)
+
+
+@pytest.fixture
+def mission(expmap, tmp_path, monkeypatch):
+    """Run `expmap mission` on a library; gives exit code, standard output and standard error."""
+    monkeypatch.setenv("EXPMAP_LIBRARY", str(tmp_path / "library"))
+
+    def call(*arguments):
+        return expmap("mission", *arguments)
+
+    return call
+
+
+def test_from_a_file_to_a_file(mission, tmp_path):
+    code, number, _ = mission("new", "Yard", "--start", "50,14,90", "--note", "first")
+    assert (code, number) == (0, "1\n")
+    good, bad = tmp_path / "walk.gpx", tmp_path / "bad.gpx"
+    good.write_text(GPX)
+    bad.write_text("<svg/>")
+    code, out, err = mission("import", "1", good, bad)
+    assert code == 1, "one of two failed"
+    assert "walk.gpx: gps 'walk track 1': 2 poses, 0 that had not moved, 11" in out
+    assert "1 sightings of objects" in out
+    assert "bad.gpx: the XML is neither GPX nor KML" in err
+    code, out, _ = mission("list")
+    assert (code, out.split("\t")[:4]) == (0, ["1", "Yard", "2", "1"])
+    code, _, err = mission("import", "1", good)
+    assert code == 0
+    assert "all of it was there already" in err
+    assert mission("export", "1", tmp_path / "out.geojson")[0] == 0
+    assert (tmp_path / "out.geojson").read_text().startswith("{")
+    assert mission("export", "1", tmp_path / "yard-objects.csv")[0] == 0
+    assert "waypoint" in (tmp_path / "yard-objects.csv").read_text()
+
+
+def test_a_trajectory_goes_on_from_a_start_of_its_own(mission, tmp_path):
+    mission("new", "Yard")
+    path = tmp_path / "way.txt"
+    path.write_text("0 0 0 0 0 0 0 1\n1 5 0 0 0 0 0 1\n")
+    code, _, err = mission("import", "1", path)
+    assert code == 1
+    assert "needs a start position and heading" in err
+    code, out, _ = mission("import", "1", path, "--start", "50,14,0", "--source", "visual", "--min-move", "0")
+    assert code == 0
+    assert "visual 'way': 2 poses, 0 that had not moved, 5.0 m" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("export", "7", "out.kml"), "no such mission"),
+        (("export", "1", "out.doc"), "does not tell the format"),
+        (("import", "9", "."), "the folder is no ROS 2 bag"),
+        (("new", "Yard", "--start", "50,14"), "write latitude, longitude and heading"),
+        (("new", "Yard", "--start", "95,14,0"), "no such position"),
+        (("import", "1", "x", "--min-move", "1"), "no distance with a unit"),
+        (("import", "1", "x", "--list"), "the file cannot be read"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(mission, arguments, told):
+    mission("new", "Yard")
+    code, out, err = mission(*arguments)
+    assert code != 0
+    assert out == ""
+    assert told in err.splitlines()[-1]
+
+
+def test_a_mission_that_is_not_there_takes_nothing(mission, tmp_path):
+    path = tmp_path / "walk.gpx"
+    path.write_text(GPX)
+    code, _, err = mission("import", "9", path)
+    assert code == 1
+    assert "the mission is gone" in err
+
+
+def test_topics_are_listed(mission, shared_data):
+    code, out, _ = mission("import", "1", "--list", shared_data / "robot" / "test1.bag")
+    assert code == 0
+    assert "/fix\tsensor_msgs/msg/NavSatFix\t989\n" in out
+    assert "/imu/data\tsensor_msgs/msg/Imu\t11865\tnot used\n" in out

@@ -1,0 +1,105 @@
+"""Files that come through the API: refused at once, or imported by a job."""
+
+import io
+
+import pytest
+
+from webapp.errors import UsageError
+from webapp.jobs import kinds
+from webapp.jobs.kinds import Context
+from webapp.jobs.progress import JobProgress
+from webapp.store import jobs, missions, tracks
+from webapp.store.jobs import Lease, Limits
+
+TABLE = b"stamp;la;lo\n1000;50,5;14\n2000;50,6;14\n"
+COLUMNS = "time=stamp:ms, lat=la, lon=lo"
+
+
+@pytest.fixture
+def mission(library, owner):
+    with library.database.write() as session:
+        return missions.create(session, "Yard", account_id=owner.id).id
+
+
+@pytest.fixture
+def upload(client, mission):
+    """Send a file; gives the answer."""
+
+    def send(data, name="log.csv", *, by=None, **fields):
+        form = {"file": (io.BytesIO(data), name), **fields}
+        return (by or client).post(f"/api/v1/missions/{mission}/imports", data=form)
+
+    return send
+
+
+def waiting(library):
+    folder = library.inner / "imports"
+    return sorted(folder.iterdir()) if folder.is_dir() else []
+
+
+@pytest.fixture
+def work(library, settings):
+    """Do the job that waits, as a worker does; gives its result."""
+
+    def go():
+        with library.database.write() as session:
+            job = jobs.lease(session, "test", limits=Limits(60, 3))
+            lease, function = Lease(job.id, job.fence), kinds.function(job.kind)
+            known = (job.map_id, job.account_id, job.arguments)
+        return function(Context(library, settings, JobProgress(), lease, *known))
+
+    return go
+
+
+def test_a_file_is_imported_by_a_job(upload, library, mission, client, work):
+    answer = upload(TABLE, "logs/day.csv", columns=COLUMNS, source="manual", min_move="0")
+    assert answer.status_code == 202
+    assert client.get(f"/api/v1/jobs/{answer.json['job']}").json["kind"] == "mission-import"
+    assert [path.read_bytes() for path in waiting(library)] == [TABLE]
+    result = work()
+    (track,) = result["tracks"]
+    assert (track["source"], track["name"], track["poses"]) == ("manual", "day", 2)
+    assert (result["kind"], result["mission"], result["skipped"]) == ("table", mission, ())
+    assert waiting(library) == [], "it is not needed any more"
+    with library.database.read() as session:
+        (stored,) = tracks.listed(session, mission)
+        assert tracks.read(session, stored).times_s.tolist() == [1.0, 2.0]
+
+
+def test_what_the_job_refuses_is_not_kept(upload, library, work):
+    assert upload(TABLE, columns="lat=here, lon=there").status_code == 202
+    with pytest.raises(UsageError, match="no column 'here'"):
+        work()
+    assert waiting(library) == []
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b"", "empty"),
+        (b"\x89PNG\r\n\x1a\n\0\0", "no file with a track"),
+        (b'<!DOCTYPE kml [<!ENTITY a "b">]><kml>&a;</kml>', "document type"),
+        (b"PK\x03\x04", "zip is damaged"),
+    ],
+)
+def test_what_is_no_track_is_refused_at_once(upload, library, data, told):
+    answer = upload(data, "x.gpx")
+    assert answer.status_code == 422 or answer.status_code == 400
+    assert told in answer.json["error"]["message"]
+    assert waiting(library) == []
+
+
+@pytest.mark.parametrize("fields", [{"source": "sonar"}, {"min_move": "far"}])
+def test_wrong_wishes_are_refused(upload, library, fields):
+    answer = upload(TABLE, columns=COLUMNS, **fields)
+    assert 400 <= answer.status_code < 500
+    assert waiting(library) == []
+
+
+def test_a_request_without_a_file_is_refused(client, mission):
+    assert client.post(f"/api/v1/missions/{mission}/imports", data={}).status_code == 422
+
+
+def test_only_editors_import(upload, sign_in, new_account, stranger):
+    assert upload(TABLE, by=sign_in(new_account("eve"))).status_code == 404
+    assert upload(TABLE, by=stranger).status_code == 401
