@@ -18,6 +18,7 @@ from webapp.web.api_maps import blueprint as api_maps
 from webapp.web.api_members import blueprint as api_members
 from webapp.web.api_mission_events import blueprint as api_mission_events
 from webapp.web.api_mission_exports import blueprint as api_mission_exports
+from webapp.web.api_mission_fixes import blueprint as api_mission_fixes
 from webapp.web.api_mission_imports import blueprint as api_mission_imports
 from webapp.web.api_mission_objects import blueprint as api_mission_objects
 from webapp.web.api_mission_photos import blueprint as api_mission_photos
@@ -42,9 +43,11 @@ from webapp.web.jobs_page import blueprint as jobs_page
 from webapp.web.localize import blueprint as localize
 from webapp.web.map_settings import blueprint as map_settings
 from webapp.web.maps_page import blueprint as maps_page
+from webapp.web.mission_pages import blueprint as mission_pages
 from webapp.web.people_page import blueprint as people_page
 from webapp.web.public_mission_pages import blueprint as public_mission_pages
 from webapp.web.public_pages import blueprint as public_pages
+from webapp.web.quality_page import blueprint as quality_page
 from webapp.web.satellite import blueprint as satellite
 from webapp.web.sign_in import blueprint as sign_in
 
@@ -64,6 +67,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_mission_events,
     api_mission_exports,
     api_mission_imports,
+    api_mission_fixes,
     api_mission_objects,
     api_mission_photos,
     api_mission_shares,
@@ -87,9 +91,11 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     localize,
     map_settings,
     maps_page,
+    mission_pages,
     people_page,
     public_mission_pages,
     public_pages,
+    quality_page,
     satellite,
     sign_in,
 )
