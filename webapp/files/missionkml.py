@@ -7,6 +7,7 @@ back: in one `gx:Track`, times ascend.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
@@ -20,7 +21,9 @@ from webapp.files.xmltext import DECLARATION, element, quoted, utc
 _OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">\n'
 
 
-def format_mission_kml(mission: MissionOut, *, icons: Mapping[str, str] | None = None) -> Iterator[bytes]:
+def format_mission_kml(
+    mission: MissionOut, *, icons: Mapping[str, str] | None = None, photos: Mapping[str, str] | None = None
+) -> Iterator[bytes]:
     """Write a mission.
 
     Parameters
@@ -28,13 +31,15 @@ def format_mission_kml(mission: MissionOut, *, icons: Mapping[str, str] | None =
     mission : MissionOut
     icons : mapping of str to str, optional
         Path in the KMZ of the icon of each class of objects; without, objects are coloured pins.
+    photos : mapping of str to str, optional
+        Path in the KMZ of a picture of each photo, by its SHA-256.
 
     Yields
     ------
     bytes
         UTF-8. A height that is unknown is 0, which says nothing where tracks are laid on the ground.
     """
-    for text in _pieces(mission, icons or {}):
+    for text in _pieces(mission, icons or {}, photos=photos or {}):
         yield text.encode("utf-8", "replace")
 
 
@@ -62,7 +67,7 @@ def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
     return (DECLARATION + _OPEN + "".join(lines)).encode("utf-8", "replace")
 
 
-def _pieces(mission: MissionOut, icons: Mapping[str, str]) -> Iterator[str]:
+def _pieces(mission: MissionOut, icons: Mapping[str, str], *, photos: Mapping[str, str]) -> Iterator[str]:
     yield f"{DECLARATION}{_OPEN}<Document>{element('name', mission.name)}<open>1</open>\n"
     styles = {kind: f"kind-{number}" for number, kind in enumerate(mission.kinds)}
     for kind, style in styles.items():
@@ -74,7 +79,7 @@ def _pieces(mission: MissionOut, icons: Mapping[str, str]) -> Iterator[str]:
         yield from _track(track)
     yield "</Folder>\n<Folder><name>Objects</name>\n"
     for found in mission.objects():
-        yield _object(found, styles.get(found.kind))
+        yield _object(found, styles.get(found.kind), picture=photos.get(found.photo or ""))
     yield "</Folder>\n</Document>\n</kml>\n"
 
 
@@ -128,7 +133,7 @@ def _part(poses: Poses) -> str:
     return f"<gx:Track><altitudeMode>clampToGround</altitudeMode>\n{whens}{coords}{angles}</gx:Track>\n"
 
 
-def _object(found: ObjectOut, style: str | None) -> str:
+def _object(found: ObjectOut, style: str | None, *, picture: str | None) -> str:
     first, last = utc([found.first_time_s, found.last_time_s])
     facts = {
         "id": found.id,
@@ -137,8 +142,10 @@ def _object(found: ObjectOut, style: str | None) -> str:
         "height_m": found.height_m,
         "confidence": found.confidence,
     }
+    # a description is HTML: escaped once for that, and once more as text of the XML
+    about = "" if picture is None else element("description", f'<img src="{html.escape(picture)}" alt="">')
     return (
-        f"<Placemark>{element('name', f'{found.kind} {found.id}')}"
+        f"<Placemark>{element('name', f'{found.kind} {found.id}')}{about}"
         f"<TimeSpan><begin>{first}</begin><end>{last}</end></TimeSpan>"
         f"{f'<styleUrl>#{style}</styleUrl>' if style else ''}"
         f"<ExtendedData>{_data(facts)}</ExtendedData>"

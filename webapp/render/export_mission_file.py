@@ -13,7 +13,13 @@ FORMATS = (*export_mission.FORMATS, "html")
 
 
 def run(
-    library: Library, mission_id: int, *, form: str, settings: Settings, most: int | None = None
+    library: Library,
+    mission_id: int,
+    *,
+    form: str,
+    settings: Settings,
+    most: int | None = None,
+    photos: bool = False,
 ) -> Download:
     """Export a mission.
 
@@ -26,6 +32,8 @@ def run(
     settings : Settings
     most : int, optional
         At most so many poses of each track, evenly spread; a page has a limit of its own.
+    photos : bool
+        Whether a KMZ has previews of the photos of objects.
 
     Raises
     ------
@@ -38,4 +46,6 @@ def run(
         raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     if form == "html":
         return mission_page.run(library, mission_id, settings=settings)
-    return export_mission.run(library, mission_id, form=form, most=most)
+    return export_mission.run(
+        library, mission_id, form=form, most=most, pictures=settings if photos else None
+    )

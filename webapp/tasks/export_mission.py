@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 
 from webapp.core.trajectory.outgoing import MissionOut
-from webapp.errors import UsageError
+from webapp.errors import NotFound, PhotoError, UsageError
 from webapp.files.missioncsv import format_objects_csv, format_poses_csv
 from webapp.files.missiongeojson import format_mission_geojson
 from webapp.files.missiongpx import format_mission_gpx
-from webapp.store import mission_out
+from webapp.settings import Settings
+from webapp.store import mission_out, missions
 from webapp.store.library import Library
-from webapp.tasks import export_mission_kml
+from webapp.tasks import add_mission_photo, export_mission_kml
 from webapp.tasks.export_source import Download, plain_name
 
 Writer = Callable[[MissionOut], Iterator[bytes]]
@@ -26,7 +29,14 @@ _WRITERS: dict[str, tuple[str, Writer]] = {
 FORMATS = ("kml", "kmz", *_WRITERS)
 
 
-def run(library: Library, mission_id: int, *, form: str, most: int | None = None) -> Download:
+def run(
+    library: Library,
+    mission_id: int,
+    *,
+    form: str,
+    most: int | None = None,
+    pictures: Settings | None = None,
+) -> Download:
     """Export a mission, in a few megabytes of memory whatever its size.
 
     Parameters
@@ -37,6 +47,8 @@ def run(library: Library, mission_id: int, *, form: str, most: int | None = None
         One of `FORMATS`: `csv` has the poses, `objects.csv` the objects.
     most : int, optional
         At most so many poses of each track, evenly spread.
+    pictures : Settings, optional
+        With it, a KMZ has previews of the photos of objects; they have no EXIF.
 
     Returns
     -------
@@ -56,7 +68,18 @@ def run(library: Library, mission_id: int, *, form: str, most: int | None = None
     if form == "kml":
         return export_mission_kml.run(mission)
     if form == "kmz":
-        return export_mission_kml.run_kmz(mission)
+        find = None if pictures is None else partial(_picture, library, mission_id, settings=pictures)
+        return export_mission_kml.run_kmz(mission, picture=find)
     media_type, write = _WRITERS[form]
     joint = "-" if form == "objects.csv" else "."
     return Download(f"{plain_name(mission.name)}{joint}{form}", media_type, write(mission))
+
+
+def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settings) -> Path | None:
+    """Find the preview of a photo; None where the photo never came, or is damaged."""
+    try:
+        with library.database.read() as session:
+            photo = missions.find_photo(session, mission_id, sha256)
+        return add_mission_photo.preview_of(library, photo, kind="preview", settings=settings)
+    except (NotFound, PhotoError):
+        return None

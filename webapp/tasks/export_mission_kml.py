@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from webapp.core.trajectory.outgoing import MissionOut
 from webapp.files.missionkml import format_mission_kml, format_network_link
@@ -25,9 +26,18 @@ def run(mission: MissionOut) -> Download:
     return Download(f"{plain_name(mission.name)}.kml", KML, format_mission_kml(mission))
 
 
-def run_kmz(mission: MissionOut) -> Download:
-    """Give a mission as KMZ: its objects have the icons of their classes, which are inside."""
-    return Download(f"{plain_name(mission.name)}.kmz", KMZ, stream_zip(_members(mission)))
+def run_kmz(mission: MissionOut, *, picture: Callable[[str], Path | None] | None = None) -> Download:
+    """Give a mission as KMZ: its objects have the icons of their classes, which are inside.
+
+    Parameters
+    ----------
+    mission : MissionOut
+    picture : function, optional
+        Finds a picture without metadata of a photo, by its SHA-256; None where there is none. Without, no
+        photos go along.
+    """
+    pieces = stream_zip(_members(mission, picture or (lambda _sha: None)))
+    return Download(f"{plain_name(mission.name)}.kmz", KMZ, pieces)
 
 
 def run_link(name: str, *, href: str, refresh_s: float) -> Download:
@@ -45,9 +55,17 @@ def run_link(name: str, *, href: str, refresh_s: float) -> Download:
     return Download(f"{plain_name(name)}-live.kml", KML, iter([link]))
 
 
-def _members(mission: MissionOut) -> Iterator[Member]:
+def _members(mission: MissionOut, picture: Callable[[str], Path | None]) -> Iterator[Member]:
+    """Give pictures and icons, then the KML: it names those that are there."""
+    photos: dict[str, str] = {}
+    for sha in dict.fromkeys(found.photo for found in mission.objects() if found.photo):
+        path = picture(sha)
+        if path is not None:
+            photos[sha] = f"photos/{sha}{path.suffix}"
+            yield Member(photos[sha], path)
     icons = {kind: f"icons/{number}.png" for number, kind in enumerate(mission.kinds)}
+    for kind, name in icons.items():
+        yield Member(name, icon(kind))
+    kml = format_mission_kml(mission, icons=icons, photos=photos)
     bytes_about = _BYTES_A_POSE * sum(track.count for track in mission.tracks)
-    yield Member("doc.kml", format_mission_kml(mission, icons=icons), large=bytes_about > _LARGE_BYTES)
-    for kind, path in icons.items():
-        yield Member(path, icon(kind))
+    yield Member("doc.kml", kml, large=bytes_about > _LARGE_BYTES)

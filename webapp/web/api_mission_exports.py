@@ -67,7 +67,7 @@ class RowsOut(Schema):
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export_mission(mission_id: int, ending: str, query: dict[str, Any]) -> Response:
     """Take a mission away as `kml`, `kmz`, `gpx`, `geojson`, `csv`, or `html` that opens offline."""
-    return export(open_mission(mission_id).id, ending=ending, query=query)
+    return export(open_mission(mission_id).id, ending=ending, query=query, photos=True)
 
 
 @blueprint.get("/objects.csv")

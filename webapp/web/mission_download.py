@@ -41,8 +41,8 @@ class LinkQuery(Schema):
     every = Integer(load_default=10, validate=Range(2, 86_400), metadata={"description": "Seconds."})
 
 
-def export(mission_id: int, *, ending: str, query: dict[str, Any]) -> Response:
-    """Send a mission as a file of some ending.
+def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool = False) -> Response:
+    """Send a mission as a file of some ending, with previews of photos where it can hold them.
 
     Raises
     ------
@@ -53,7 +53,11 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any]) -> Response:
     if ending not in FORMATS:
         raise NotFound(f"there is no export {ending!r}", hint=f"there are {', '.join(FORMATS)}")
     place, limits, most = library(), settings(), query["points"]
-    return sent(lambda: export_mission_file.run(place, mission_id, form=ending, settings=limits, most=most))
+    return sent(
+        lambda: export_mission_file.run(
+            place, mission_id, form=ending, settings=limits, most=most, photos=photos
+        )
+    )
 
 
 def link(name: str, *, token: str, every: int) -> Response:

@@ -37,6 +37,17 @@ def test_what_was_sent_is_in_them(client, new_mission):
     assert len(rows) == 6
 
 
+def test_a_kmz_has_pictures_without_exif(client, new_mission, add_photo):
+    mission = new_mission()
+    sha = add_photo(mission)
+    archive = zipfile.ZipFile(io.BytesIO(client.get(f"/api/v1/missions/{mission}/export.kmz").data))
+    picture = archive.read(f"photos/{sha}.jpg")
+    assert b"SECRETCAM" not in picture and picture.startswith(b"\xff\xd8")
+    root = check_kml(archive.read("doc.kml"))
+    shown = [e.text for e in root.iter(f"{KML}description")]
+    assert shown == [f'<img src="photos/{sha}.jpg" alt="">']
+
+
 def test_others_get_nothing(sign_in, new_account, new_mission, stranger):
     mission = new_mission()
     browser = sign_in(new_account("Mallory"))

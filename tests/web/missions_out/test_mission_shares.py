@@ -84,7 +84,9 @@ def test_files_exif_and_notes_are_never_given_out(stranger, new_mission, share, 
         assert answer.status_code == 200, address
         data = answer.data
         if address.endswith("kmz"):
-            data = zipfile.ZipFile(io.BytesIO(data)).read("doc.kml")
+            archive = zipfile.ZipFile(io.BytesIO(data))
+            data = archive.read("doc.kml")
+            assert not [name for name in archive.namelist() if "photo" in name]
         assert not [secret for secret in SECRETS if secret.encode() in data], address
     assert stranger.get(api(shared, f"/photos/{sha}/original")).status_code == 404
 
