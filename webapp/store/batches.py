@@ -59,13 +59,7 @@ def locked(session: Session, mission_id: int) -> Mission:
     return session.get_one(Mission, mission_id, with_for_update=True)
 
 
-def stored(session: Session, mission_id: int, sender: str) -> int:
-    """Tell how many records of a sender are stored: the number of the one that has to come next."""
-    found = session.get(MissionSender, (mission_id, sender))
-    return 0 if found is None else found.next_seq
-
-
-def advance(session: Session, mission_id: int, sender: str, *, first: int, count: int) -> int:
+def advance(session: Session, mission_id: int, sender: str, *, first: int, count: int) -> tuple[int, int]:
     """Note that records of a sender are stored with this session.
 
     Parameters
@@ -82,6 +76,8 @@ def advance(session: Session, mission_id: int, sender: str, *, first: int, count
     -------
     int
         So many of them are stored already.
+    int
+        Number of the record that has to come next.
 
     Raises
     ------
@@ -89,15 +85,15 @@ def advance(session: Session, mission_id: int, sender: str, *, first: int, count
         Some are missing before them.
     """
     row = session.get(MissionSender, (mission_id, sender))
-    next_seq = 0 if row is None else row.next_seq
-    if first > next_seq:
-        raise OutOfOrder(next_seq)
+    known = 0 if row is None else row.next_seq
+    if first > known:
+        raise OutOfOrder(known)
+    next_seq = max(known, first + count)
     if row is None and count:
-        row = MissionSender(mission_id=mission_id, sender=sender, next_seq=0)
-        session.add(row)
+        session.add(MissionSender(mission_id=mission_id, sender=sender, next_seq=next_seq))
     if row is not None:
-        row.next_seq, row.seen_at = max(next_seq, first + count), now()
-    return min(next_seq - first, count)
+        row.next_seq, row.seen_at = next_seq, now()
+    return min(known - first, count), next_seq
 
 
 def answered(session: Session, mission_id: int, key: str) -> dict[str, Any] | None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sqlite3
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
@@ -30,6 +31,9 @@ class Database:
         self.url = url
         self.engine = _engine(url)
         self._writing = self.engine.execution_options(writes=True)
+        self._turn: AbstractContextManager[object] = (
+            threading.RLock() if self.engine.dialect.name == "sqlite" else nullcontext()
+        )
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -59,7 +63,12 @@ class Database:
         StorageError
             The database cannot be written.
         """
-        with _errors_of_ours(self.url), Session(self._writing, expire_on_commit=False) as session:
+        # One thread at a time asks SQLite, which would have all that wait ask again and again.
+        with (
+            self._turn,
+            _errors_of_ours(self.url),
+            Session(self._writing, expire_on_commit=False) as session,
+        ):
             yield session
             session.commit()
 

@@ -59,14 +59,14 @@ def run(library: Library, mission_id: int, records: Sequence[object], *, place: 
         The disk refused.
     """
     batch = parse(records)
-    with library.database.write() as session:
+    with library.database.write() as session, session.no_autoflush:  # one flush, at the end
         mission = batches.locked(session, mission_id)
-        sender, count = place.sender, len(records)
-        already = batches.advance(session, mission_id, sender, first=place.first, count=count)
+        first, count = place.first, len(records)
+        already, next_seq = batches.advance(session, mission_id, place.sender, first=first, count=count)
         if already < count:
             batches.store(session, mission, parse(records[already:]) if already else batch)
         return {
-            "next": batches.stored(session, mission_id, sender),
+            "next": next_seq,
             "stored": count - already,
             "already": already,
             "revision": mission.revision,
