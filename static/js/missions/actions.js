@@ -5,7 +5,7 @@ import { h } from "../dom.js";
 import { openDialog } from "../editor/dialogs.js";
 import { listenToDrops, usable } from "../editor/dropfiles.js";
 import { byId } from "../editor/page.js";
-import { t, tn } from "../i18n.js";
+import { locale, t, tn } from "../i18n.js";
 import { toast, toastError } from "../toast.js";
 import { importDialog } from "./importing.js";
 import { ended, jobBar } from "./jobwatch.js";
@@ -20,6 +20,7 @@ export function connectActions(store, refresh) {
   const server = store.server(store.id);
   const on = (name, run) => {
     for (const button of document.querySelectorAll(`[data-does="${name}"]`)) {
+      button.disabled = false; // until now a click would have been lost
       button.addEventListener("click", () => {
         button.closest("details")?.removeAttribute("open");
         Promise.resolve(run(button)).catch(toastError);
@@ -31,7 +32,7 @@ export function connectActions(store, refresh) {
     mission: async () => store.id,
     done: async (_, result) => {
       await refresh();
-      toast(imported(result));
+      tellImported(result);
     },
   });
   on("import", () => take(null));
@@ -42,12 +43,13 @@ export function connectActions(store, refresh) {
   on("delete", () => bin(store, server));
 }
 
-/** What an import says when it is done. @param {?{poses: number, skipped: number}} result */
-export function imported(result) {
-  if (!result?.poses) return t("The file is imported.");
-  const parts = [tn("{n} pose was imported", "{n} poses were imported", result.poses)];
-  if (result.skipped) parts.push(tn("{n} had not moved and was left out", "{n} had not moved and were left out", result.skipped));
-  return `${parts.join(", ")}.`;
+/** What an import says when it is done; what could not be used is told with its reason. */
+function tellImported({ kind, tracks, objects, skipped, new: isNew }) {
+  if (!isNew) return toast(t("All of it was here already."));
+  const poses = tracks.reduce((sum, track) => sum + track.poses, 0);
+  const parts = [tn("{n} pose", "{n} poses", poses), objects && tn("{n} sighting of an object", "{n} sightings of objects", objects)];
+  const hint = skipped.map(({ reason, count }) => `${reason}: ${count.toLocaleString(locale)}`).join("; ");
+  return toast(`${kind}: ${parts.filter(Boolean).join(", ")}`, { hint: hint || null });
 }
 
 async function fuse(server, refresh) {

@@ -27,7 +27,7 @@ export function showLegend(store, lines) {
     const parts = store.shown.length ? content(store, lines) : [];
     box.replaceChildren(...parts);
   };
-  store.on("missions shown mode grown", render);
+  store.on("missions shown mode grown fixes", render);
   lines.addEventListener("change", render);
   render();
 }
@@ -43,7 +43,8 @@ function content(store, lines) {
     return [...store.missions.values()].map(({ name }, n) => entry(nthColour(n), name));
   }
   const sources = new Set(store.shown.map(({ track }) => track.source));
-  return [...sources].map((source) => entry(sourceColour(source), sourceName(source)));
+  const left = store.fixes.some(({ gated }) => gated) && h("span", { class: "mi-legend__entry" }, h("span", { class: "mi-legend__cross", "aria-hidden": "true" }, "×"), t("Left out"));
+  return [...[...sources].map((source) => entry(sourceColour(source), sourceName(source))), left].filter(Boolean);
 }
 
 function entry(colour, name) {

@@ -4,6 +4,7 @@ import { byId } from "../editor/page.js";
 import { t } from "../i18n.js";
 import { sentence, toastError } from "../toast.js";
 import { connectActions } from "./actions.js";
+import { showFixes } from "./fixes.js";
 import { chooseGround } from "./grounds.js";
 import { showLegend } from "./legend.js";
 import { Lines } from "./lines.js";
@@ -72,6 +73,7 @@ function begin() {
   connectTabs(["tracks", "objects", "photos"]);
   showObject(store);
   new ObjectTable(store, ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon)));
+  showFixes(store);
   showPhotos(store, (photo) => view.ground && view.reveal(view.ground.flat(photo.lat, photo.lon)));
   zoomButtons(view, fit);
   const live = new Live(store, page.id);

@@ -1,10 +1,13 @@
 /** Photos of the mission, and where the map says that they were taken. */
 
-import { h } from "../dom.js";
+import { busy } from "../dialog.js";
+import { h, icon } from "../dom.js";
 import { byId, whenCalm } from "../editor/page.js";
 import { t } from "../i18n.js";
 import { toastError } from "../toast.js";
-import { clockText, lengthText, percentText } from "./words.js";
+import { radiusOf } from "./fixes.js";
+import { ended } from "./jobwatch.js";
+import { clockText, lengthText } from "./words.js";
 
 const CALM_MS = 800;
 
@@ -18,24 +21,22 @@ export function showPhotos(store, look) {
   const load = async () => {
     try {
       const { photos } = await server.photos();
-      store.setPhotos(store.id, photos);
+      shown = photos;
       render(store, photos, look);
     } catch (error) {
       toastError(error);
     }
   };
+  let shown = [];
   let seen = store.mission.photos;
   if (seen) load();
+  store.on("photos", load);
   const later = whenCalm(load, CALM_MS);
   store.on("missions grown", () => {
-    if (store.mission.photos === seen && !fixesComing(store)) return;
+    if (store.mission.photos === seen && !shown.some(({ fix_state: state }) => state === "queued")) return;
     seen = store.mission.photos;
     later();
   });
-}
-
-function fixesComing(store) {
-  return (store.photos.get(store.id) || []).some(({ fix_state: state }) => state === "queued");
 }
 
 function render(store, photos, look) {
@@ -45,24 +46,46 @@ function render(store, photos, look) {
 }
 
 function row(store, photo, look) {
-  const best = photo.fix?.hypotheses?.find(({ lat }) => Number.isFinite(lat));
+  const { fix, sha256, name, time_s: time } = photo;
+  const found = fix && fix.lat !== null && fix.lat !== undefined;
   const text = h("span", { class: "lo-past__text" },
-    h("span", { class: "lo-past__name" }, photo.name),
-    photo.time_s !== null && photo.time_s !== undefined && h("span", { class: "small soft" }, clockText(photo.time_s)),
-    h("span", { class: "small" }, outcome(photo, best)));
-  const image = h("img", { class: "ed-thumb", src: photo.thumb || store.server(store.id).photo(photo.sha256), alt: "", loading: "lazy" });
+    h("span", { class: "lo-past__name" }, name),
+    time !== null && h("span", { class: "small soft" }, clockText(time)),
+    h("span", { class: "small" }, outcome(photo, found)));
+  const image = h("img", { class: "ed-thumb", src: photo.thumb || store.server(store.id).photo(sha256), alt: "", loading: "lazy" });
   const show = () => {
-    if (best) look(best);
-    if (Number.isFinite(photo.time_s)) store.setMoment(Math.max(0, store.momentOf(store.mission, photo.time_s)));
+    if (found) look(fix);
+    if (time !== null && store.clock) store.setMoment(Math.max(0, store.momentOf(store.mission, time)));
   };
-  return h("li", {}, h("button", { class: "lo-past mi-photo", type: "button", onclick: show }, image, text));
+  const ask = canAsk(store, photo) && h("button", {
+    class: "icon-button", type: "button", title: t("Localize on the map"), "aria-label": t("Localize {name} on the map", { name }),
+    onclick: (event) => busy(event.currentTarget, () => localize(store, photo)),
+  }, icon("target"));
+  return h("li", { class: "mi-photo" }, h("button", { class: "lo-past", type: "button", onclick: show }, image, text), ask);
 }
 
-function outcome({ fix_state: state, fix }, best) {
+/** A photo of a mission on a map can be asked about, once. */
+function canAsk({ mission }, { fix, fix_state: state }) {
+  return mission.can_edit && mission.map && !fix && state !== "queued";
+}
+
+async function localize(store, { sha256 }) {
+  const server = store.server(store.id);
+  try {
+    const { job } = await server.localize(sha256);
+    await ended(server.job, job, () => {});
+  } catch (error) {
+    toastError(error);
+  }
+  store.emit("photos");
+}
+
+function outcome({ fix_state: state, fix }, found) {
   if (state === "queued") return t("is being localized");
   if (state === "failed") return t("could not be localized");
   if (!fix) return t("not localized");
-  if (!best) return t("not from this map");
-  const place = t("within {radius}, {probability}", { radius: lengthText(best.radius_m), probability: percentText(best.probability) });
+  if (!found) return t("not from this map");
+  const [[east], [, north]] = fix.position_covariance_m2;
+  const place = t("found, within {radius}", { radius: lengthText(radiusOf(east, north)) });
   return fix.gated ? `${place} · ${t("left out of the fusion")}` : place;
 }

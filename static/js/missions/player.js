@@ -23,6 +23,7 @@ export class Player {
     this.button.addEventListener("click", () => this.toggle());
     this.now.addEventListener("click", () => this.end());
     store.on("missions shown grown moment", () => this._render());
+    byId("time").inert = false; // until now a click would have been lost
     this._render();
   }
 

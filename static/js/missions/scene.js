@@ -21,7 +21,7 @@ export const Scene = L.Layer.extend({
   initialize(store, lines, view) {
     Object.assign(this, { store, lines, view, hover: null, _spots: [] });
     this._draw = eachFrame(() => this._map && this._paint());
-    store.on("missions shown mode moment objects photos matching chosen trail grown", this._draw);
+    store.on("missions shown mode moment objects fixes matching chosen trail grown", this._draw);
     lines.addEventListener("change", this._draw);
     this._inks = new Inks(view.element, INKS, this._draw);
     view.addEventListener("ground", () => this._inks.forget());

@@ -18,7 +18,7 @@ export class Store extends EventTarget {
     this.mode = "source";
     this.moment = null;
     this.objects = new Map();
-    this.photos = new Map();
+    this.fixes = [];
     this.matching = null;
     this.chosen = null;
     this.trail = [];
@@ -71,7 +71,6 @@ export class Store extends EventTarget {
   removeMission(id) {
     this.missions.delete(id);
     for (const [key, object] of this.objects) if (object.mission === id) this.objects.delete(key);
-    this.photos.delete(id);
     this.emit("missions");
     this.emit("objects");
   }
@@ -99,9 +98,10 @@ export class Store extends EventTarget {
     this.emit("objects");
   }
 
-  setPhotos(mission, photos) {
-    this.photos.set(mission, photos);
-    this.emit("photos");
+  /** @param {Array<{time: number, lat: number, lon: number, radius_m: ?number, gated: boolean}>} fixes of the page's mission */
+  setFixes(fixes) {
+    this.fixes = fixes;
+    this.emit("fixes");
   }
 
   /** @param {?Set<string>} keys of the objects that the filter lets through; null: all */

@@ -14,6 +14,7 @@ export function connectTabs(names) {
       byId(other.getAttribute("aria-controls")).hidden = other !== tab;
     }
   };
+  byId("panel").inert = false; // until now a click would have been lost
   tabs.forEach((tab, n) => {
     tab.addEventListener("click", () => show(tab));
     tab.addEventListener("keydown", (event) => {

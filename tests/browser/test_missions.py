@@ -1,0 +1,298 @@
+"""Missions as people see them: a track from a file, a robot that is under way, its objects, the replay."""
+
+import math
+import re
+import time
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser import axe
+
+PHONE = {
+    "viewport": {"width": 390, "height": 844},
+    "color_scheme": "dark",
+    "has_touch": True,
+    "is_mobile": True,
+}
+CUT = "net::ERR_INTERNET_DISCONNECTED"
+PLACE = (50.0772, 14.4175)
+PATIENCE_S = 15
+BEGIN = 1_760_000_000
+FIRST = {"id": "a1", "class": "car", "time": BEGIN + 2, "lat": PLACE[0], "lon": PLACE[1], "confidence": 0.9}
+SECOND = {
+    **FIRST,
+    "id": "b2",
+    "class": "person",
+    "time": BEGIN + 9,
+    "lat": PLACE[0] + 2e-4,
+    "confidence": 0.4,
+}
+DRAWN = """
+() => {
+  const canvas = document.querySelector("#map-canvas canvas");
+  if (!canvas?.width) return 0;
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+  copy.drawImage(canvas, 0, 0);
+  const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let n = 0; n < data.length; n += 4) {
+    if (data[n] < 60 && data[n + 1] > 90 && data[n + 2] > 150 && data[n + 3] > 200) count += 1;
+  }
+  return count;
+}
+"""
+"""How many pixels have the full colour of GPS tracks: what is later than the moment is faint."""
+
+
+def pose(n, **more):
+    """A pose on a circle, one a second."""
+    angle = n / 30
+    lat, lon = PLACE[0] + 4e-4 * math.sin(angle), PLACE[1] + 6e-4 * math.cos(angle)
+    return {"type": "pose", "time": BEGIN + n, "lat": lat, "lon": lon, "height_m": 200 + n / 10, **more}
+
+
+@pytest.fixture
+def mission(api, request):
+    """Make a mission; gives its id."""
+    return api.ask("POST", "/missions", data={"name": request.node.name[:60]})["id"]
+
+
+@pytest.fixture
+def send(api, mission):
+    """Send records as a robot does, in order."""
+    told = {"next": 0}
+
+    def send(*records):
+        told.update(
+            api.ask(
+                "POST",
+                f"/missions/{mission}/batches",
+                data={"sender": "robot", "first": told["next"], "records": list(records)},
+            )
+        )
+
+    return send
+
+
+def seen(record):
+    """An object as a record."""
+    return {"type": "object", **record}
+
+
+def by_id(page, id):
+    return page.get_by_test_id(id)
+
+
+def set_moment(page, seconds):
+    """Move the slider, as a drag does."""
+    by_id(page, "moment").evaluate(
+        "(slider, at) => { slider.value = at; slider.dispatchEvent(new Event('input')); }", seconds
+    )
+
+
+def wait_for_pixels(page, fits):
+    """Wait until the number of drawn pixels fits; the page's policy forbids Playwright's own way, which is eval."""
+    end = time.monotonic() + PATIENCE_S
+    while not fits(drawn := page.evaluate(DRAWN)):
+        assert time.monotonic() < end, drawn
+        page.wait_for_timeout(100)
+
+
+def test_a_robot_under_way_is_seen_live(page, mission, send):
+    page.goto(f"/missions/{mission}")
+    expect(page.get_by_text("No positions yet", exact=True)).to_be_visible()
+    send(*(pose(n) for n in range(40)), seen(FIRST))
+    track = by_id(page, "track")
+    expect(track).to_contain_text("40")
+    expect(page.get_by_text("No positions yet", exact=True)).to_be_hidden()
+    expect(by_id(page, "live-state")).to_have_text("Live")
+    wait_for_pixels(page, lambda count: count >= 300)
+    drawn = page.evaluate(DRAWN)
+    begin = time.monotonic()
+    send(*(pose(n) for n in range(40, 120)), seen(SECOND))
+    expect(track).to_contain_text("120")
+    assert time.monotonic() - begin < 8
+    wait_for_pixels(page, lambda count: count >= drawn + 150)
+    page.get_by_role("tab", name=re.compile("Objects")).click()
+    expect(by_id(page, "object")).to_have_count(2)
+    send({"type": "end"})
+    expect(by_id(page, "live-state")).to_have_text("Ended")
+
+
+def test_the_server_away_and_back(page, context, mission, send):
+    send(*(pose(n) for n in range(10)))
+    page.goto(f"/missions/{mission}")
+    expect(by_id(page, "track")).to_contain_text("10")
+    context.set_offline(True)
+    expect(by_id(page, "live-state")).to_have_text("No connection", timeout=40_000)
+    context.set_offline(False)
+    send(*(pose(n) for n in range(10, 30)))
+    expect(by_id(page, "track")).to_contain_text("30", timeout=40_000)
+    context.watch.faults = [fault for fault in context.watch.faults if CUT not in fault]
+
+
+def test_time_goes_back_and_runs(page, mission, send):
+    send(*(pose(n) for n in range(120)))
+    page.goto(f"/missions/{mission}")
+    wait_for_pixels(page, lambda count: count >= 1200)
+    whole = page.evaluate(DRAWN)
+    set_moment(page, 30)
+    wait_for_pixels(page, lambda count: count < whole * 0.6)
+    before = by_id(page, "moment-text").inner_text()
+    page.get_by_label("Speed of the replay").select_option("5")
+    by_id(page, "play").click()
+    expect(by_id(page, "moment-text")).not_to_have_text(before)
+    expect(by_id(page, "play")).to_have_accessible_name("Pause")
+    by_id(page, "play").click()
+    expect(by_id(page, "play")).to_have_accessible_name("Replay")
+    page.get_by_role("button", name="Now").click()
+    wait_for_pixels(page, lambda count: count >= whole * 0.9)
+    expect(by_id(page, "profile-facts")).to_contain_text("Distance")
+    page.get_by_role("button", name="Height").click()
+    expect(page.get_by_role("button", name="Height")).to_have_attribute("aria-pressed", "true")
+
+
+def test_colours_have_a_legend(page, mission, send):
+    send(*(pose(n) for n in range(60)), *(pose(n, source="odometry") for n in range(60)))
+    page.goto(f"/missions/{mission}")
+    legend = by_id(page, "legend")
+    expect(legend).to_contain_text("GPS")
+    expect(legend).to_contain_text("Odometry")
+    by_id(page, "colour-by").select_option("speed")
+    expect(legend).to_contain_text("m/s")
+    by_id(page, "colour-by").select_option("time")
+    expect(legend).not_to_contain_text("m/s")
+    by_id(page, "track").filter(has_text="Odometry").get_by_role("checkbox").uncheck()
+    by_id(page, "colour-by").select_option("source")
+    expect(legend).not_to_contain_text("Odometry")
+
+
+def test_objects_are_filtered_sorted_and_looked_at(page, mission, send):
+    moved = {**FIRST, "time": BEGIN + 20, "lon": PLACE[1] + 3e-4}
+    send(*(pose(n) for n in range(60)), seen(FIRST), seen(SECOND), seen(moved))
+    page.goto(f"/missions/{mission}")
+    by_id(page, "tab-objects").click()
+    rows = by_id(page, "object")
+    expect(rows).to_have_count(2)
+    expect(rows.first).to_contain_text("a1")  # seen last
+    page.get_by_role("button", name="Class", exact=True).click()
+    expect(rows.first).to_contain_text("car")
+    page.get_by_role("button", name="Class", exact=True).click()
+    expect(rows.first).to_contain_text("person")
+    by_id(page, "object-filter").fill("a1")
+    expect(rows).to_have_count(1)
+    by_id(page, "object-filter").fill("")
+    page.get_by_label("Class", exact=True).select_option("person")
+    expect(rows).to_have_count(1)
+    page.get_by_label("Class", exact=True).select_option("")
+    page.get_by_role("button", name="a1").click()
+    card = by_id(page, "object-card")
+    expect(card).to_contain_text("2 times")
+    expect(card).to_contain_text("Moved")
+    assert axe.findings(page) == []
+    card.get_by_role("button", name="Close").click()
+    expect(card).to_be_hidden()
+
+
+def test_two_missions_over_each_other(page, api, mission, send):
+    send(*(pose(n) for n in range(60)))
+    other = api.ask("POST", "/missions", data={"name": "the other round"})["id"]
+    records = [{**pose(n), "time": BEGIN + 86_400 * 30 + n} for n in range(90)]
+    api.ask("POST", f"/missions/{other}/batches", data={"sender": "x", "first": 0, "records": records})
+    page.goto(f"/missions/{mission}")
+    page.get_by_role("button", name="Lay another mission over it").click()
+    page.get_by_role("dialog").get_by_role("button", name="the other round").click()
+    expect(by_id(page, "track")).to_have_count(2)
+    expect(page).to_have_url(re.compile(f"with={other}"))
+    # a month lies between them: they begin together
+    expect(by_id(page, "moment")).to_have_attribute("max", "89")
+    by_id(page, "colour-by").select_option("mission")
+    expect(by_id(page, "legend")).to_contain_text("the other round")
+    page.reload()
+    expect(by_id(page, "track")).to_have_count(2)
+    page.get_by_role("button", name="Take the other round away").click()
+    expect(by_id(page, "track")).to_have_count(1)
+
+
+def test_a_track_from_a_file(page, tmp_path):
+    points = "".join(
+        f'<trkpt lat="{pose(n)["lat"]}" lon="{pose(n)["lon"]}"><ele>{200 + n}</ele>'
+        f"<time>2026-05-01T10:{n // 60:02}:{n % 60:02}Z</time></trkpt>"
+        for n in range(90)
+    )
+    head = '<gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">'
+    track = tmp_path / "morning walk.gpx"
+    track.write_text(f"{head}<trk><trkseg>{points}</trkseg></trk></gpx>", encoding="utf-8")
+    page.goto("/missions")
+    by_id(page, "import-track").click()
+    by_id(page, "track-file").set_input_files(track)
+    assert axe.findings(page) == []
+    by_id(page, "import-start").click()
+    page.wait_for_url(re.compile(r"/missions/\d+$"), timeout=120_000)
+    expect(page.get_by_role("heading", level=1)).to_have_text("morning walk")
+    expect(by_id(page, "track")).to_contain_text("90")
+    wait_for_pixels(page, lambda count: count >= 300)
+    page.goto("/missions")
+    expect(by_id(page, "mission").filter(has_text="morning walk")).to_contain_text("90 poses")
+
+
+def test_a_file_that_is_no_track_is_told(page, context, tmp_path):
+    context.watch.expect(422)
+    track = tmp_path / "walk.gpx"
+    track.write_text("no track", encoding="utf-8")
+    page.goto("/missions")
+    by_id(page, "import-track").click()
+    by_id(page, "track-file").set_input_files(track)
+    by_id(page, "import-start").click()
+    expect(by_id(page, "error-message")).to_be_visible(timeout=120_000)
+
+
+def test_on_the_image_of_a_map(page, api, sample_map):
+    state = api.state(sample_map)
+    places = [place for place in state["georeference"]["latlon_grid"]["latlon"] if place]
+    lat, lon = places[len(places) // 2]
+    made = api.ask("POST", "/missions", data={"name": "in the park", "map": sample_map})["id"]
+    records = [{**pose(n), "lat": lat + n * 2e-6, "lon": lon} for n in range(50)]
+    api.ask("POST", f"/missions/{made}/batches", data={"sender": "x", "first": 0, "records": records})
+    page.goto(f"/missions/{made}")
+    wait_for_pixels(page, lambda count: count >= 100)
+    assert page.locator("#map-canvas .leaflet-image-layer, #map-canvas .leaflet-tile").count() > 0
+    page.get_by_label("Ground").select_option("plain")
+    wait_for_pixels(page, lambda count: count >= 100)
+    assert page.locator("#map-canvas .leaflet-image-layer, #map-canvas .leaflet-tile").count() == 0
+
+
+def test_new_mission_renamed_and_into_the_bin(page):
+    page.goto("/missions")
+    by_id(page, "new-mission").click()
+    by_id(page, "mission-name").fill("First try")
+    page.get_by_role("button", name="Create").click()
+    page.wait_for_url(re.compile(r"/missions/\d+$"))
+    page.get_by_label("More", exact=True).click()
+    page.get_by_role("button", name="Rename").click()
+    page.get_by_role("dialog").get_by_label("Name").fill("Second try")
+    with page.expect_navigation():
+        page.get_by_role("dialog").get_by_role("button", name="Rename").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Second try")
+    page.get_by_label("More", exact=True).click()
+    page.get_by_role("button", name="Put into the bin").click()
+    page.get_by_role("dialog").get_by_role("button", name="Put into the bin").click()
+    page.wait_for_url("**/missions")
+    page.goto("/missions/bin")
+    expect(by_id(page, "mission").filter(has_text="Second try")).to_be_visible()
+
+
+@pytest.mark.parametrize("look", [{}, PHONE], ids=["wide-light", "phone-dark"])
+def test_nothing_to_stumble_over(open_context, owner, look, mission, send):
+    send(*(pose(n) for n in range(60)), seen(FIRST), seen(SECOND))
+    page = open_context(storage_state=owner, reduced_motion="reduce", **look).new_page()
+    for path in ("/missions", f"/missions/{mission}", "/missions/bin"):
+        page.goto(path)
+        if str(mission) in path:
+            wait_for_pixels(page, lambda count: count >= 100)
+        else:
+            expect(page.locator("#loading")).to_be_hidden()
+        assert axe.findings(page) == []
+        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+        assert page.locator("h1").count() == 1
