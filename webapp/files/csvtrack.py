@@ -45,6 +45,8 @@ _NUMBERS = (
     "cov_en",
 )
 
+_UNKNOWN = dict.fromkeys(_NUMBERS, math.nan)
+
 
 def delimiter_of(line: str) -> str | None:
     """Guess what separates the fields of a line; None where nothing does."""
@@ -101,7 +103,8 @@ class _Table:
     untimed: bool = False
 
     def row(self, fields: Sequence[str], where: str, *, findings: Findings) -> Iterator[Piece]:
-        values = {name: self.number(fields, name) for name in _NUMBERS}
+        told = {name: self.number(fields, name) for name in self.columns if name in _UNKNOWN}
+        values = _UNKNOWN | told
         place = ("lat", "lon") if "lat" in self.columns else ("x", "y")
         if any(math.isnan(values[name]) for name in place):
             findings.skip("rows without a position", where=where)

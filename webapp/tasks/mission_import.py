@@ -28,7 +28,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store import batches, missions, tracks
 from webapp.store.library import Library
-from webapp.store.schema_missions import Mission, Track
+from webapp.store.schema_missions import Mission, MissionSender, Track
 from webapp.tasks import read_track
 from webapp.tasks.read_track import TrackPart, Wishes
 from webapp.tasks.satellite_apply import Writes
@@ -148,16 +148,17 @@ def run(
     with write() as session:
         mission = _mission(session, mission_id)
         ids = _tracks(session, mission, survey.tracks, key=key, name=order.name, keep=keep)
-        stored = batches.stored(session, mission_id, sender=key)
+        stored = _stored(session, mission_id, key)
     progress.size(survey.records)
     progress.note("storing")
     for first, group in _groups(_parts(order, progress), stored):
         with write() as session:
             mission = _mission(session, mission_id)
-            already = batches.advance(session, mission_id, sender=key, first=first, count=len(group))
-            if already < len(group):
+            missing = group[max(_stored(session, mission_id, key) - first, 0) :]
+            batches.advance(session, mission_id, sender=key, first=first, count=len(group))
+            if missing:
                 missions.changed(mission)
-                _store(session, mission, parts=group[already:], ids=ids)
+                _store(session, mission, parts=missing, ids=ids)
     with library.database.read() as session:
         found = [session.get_one(Track, id) for id in ids.values()]
         made = tuple(ImportedTrack(t.id, t.source, t.name, t.poses, t.skipped, t.distance_m) for t in found)
@@ -221,6 +222,12 @@ def _groups(parts: Iterator[Part], stored: int) -> Iterator[tuple[int, list[Part
             group, size = [], 0
     if group:
         yield first, group
+
+
+def _stored(session: Session, mission_id: int, key: str) -> int:
+    """Count the parts that are stored, also by somebody who imports the same at the same time."""
+    sender = session.get(MissionSender, (mission_id, key))
+    return 0 if sender is None else sender.next_seq
 
 
 def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[Key, int]) -> None:
