@@ -32,9 +32,10 @@ DRAWN = """
 () => {
   const canvas = document.querySelector("#map-canvas canvas");
   if (!canvas?.width) return 0;
-  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+  const { width, height } = canvas;
+  const copy = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
   copy.drawImage(canvas, 0, 0);
-  const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+  const { data } = copy.getImageData(0, 0, width, height);
   let count = 0;
   for (let n = 0; n < data.length; n += 4) {
     if (data[n] < 60 && data[n + 1] > 90 && data[n + 2] > 150 && data[n + 3] > 200) count += 1;
@@ -92,7 +93,7 @@ def set_moment(page, seconds):
 
 
 def wait_for_pixels(page, fits):
-    """Wait until the number of drawn pixels fits; the page's policy forbids Playwright's own way, which is eval."""
+    """Wait until the number of drawn pixels fits; the page's policy forbids Playwright's own way: eval."""
     end = time.monotonic() + PATIENCE_S
     while not fits(drawn := page.evaluate(DRAWN)):
         assert time.monotonic() < end, drawn

@@ -40,12 +40,14 @@ def show(mission_id: int) -> str:
 def _list(*, binned: bool) -> str:
     who = account()
     with library().database.read() as session:
-        found = [{"slug": record.slug, "name": record.name} for record in maps.listed(session, who, binned=False)]
+        found = [
+            {"slug": record.slug, "name": record.name} for record in maps.listed(session, who, binned=False)
+        ]
         in_bin = len(missions.listed(session, who, binned=True))
     return render_template("missions/index.html", page={"maps": found, "binned": binned}, in_bin=in_bin)
 
 
 def _services() -> tuple[TileService, ...]:
-    """Give the tile services that the owner configured: without that, no page asks other hosts for a ground."""
+    """Give the tile services that the owner configured; without that, no page asks other hosts for tiles."""
     file = settings().tile_services
     return () if file is None else tile_services(file)
