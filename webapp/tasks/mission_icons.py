@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import unicodedata
 from collections.abc import Callable
 
 from PIL import Image, ImageDraw, ImageFont
@@ -26,7 +27,7 @@ def icon(kind: str) -> bytes:
     Parameters
     ----------
     kind : str
-        Any text; a class without a sign of its own shows its first letter.
+        Any text; a class without a sign of its own shows its first letter, or a dot.
 
     Returns
     -------
@@ -42,7 +43,7 @@ def icon(kind: str) -> bytes:
     pen.ellipse(_scaled((10, 3), (54, 47)), fill=colour)
     draw = next((sign for words, sign in _SIGNS if re.search(words, kind.lower())), None)
     if draw is None:
-        _letter(pen, (kind.strip()[:1] or "?").upper())
+        _letter(pen, kind)
     else:
         draw(pen)
     file = io.BytesIO()
@@ -54,7 +55,13 @@ def _scaled(*points: tuple[float, float]) -> list[tuple[float, float]]:
     return [(x * _FINE, y * _FINE) for x, y in points]
 
 
-def _letter(pen: Pen, letter: str) -> None:
+def _letter(pen: Pen, kind: str) -> None:
+    """Write the first letter; a dot where there is none that the font of Pillow has."""
+    plain = unicodedata.normalize("NFKD", kind.strip()[:1]).encode("ascii", "ignore").decode()
+    letter = plain[:1].upper()
+    if not letter.isalnum():
+        pen.ellipse(_scaled((25, 18), (39, 32)), fill=_INK)
+        return
     font = ImageFont.load_default(size=28 * _FINE)
     pen.text(_scaled((32, 25))[0], letter, fill=_INK, font=font, anchor="mm")
 
@@ -82,8 +89,19 @@ def _tree(pen: Pen) -> None:
 
 
 def _fire(pen: Pen) -> None:
-    pen.polygon(_scaled((32, 8), (43, 27), (32, 31), (21, 27)), fill=_INK)
-    pen.ellipse(_scaled((21, 20), (43, 41)), fill=_INK)
+    flame = (
+        (34, 7),
+        (38, 17),
+        (43, 22),
+        (45, 31),
+        (40, 40),
+        (24, 40),
+        (19, 31),
+        (21, 23),
+        (27, 27),
+        (28, 17),
+    )
+    pen.polygon(_scaled(*flame), fill=_INK)
 
 
 def _hazard(pen: Pen) -> None:

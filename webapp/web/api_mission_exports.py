@@ -16,7 +16,7 @@ from webapp.store.mission_query import MAX_ROWS, TABLES, Question
 from webapp.tasks import query_mission
 from webapp.web.context import library, open_mission
 from webapp.web.mission_download import ExportQuery, LinkQuery, export, link, sent, turns
-from webapp.web.openapi import file_answer
+from webapp.web.openapi import Responses, file_answer
 
 blueprint = APIBlueprint(
     "api_mission_exports",
@@ -62,6 +62,14 @@ class RowsOut(Schema):
     complete = Boolean(metadata={"description": "false: the limit cut some off."})
 
 
+_ROWS: Responses = {
+    200: {
+        "description": "The rows that fit; or a table of them.",
+        "content": {"application/json": {"schema": RowsOut}, "text/csv": {"schema": {}}},
+    }
+}
+
+
 @blueprint.get("/export.<string(maxlength=20):ending>")
 @blueprint.input(ExportQuery, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
@@ -96,14 +104,7 @@ def network_link(mission_id: int, query: dict[str, Any]) -> Response:
 
 @blueprint.get("/query")
 @blueprint.input(QuestionIn, location="query", arg_name="asked")
-@blueprint.doc(
-    responses={
-        200: {
-            "description": "The rows that fit; or a table of them.",
-            "content": {"application/json": {"schema": RowsOut}, "text/csv": {"schema": {}}},
-        }
-    }
-)
+@blueprint.doc(responses=_ROWS)
 def query(mission_id: int, asked: dict[str, Any]) -> Response:
     """Ask about poses, objects or sightings; a mistake is told with the place of its character."""
     mission, form = open_mission(mission_id), asked.pop("format")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from flask import Blueprint, Response, render_template, request
-from marshmallow import Schema, ValidationError
+from apiflask import APIBlueprint
+from flask import Response, render_template
 
-from webapp.errors import NotFound, UsageError
+from webapp.errors import NotFound
 from webapp.store import mission_shares
 from webapp.store.mission_shares import OpenedMission
 from webapp.web import errors, mission_download, shared_mission
@@ -16,7 +16,7 @@ from webapp.web.context import library
 from webapp.web.mission_download import ExportQuery, LinkQuery
 from webapp.web.security import allow_framing
 
-blueprint = Blueprint("public_mission_pages", __name__, url_prefix="/m/<token>")
+blueprint = APIBlueprint("public_mission_pages", __name__, url_prefix="/m/<token>", enable_openapi=False)
 
 _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
@@ -38,10 +38,11 @@ def embed(token: str) -> tuple[str, int, dict[str, str]]:
 
 @blueprint.get("/export.<string(maxlength=20):ending>")
 @public
-def export(token: str, ending: str) -> Response:
+@blueprint.input(ExportQuery, location="query", arg_name="query")
+def export(token: str, ending: str, query: dict[str, Any]) -> Response:
     """Take a shared mission away; `?points=` thins its tracks."""
     mission = _opened(token).mission
-    return mission_download.export(mission.id, ending=ending, query=_query(ExportQuery()))
+    return mission_download.export(mission.id, ending=ending, query=query)
 
 
 @blueprint.get("/objects.csv")
@@ -53,10 +54,11 @@ def objects(token: str) -> Response:
 
 @blueprint.get("/link.kml")
 @public
-def network_link(token: str) -> Response:
+@blueprint.input(LinkQuery, location="query", arg_name="query")
+def network_link(token: str, query: dict[str, int]) -> Response:
     """Take a KML link away that programs fetch again and again, each `?every=` seconds."""
     mission = _opened(token).mission
-    return mission_download.link(mission.name, token=token, every=_query(LinkQuery())["every"])
+    return mission_download.link(mission.name, token=token, every=query["every"])
 
 
 def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
@@ -77,15 +79,3 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
 def _opened(token: str) -> OpenedMission:
     with library().database.read() as session:
         return mission_shares.opened(session, token)
-
-
-def _query(schema: Schema) -> dict[str, Any]:
-    """Read what follows the question mark."""
-    try:
-        read: dict[str, Any] = schema.load(request.args.to_dict(), unknown="exclude")
-    except ValidationError as error:
-        field = next(iter(error.messages_dict))
-        raise UsageError(
-            f"{request.args[field]!r} cannot be used here", where=field, hint="give a number that makes sense"
-        ) from error
-    return read

@@ -160,8 +160,8 @@ def test_a_network_link_leads_to_what_is_there_now(stranger, new_mission, share,
 @pytest.mark.parametrize("query", ["every=0", "every=x", "every=", "every=99999999999999999999"])
 def test_odd_questions_of_visitors_are_refused(stranger, new_mission, share, query):
     shared = share(new_mission())
-    assert stranger.get(f"{shared['kml']}?{query}").status_code == 400
-    assert stranger.get(f"{shared['url']}/export.csv?points=1").status_code == 400
+    assert stranger.get(f"{shared['kml']}?{query}").status_code == 422
+    assert stranger.get(f"{shared['url']}/export.csv?points=1").status_code == 422
     assert stranger.get(f"{shared['url']}/export.csv?other=1").status_code == 200
     assert stranger.get(f"{shared['url']}/export.exe").status_code == 404
 
