@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
 from apiflask.validators import Range
-from flask import request
+from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import UsageError
+from webapp.render import track_picture
 from webapp.store import missions
 from webapp.store.schema import MapRecord
 from webapp.store.schema_missions import Mission
@@ -23,6 +25,7 @@ from webapp.tasks.ready_maps import Way
 from webapp.web.answer_schemas import Located
 from webapp.web.api_localize import ask, received
 from webapp.web.context import account, library, open_mission, settings
+from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint(
     "api_mission_fixes",
@@ -180,6 +183,17 @@ def fuse(mission_id: int) -> dict[str, int]:
 def fusion(mission_id: int) -> dict[str, Any]:
     """Tell how the corrected track came about, and which fixes were left out."""
     return fuse_mission.read_report(library(), open_mission(mission_id, binned=True).id)
+
+
+@blueprint.get("/fusion.png")
+@blueprint.doc(responses=file_answer("Raw tracks, the corrected one, and what was left out.", "image/png"))
+def fusion_picture(mission_id: int) -> Response:
+    """Get a picture of raw and corrected tracks, north up."""
+    drawn = track_picture.of_mission(library(), open_mission(mission_id, binned=True).id)
+    data = io.BytesIO()
+    drawn.save(data, "PNG")
+    data.seek(0)
+    return send_file(data, mimetype="image/png")
 
 
 def _map(mission: Mission) -> MapRecord:

@@ -1,5 +1,6 @@
 """Drives of a robot that never was: what is true, what its odometry says, and what was measured of it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +19,8 @@ class Drive:
     sigma_m: float = 2.0
     every: int = 4
     noise: Noise = field(default_factory=Noise)
+    rate: Callable[[float], float] = lambda seconds: 0.15 * np.sin(seconds / 15)
+    """Radians a second that it turns."""
 
     def __post_init__(self):
         self.rng = rng = np.random.default_rng(self.seed)
@@ -27,7 +30,7 @@ class Drive:
         self.heading[0] = rng.uniform(-np.pi, np.pi)
         self.moves = np.full((n, 3), np.nan)
         for i in range(1, n):
-            way, turn = 1.0 * dt, 0.15 * np.sin(i * dt / 15) * dt
+            way, turn = 1.0 * dt, self.rate(i * dt) * dt
             self.moves[i] = way, 0.0, turn
             excess = turns * turn + curve * way
             angle = self.heading[i - 1] + excess / 2

@@ -81,12 +81,17 @@ def test_fixes_in_any_order_of_two_sources():
 
 
 def test_a_receiver_that_promises_too_much_is_not_believed():
-    drive = Drive(4, every=8)
+    drive = Drive(4, nodes=1200, every=20)
     found = fuse(odometry_of(drive), {"gps": gps_of(drive, told_m=0.5)})
     assert found.fit.receiver == 4.0
     assert not found.judged["gps"].gated.any()
     honest = fuse(odometry_of(drive), {"gps": gps_of(drive)})
     assert honest.fit.receiver == 1.0
+
+
+def test_too_few_fixes_to_tell_who_is_wrong():
+    drive = Drive(4, nodes=200, every=20)
+    assert fuse(odometry_of(drive), {"gps": gps_of(drive, told_m=0.5)}).fit.receiver == 1.0
 
 
 def test_wheels_that_skid_are_noticed():

@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 from sqlalchemy import select
 
 from webapp.core.geo.local import LocalFrame
@@ -191,6 +192,9 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
     assert client.get(f"/api/v1/jobs/{queued.json['job']}").json["state"] == "done"
     report = client.get(f"{mission}/fusion").json
     assert (report["poses"], report["gated"]) == (1, [])
+    picture = client.get(f"{mission}/fusion.png")
+    assert picture.mimetype == "image/png"
+    assert Image.open(io.BytesIO(picture.data)).width >= 640
     assert [track["source"] for track in client.get(mission).json["tracks"]] == ["visual", "fused"]
 
 

@@ -28,6 +28,9 @@ MOST_POSES = 100_000
 SAMPLE = 500
 """Of so many fixes of each source, and four times as much odometry, it is found how wrong they are."""
 
+LEAST_SAMPLE = 8
+"""Fewer fixes tell nothing about that."""
+
 ALIKE_S = 20.0
 """Fixes of one receiver within such a time err alike, by the same satellites and the same reflections:
 together they count as one."""
@@ -140,9 +143,20 @@ def fuse(
 
 
 def _fit(odometry: Poses | None, tracks: Mapping[Source, Poses], *, frame: LocalFrame, usual: Noise) -> Fit:
-    sample = _all_fixes(tracks, most=SAMPLE)
+    """Find how wrong odometry and receiver are, by fixes that err each on its own."""
+    apart = {source: _apart(poses) if source == "gps" else poses for source, poses in tracks.items()}
+    sample = _all_fixes(apart, most=SAMPLE)
+    if len(sample.number) < LEAST_SAMPLE:
+        return Fit()
     steps, fixes = _taken_in(odometry, sample, frame=frame, most=4 * SAMPLE)
     return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual)
+
+
+def _apart(poses: Poses) -> Poses:
+    """Give fixes that do not err alike."""
+    order = np.argsort(poses.times_s, kind="stable")
+    turn = np.floor((poses.times_s[order] - poses.times_s[order[0]]) / ALIKE_S)
+    return poses.take(order[np.unique(turn, return_index=True)[1]])
 
 
 def _taken_in(
