@@ -99,7 +99,7 @@ def add_mission(library, settings, owner):
             id = missions.create(session, "Round", account_id=owner.id, map_id=map_id).id
         spot = {"time": 1.0, "lat": 60.4, "lon": 26.5}
         records = [{"type": "pose", **spot}, {"type": "object", "id": "car-1", "class": "car", **spot}]
-        take_batch.run(library, id, records, place=Numbered("robot", 0))
+        take_batch.run(library, id, records=records, place=Numbered("robot", 0))
         (library.uploads / "m.part").write_bytes(picture())
         photo = add_mission_photo.run(
             library,

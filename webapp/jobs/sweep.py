@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from datetime import timedelta
 from functools import partial
 
@@ -33,7 +34,8 @@ def clean(library: Library, settings: Settings) -> None:
     """Delete what interrupted uploads and deletions have left behind."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
-    sweeps = [partial(sweep_uploads.run, settings=settings), delete_mission.sweep]
+    sweeps: list[Callable[[Library], object]] = [delete_mission.sweep]
+    sweeps += [partial(sweep_uploads.run, settings=settings)]
     sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(satellite_unused.sweep, map_id=id, keep=keep) for id in ids]

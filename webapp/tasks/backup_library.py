@@ -190,8 +190,8 @@ def _files(library: Library, contents: Contents) -> Iterator[tuple[str, Path]]:
         folder = queries.folder(library, map_id)
         for file in sorted(file for id, file in contents.queries if id == map_id):
             yield f"{QUERIES}/{map_id}/{file}", folder / file
-    for mission_id, path in sorted(contents.mission_photos):
-        yield f"{MISSIONS}/{mission_id}/{path}", missions.folder(library, mission_id) / path
+    for mission_id, photo in sorted(contents.mission_photos):
+        yield f"{MISSIONS}/{mission_id}/{photo}", missions.folder(library, mission_id) / photo
 
 
 def _belongs(name: str, contents: Contents) -> bool:

@@ -82,7 +82,7 @@ def _build_next(track_id: int, write: Write) -> bool:
         points = table_of(poses, first=track.built_to)
         points = points[simplified(points[:, 2:4], FINEST_M)]
         track_pieces.add(session, track, level=0, chunk=chunk, count=PIECE, points=points)
-        told = profile(poses.times_s, poses.travelled_m, poses.height_m, points=_PROFILE_POINTS)
+        told = profile(poses.times_s, poses.travelled_m, height_m=poses.height_m, points=_PROFILE_POINTS)
         track_pieces.add_profile(session, track, chunk=chunk, points=told)
         _build_coarser(session, track, chunk)
         track.built_to += PIECE

@@ -31,7 +31,7 @@ class Numbered:
     first: int
 
 
-def run(library: Library, mission_id: int, records: Sequence[object], *, place: Numbered) -> dict[str, Any]:
+def run(library: Library, mission_id: int, *, records: Sequence[object], place: Numbered) -> dict[str, Any]:
     """Store the records of a sender that numbers them; when this returns, they are on the disk.
 
     Parameters
@@ -74,7 +74,7 @@ def run(library: Library, mission_id: int, records: Sequence[object], *, place: 
 
 
 def run_keyed(
-    library: Library, mission_id: int, records: Sequence[object], *, key: str, keep: timedelta
+    library: Library, mission_id: int, *, records: Sequence[object], key: str, keep: timedelta
 ) -> dict[str, Any]:
     """Store the records of a program that numbers nothing; when this returns, they are on the disk.
 

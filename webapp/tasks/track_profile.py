@@ -39,6 +39,6 @@ def run(session: Session, track: Track, *, points: int) -> NDArray[np.float64]:
     return profile(
         np.concatenate([table[:, 0], tail.times_s]),
         np.concatenate([table[:, 1], tail.travelled_m]),
-        np.concatenate([table[:, 3], tail.height_m]),
+        height_m=np.concatenate([table[:, 3], tail.height_m]),
         points=points,
     )

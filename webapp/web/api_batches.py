@@ -150,9 +150,9 @@ def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None])
         )
     with _turns.one():
         if numbered is not None:
-            return take_batch.run(library(), mission.id, records, place=numbered)
+            return take_batch.run(library(), mission.id, records=records, place=numbered)
         keep = timedelta(days=settings().missions.keep_keys_days)
-        return take_batch.run_keyed(library(), mission.id, records, key=key or "", keep=keep)
+        return take_batch.run_keyed(library(), mission.id, records=records, key=key or "", keep=keep)
 
 
 def _numbered(given: dict[str, Any]) -> Numbered | None:

@@ -29,7 +29,7 @@ def mission(library, save_photo):
     with library.database.write() as session:
         id = missions.create(session, "Yard", account_id=accounts.ensure_owner(session).id).id
     poses = [{"type": "pose", "time": n, "lat": 50, "lon": 14} for n in range(3)]
-    take_batch.run(library, id, poses, place=Numbered("robot", 0))
+    take_batch.run(library, id, records=poses, place=Numbered("robot", 0))
     save_photo(library.uploads / "a.jpg", 1)
     add_mission_photo.run(
         library, id, source=library.uploads / "a.jpg", name="a.jpg", about=About(), settings=Settings()

@@ -12,8 +12,8 @@ COLUMNS = 4
 def profile(
     times_s: NDArray[np.float64],
     travelled_m: NDArray[np.float64],
-    height_m: NDArray[np.float64],
     *,
+    height_m: NDArray[np.float64],
     points: int,
 ) -> NDArray[np.float64]:
     """Choose points of a track: of each part of it the lowest and the highest.
