@@ -89,6 +89,12 @@ robot_group = LazyGroup(
     },
 )
 
+models_group = LazyGroup(
+    name="models",
+    help="The weights that learned features need.",
+    where={"list": "webapp.cli.models:list_models", "fetch": "webapp.cli.models:fetch"},
+)
+
 root = LazyGroup(
     name="expmap",
     help="Where was this photo taken? Answers on a map that people make themselves.",
@@ -98,6 +104,7 @@ root = LazyGroup(
         "build": "webapp.cli.build:build",
         "localize": "webapp.cli.localize:localize",
         "evaluate": "webapp.cli.evaluate:evaluate",
+        "models": "webapp.cli.main:models_group",
         "serve": "webapp.cli.serve:serve",
         "worker": "webapp.cli.worker:worker",
         "mission": "webapp.cli.main:mission_group",

@@ -1,1 +1,1 @@
-"""The only code that talks to other hosts: the map tile services that are configured, and no others."""
+"""The only code that talks to other hosts: configured map tile services, and where weights come from."""

@@ -23,6 +23,7 @@ from webapp.errors import IndexDamaged, MapError, PhotoError
 from webapp.files.featurefile import read_segment, write_segment
 from webapp.files.indexstore import IndexFolder
 from webapp.files.mapfolder import photo_path
+from webapp.files.models import network
 from webapp.files.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings
 
@@ -151,6 +152,7 @@ def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
         keypoints=settings.extract.keypoints,
         scale=gray.scale,
         photo_size=gray.full_size,
+        network=network(job.choice.model, settings.models),
     )
     return PhotoEntry(content, math.nan if fov is None else fov, features)
 

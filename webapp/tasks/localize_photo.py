@@ -12,6 +12,7 @@ from webapp.core.hypotheses.model import Answer, FieldOfView
 from webapp.core.localize import verified, vote
 from webapp.core.mapmodel.model import Map
 from webapp.files.calibrationfile import StoredCalibration
+from webapp.files.models import network
 from webapp.files.photo import read_facts, read_gray
 from webapp.settings import Settings
 from webapp.tasks.open_map import OpenMap, guessed_fov_deg
@@ -63,6 +64,7 @@ class PhotoLocalizer:
             keypoints=options.keypoints,
             scale=gray.scale,
             photo_size=gray.full_size,
+            network=network(self.opened.choice.model, self.settings.models),
         )
         clock.append(time.perf_counter())
         if fov is None:

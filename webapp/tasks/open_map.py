@@ -25,6 +25,7 @@ from webapp.errors import IndexDamaged, MapError, NotReady
 from webapp.files.featurefile import read_segment
 from webapp.files.indexstore import IndexFolder, Manifest, read_search_index
 from webapp.files.mapfolder import read_map
+from webapp.files.models import network
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import build_index
@@ -140,10 +141,13 @@ def run(
         The combination of features cannot work.
     NotReady
         There is no index, and none is to be built.
+    MissingPart
+        The features need a model that is not here.
     StorageError, IndexDamaged, Cancelled
     """
     bases = index_bases(cfg, options.index)
     choice = _choice(bases, options, settings=settings)
+    network(choice.model, settings.models)  # what is missing is told before anything is built
     the_map = read_map(cfg) if the_map is None else the_map
     if not the_map.experiences:
         raise MapError("the map has no photos", where=str(cfg), hint="place photos on it first")

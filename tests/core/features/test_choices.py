@@ -10,6 +10,8 @@ from webapp.errors import UsageError
 FITTING = {
     "sift": {"flann", "l1", "l2", "ivf"},
     "sift-plain": {"flann", "l1", "l2", "ivf"},
+    "surf": {"flann", "l1", "l2", "ivf"},
+    "xfeat": {"flann", "l1", "l2", "ivf"},
     "orb": {"flann", "hamming", "hamming2", "ivf"},
     "orb-wta4": {"hamming2"},
 }
@@ -87,14 +89,14 @@ def test_one_part_alone_brings_the_fitting_other():
     ("part", "known"),
     [
         ("features", "auto, sift"),
-        ("detector", "sift, orb"),
+        ("detector", "sift, surf, orb"),
         ("extractor", "sift-plain"),
         ("matcher", "flann"),
     ],
 )
 def test_unknown_names_are_told_with_the_known_ones(part, known):
-    with pytest.raises(UsageError, match="surf") as refused:
-        choose("vote", **{part: "surf"})
+    with pytest.raises(UsageError, match="brisk") as refused:
+        choose("vote", **{part: "brisk"})
     assert refused.value.where == f"--{part}"
     assert known in str(refused.value.hint)
 
@@ -103,3 +105,11 @@ def test_a_matcher_of_other_descriptors_names_the_features_for_it():
     with pytest.raises(UsageError, match="--features orb") as refused:
         choose("vote", matcher="hamming")
     assert "flann, l1, l2" in str(refused.value)
+
+
+def test_what_needs_a_model_and_what_has_no_orientation():
+    needs = {name: choose("verified", features=name).model for name in BUNDLES}
+    assert needs == {"sift": None, "sift-plain": None, "surf": None, "orb": None, "xfeat": "xfeat"}
+    assert choose("verified", detector="xfeat", extractor="sift").model == "xfeat"
+    assert [name for name in BUNDLES if not choose("verified", features=name).oriented] == ["xfeat"]
+    assert choose("verified", detector="sift", extractor="xfeat").oriented

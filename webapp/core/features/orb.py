@@ -29,6 +29,7 @@ class Orb:
 
     kind: Kind = "binary"
     width = 32
+    oriented = True
 
     def __init__(self, *, points_per_test: int = 2) -> None:
         self._points_per_test = points_per_test
@@ -79,10 +80,8 @@ def _too_small(gray: NDArray[np.uint8]) -> bool:
 
 def _in_orb_level(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
     """Give another detector's keypoint the pyramid level whose patch has its size."""
-    # SIFT states a sixth of the patch it describes; ORB states the whole.
-    patch = 6.0 * keypoint.size
-    level = round(float(np.log(max(patch, 1.0) / _PATCH) / np.log(_SCALE_FACTOR)))
+    level = round(float(np.log(max(keypoint.size, 1.0) / _PATCH) / np.log(_SCALE_FACTOR)))
     angle = keypoint.angle if keypoint.angle >= 0 else 0.0
     octave = int(np.clip(level, 0, _LEVELS - 1))
     x, y = keypoint.pt
-    return cv2.KeyPoint(x, y, patch, angle, keypoint.response, octave)
+    return cv2.KeyPoint(x, y, keypoint.size, angle, keypoint.response, octave)

@@ -12,6 +12,9 @@ from webapp.core.features.types import Described, Kind, strongest
 
 _BASE_SIGMA = 1.6
 _LAYERS = 3
+_PATCH_OVER_SIZE = 6.0
+"""SIFT describes 4 bins of 3 sigma each, 6 times the size that OpenCV states."""
+
 _ROOT_SCALE = 512.0
 """A RootSIFT component is at most 1 and rarely over 0.5, so that one byte holds it in steps of 1/512."""
 
@@ -27,6 +30,7 @@ class Sift:
 
     kind: Kind = "float"
     width = 128
+    oriented = True
 
     def __init__(self, *, root: bool = True) -> None:
         self._root = root
@@ -34,6 +38,8 @@ class Sift:
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
         """Find the `keypoints` keypoints of highest contrast in an (h, w) uint8 image."""
         found = cv2.SIFT_create(keypoints).detect(gray, None)
+        for keypoint in found:
+            keypoint.size *= _PATCH_OVER_SIZE
         # Keypoints of equal contrast all stay in OpenCV's list, which can exceed the number asked for.
         return sorted(found, key=lambda k: -k.response)[:keypoints]
 
@@ -65,8 +71,7 @@ def root_sift(raw: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 def _in_sift_octave(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
     """Give another detector's keypoint the octave and layer that SIFT would describe its size in."""
-    # SIFT describes 4 bins of 3 sigma each, 6 times the size it states; others state the whole patch.
-    size = keypoint.size / 6.0
+    size = keypoint.size / _PATCH_OVER_SIZE
     level = float(np.log2(max(size, 1e-3) / (2.0 * _BASE_SIGMA)))
     octave = max(-1, int(np.floor(level)))
     layer = int(np.clip(round((level - octave) * _LAYERS), 1, _LAYERS))

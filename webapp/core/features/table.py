@@ -9,20 +9,24 @@ from typing import Literal
 
 from webapp.core.features.orb import Orb
 from webapp.core.features.sift import Sift
+from webapp.core.features.surf import Surf
 from webapp.core.features.types import Detector, Extractor, Kind
+from webapp.core.features.xfeat import XFeat
 from webapp.errors import UsageError
 
 Method = Literal["vote", "verified"]
 
 METHODS: tuple[Method, ...] = ("vote", "verified")
 
-DETECTORS: dict[str, Callable[[], Detector]] = {"sift": Sift, "orb": Orb}
+DETECTORS: dict[str, Callable[[], Detector]] = {"sift": Sift, "surf": Surf, "orb": Orb, "xfeat": XFeat}
 
 EXTRACTORS: dict[str, Callable[[], Extractor]] = {
     "sift": Sift,
     "sift-plain": lambda: Sift(root=False),
+    "surf": Surf,
     "orb": Orb,
     "orb-wta4": lambda: Orb(points_per_test=4),
+    "xfeat": XFeat,
 }
 
 
@@ -59,7 +63,9 @@ _OTHER_NAMES = {
 BUNDLES: dict[str, tuple[str, str]] = {
     "sift": ("sift", "sift"),
     "sift-plain": ("sift", "sift-plain"),
+    "surf": ("surf", "surf"),
     "orb": ("orb", "orb"),
+    "xfeat": ("xfeat", "xfeat"),
 }
 """`--features NAME`: detector and extractor; the matcher follows from the method."""
 
@@ -99,6 +105,16 @@ class FeatureChoice:
     def kind(self) -> Kind:
         """How the descriptors are compared."""
         return EXTRACTORS[self.extractor]().kind
+
+    @property
+    def oriented(self) -> bool:
+        """Whether keypoints turn with the photo; else all their angles are 0."""
+        return DETECTORS[self.detector]().oriented
+
+    @property
+    def model(self) -> str | None:
+        """Name of the model whose weights are needed; None where none are."""
+        return "xfeat" if "xfeat" in (self.detector, self.extractor) else None
 
 
 def choose(

@@ -25,7 +25,7 @@ class Features:
     size : (n,) float32
         Diameter of the described neighbourhood, pixels of the photo at full size.
     angle : (n,) float32
-        Orientation in degrees, clockwise in the image.
+        Orientation in degrees, clockwise in the image; 0 everywhere where the detector knows none.
     descriptors : (n, d) uint8
         Numbers 0 to 255 ("float" kind) or packed bits ("binary" kind).
     photo_size : (int, int)
@@ -50,8 +50,14 @@ Described = tuple[Sequence[cv2.KeyPoint], NDArray[np.uint8]]
 class Detector(Protocol):
     """Finds keypoints."""
 
+    oriented: bool
+    """Whether keypoints turn with the photo; else their angle is always 0 and says nothing."""
+
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
-        """Find at most `keypoints` keypoints in an (h, w) uint8 image."""
+        """Find at most `keypoints` keypoints in an (h, w) uint8 image, for another one to describe.
+
+        Their size is that of the patch that this one would describe.
+        """
 
 
 class Extractor(Protocol):
@@ -103,3 +109,12 @@ def strongest(described: Described, keypoints: int) -> Described:
     found, descriptors = described
     order = sorted(range(len(found)), key=lambda i: -found[i].response)[:keypoints]
     return [found[i] for i in order], descriptors[order]
+
+
+def unit_as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Turn (n, d) descriptors of length 1 into bytes, in steps of 1/254.
+
+    A component is rarely over 0.5; what is larger is cut off.
+    """
+    steps: NDArray[np.float32] = np.clip(np.rint(128.0 + 254.0 * values), 0.0, 255.0)
+    return steps.astype(np.uint8)

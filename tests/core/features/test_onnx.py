@@ -1,0 +1,51 @@
+"""Networks that are written here are what OpenCV reads, and their weights are read back."""
+
+import cv2
+import numpy as np
+import pytest
+
+from webapp.core.features.onnx import Convolution, Graph, read_convolutions
+
+
+def random_layer(rng, out, channels, side):
+    weight = rng.normal(size=(out, channels, side, side)).astype(np.float32)
+    return Convolution(weight, rng.normal(size=out).astype(np.float32))
+
+
+@pytest.fixture
+def network():
+    rng = np.random.default_rng(3)
+    first, second = random_layer(rng, 5, 1, 3), random_layer(rng, 2, 5, 1)
+    graph = Graph()
+    halved = graph.convolution("first", graph.input("image", 1), of=first, stride=2, relu=True)
+    smooth = graph.convolution("second", halved, of=second, relu=False)
+    graph.sigmoid(
+        "answer", graph.sum("twice", graph.enlarge("large", smooth, times=2), graph.input("more", 2))
+    )
+    return first, second, graph.to_bytes([("answer", 2)])
+
+
+def test_weights_are_read_back_under_the_names_of_the_outputs(network):
+    first, second, model = network
+    found = read_convolutions(model)
+    assert list(found) == ["first", "second"]
+    for layer, expected in zip(found.values(), (first, second), strict=True):
+        assert np.array_equal(layer.weight, expected.weight)
+        assert np.array_equal(layer.bias, expected.bias)
+
+
+@pytest.mark.parametrize("shape", [(8, 12), (20, 6)])
+def test_opencv_computes_the_layers_for_any_size(network, shape):
+    (weight, bias), (mix, shift), model = network
+    rng = np.random.default_rng(4)
+    image, more = rng.normal(size=shape).astype(np.float32), rng.normal(size=(2, *shape)).astype(np.float32)
+    net = cv2.dnn.readNetFromONNX(np.frombuffer(model, np.uint8))
+    net.setInput(image[None, None], "image")
+    net.setInput(more[None], "more")
+    answer = net.forward("answer")[0]
+
+    edges = [cv2.filter2D(image, -1, w[0], borderType=cv2.BORDER_CONSTANT)[::2, ::2] for w in weight]
+    halved = np.maximum(np.stack(edges) + bias[:, None, None], 0.0)
+    smooth = np.einsum("oc,chw->ohw", mix[:, :, 0, 0], halved) + shift[:, None, None]
+    large = np.stack([cv2.resize(s, shape[::-1], interpolation=cv2.INTER_LINEAR) for s in smooth])
+    assert np.abs(answer - 1.0 / (1.0 + np.exp(-(large + more)))).max() < 1e-5

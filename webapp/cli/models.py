@@ -1,0 +1,57 @@
+"""`expmap models`: the weights that learned features need."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from webapp.cli.progressbar import terminal_progress
+from webapp.files.models import ModelFile, models_folder
+from webapp.settings import from_environment
+from webapp.tasks import models as task
+
+
+@click.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+def list_models(as_json: bool) -> None:
+    """List the models, and whether they are here.
+
+    Any one of a model's files is enough: they hold the same weights.
+    """
+    settings = from_environment()
+    states = task.states(settings)
+    if as_json:
+        click.echo(json.dumps([asdict(state) for state in states]))
+        return
+    click.echo(f"folder: {models_folder(settings.models)}", err=True)
+    for state in states:
+        click.echo(f"{state.model}: {_line(state.file)}; {state.state}")
+
+
+@click.command()
+@click.argument("names", metavar="[MODEL]...", nargs=-1)
+@click.option(
+    "--from", "source", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER",
+    help="Take the files from there, and download nothing.",
+)  # fmt: skip
+def fetch(names: tuple[str, ...], source: Path | None) -> None:
+    """Fetch models, all or those named, into EXPMAP_MODELS or the user's cache.
+
+    A file is kept only if it is, byte by byte, the one that was published.
+    """
+    settings = from_environment()
+    wanted = task.missing(names, settings=settings)
+    if not wanted:
+        click.echo("all are here", err=True)
+    for name in wanted:
+        file = task.choose_file(name, source)
+        click.echo(f"{_line(file)}; from {source or file.address}", err=True)
+        with terminal_progress(file.name) as progress:
+            click.echo(task.fetch(file, source, settings=settings, progress=progress))
+
+
+def _line(file: ModelFile) -> str:
+    return f"{file.name}, {file.bytes / 1e6:.1f} MB, {file.licence}, {file.source}"

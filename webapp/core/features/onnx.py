@@ -1,0 +1,176 @@
+"""The little of the ONNX format (protocol buffers) that it takes to read weights and to write a network.
+
+Only what is needed here: convolutions with their weights in, a graph of a few kinds of layers out. The
+numbers of the fields are those of `onnx.proto3`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+_FLOAT, _INT, _STRING, _INTS = 1, 2, 3, 7
+_OPSET = 11
+
+
+class Convolution(NamedTuple):
+    """Weight (out, in, k, k) and bias (out,), float32."""
+
+    weight: NDArray[np.float32]
+    bias: NDArray[np.float32]
+
+
+def read_convolutions(data: bytes) -> dict[str, Convolution]:
+    """Read the weights of all convolutions of a model, in the order in which they are computed.
+
+    Parameters
+    ----------
+    data : bytes
+        A model that is known to be whole: nothing is checked.
+
+    Returns
+    -------
+    dict of str to Convolution
+        By the name of their output.
+    """
+    graph = _Message(_Message(data).parts[7][0])
+    tensors = dict(_tensor(_Message(part)) for part in graph.parts[5])
+    found = {}
+    for node in map(_Message, graph.parts[1]):
+        if node.texts(4) == ["Conv"]:
+            _, weight, bias = node.texts(1)
+            found[node.texts(2)[0]] = Convolution(tensors[weight], tensors[bias])
+    return found
+
+
+def _tensor(message: _Message) -> tuple[str, NDArray[np.float32]]:
+    raw = message.parts[9][0] if message.parts[9] else b""
+    return message.texts(8)[0], np.frombuffer(raw, "<f4").reshape(message.numbers[1])
+
+
+class _Message:
+    """What is in a message: by the number of the field, its numbers, and its parts of other kinds."""
+
+    def __init__(self, data: bytes | memoryview) -> None:
+        self.numbers: dict[int, list[int]] = defaultdict(list)
+        self.parts: dict[int, list[memoryview]] = defaultdict(list)
+        view, at = memoryview(data), 0
+        while at < len(view):
+            key, at = _number(view, at)
+            field, kind = key >> 3, key & 7
+            if kind == 0:
+                value, at = _number(view, at)
+                self.numbers[field].append(value)
+            else:
+                size, at = _number(view, at) if kind == 2 else (8 if kind == 1 else 4, at)
+                self.parts[field].append(view[at : at + size])
+                at += size
+
+    def texts(self, field: int) -> list[str]:
+        """Read the parts of a field as text."""
+        return [bytes(part).decode() for part in self.parts[field]]
+
+
+def _number(view: memoryview, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while True:
+        byte = view[at]
+        at += 1
+        value |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            return value, at
+
+
+class Graph:
+    """A network that is put together layer by layer; each method gives the name of its layer's output."""
+
+    def __init__(self) -> None:
+        self._nodes: list[bytes] = []
+        self._tensors: list[bytes] = []
+        self._inputs: list[bytes] = []
+
+    def input(self, name: str, channels: int) -> str:
+        """Declare an input of shape (1, channels, any, any)."""
+        self._inputs.append(_declared(name, channels))
+        return name
+
+    def convolution(self, name: str, source: str, *, of: Convolution, stride: int = 1, relu: bool) -> str:
+        """Add a convolution that keeps the size, divided by `stride`."""
+        side = of.weight.shape[2]
+        weight, bias = self._tensor(f"{name}.weight", of.weight), self._tensor(f"{name}.bias", of.bias)
+        shape = {"kernel_shape": [side] * 2, "strides": [stride] * 2, "pads": [side // 2] * 4}
+        output = self._node("Conv", name, inputs=[source, weight, bias], attributes=shape)
+        return self._node("Relu", f"{name}.relu", inputs=[output]) if relu else output
+
+    def sum(self, name: str, a: str, b: str) -> str:
+        """Add two layers of one shape."""
+        return self._node("Add", name, inputs=[a, b])
+
+    def enlarge(self, name: str, source: str, *, times: int) -> str:
+        """Interpolate to `times` the width and height, bilinearly between pixel centres."""
+        scales = self._tensor(f"{name}.scales", np.array([1, 1, times, times], np.float32))
+        how = {"coordinate_transformation_mode": "half_pixel", "mode": "linear"}
+        return self._node("Resize", name, inputs=[source, "", scales], attributes=how)
+
+    def sigmoid(self, name: str, source: str) -> str:
+        """Squeeze every number between 0 and 1."""
+        return self._node("Sigmoid", name, inputs=[source])
+
+    def to_bytes(self, outputs: Sequence[tuple[str, int]]) -> bytes:
+        """Write the model; `outputs` are layers with their numbers of channels."""
+        graph = b"".join(_field(1, n) for n in self._nodes) + _field(2, b"graph")
+        graph += b"".join(_field(5, t) for t in self._tensors) + b"".join(_field(11, i) for i in self._inputs)
+        graph += b"".join(_field(12, _declared(*output)) for output in outputs)
+        return _field(1, 6) + _field(8, _field(2, _OPSET)) + _field(7, graph)
+
+    def _tensor(self, name: str, values: NDArray[np.float32]) -> str:
+        shape = b"".join(_field(1, side) for side in values.shape)
+        raw = values.astype("<f4").tobytes()
+        self._tensors.append(shape + _field(2, _FLOAT) + _field(8, name.encode()) + _field(9, raw))
+        return name
+
+    def _node(
+        self,
+        kind: str,
+        name: str,
+        *,
+        inputs: Sequence[str],
+        attributes: Mapping[str, str | list[int]] = MappingProxyType({}),
+    ) -> str:
+        node = b"".join(_field(1, i.encode()) for i in inputs)
+        node += _field(2, name.encode()) + _field(3, name.encode()) + _field(4, kind.encode())
+        for key, value in attributes.items():
+            if isinstance(value, str):
+                content, form = _field(4, value.encode()), _STRING
+            else:
+                content, form = b"".join(_field(8, v) for v in value), _INTS
+            node += _field(5, _field(1, key.encode()) + content + _field(20, form))
+        self._nodes.append(node)
+        return name
+
+
+def _declared(name: str, channels: int) -> bytes:
+    sides = [_field(1, 1), _field(1, channels), _field(2, b"height"), _field(2, b"width")]
+    shape = b"".join(_field(1, side) for side in sides)
+    return _field(1, name.encode()) + _field(2, _field(1, _field(1, _FLOAT) + _field(2, shape)))
+
+
+def _field(number: int, value: int | bytes) -> bytes:
+    if isinstance(value, int):
+        return _varint(number << 3) + _varint(value)
+    return _varint(number << 3 | 2) + _varint(len(value)) + value
+
+
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 127:
+        out.append(value & 127 | 128)
+        value >>= 7
+    out.append(value)
+    return bytes(out)

@@ -1,0 +1,133 @@
+"""XFeat (Potje et al. 2024): learned keypoints and descriptors that also hold between day and night."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Described, Kind, unit_as_bytes
+from webapp.core.features.xfeatnet import CELL, MULTIPLE, Maps, XFeatNetwork
+from webapp.errors import MissingPart
+
+_LEAST_HEAT = 0.05
+"""Probability of a keypoint at its pixel, at least."""
+
+_APART = np.ones((5, 5), np.uint8)
+"""Keypoints are the hottest of so many pixels around them."""
+
+_LEAST_CONTRAST = 1.0
+"""Standard deviation of the grey values (0 to 255) below which a photo shows nothing."""
+
+_SIZE = 32.0
+"""Stated as the described neighbourhood, pixels: there is one scale only."""
+
+
+class XFeat:
+    """Detector and extractor. Its keypoints have one scale and no orientation.
+
+    Parameters
+    ----------
+    network : XFeatNetwork, optional
+        Without it nothing can be described.
+    """
+
+    kind: Kind = "float"
+    width = 64
+    oriented = False
+
+    def __init__(self, network: XFeatNetwork | None = None) -> None:
+        self._network = network
+
+    def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
+        """Find the `keypoints` best keypoints of an (h, w) uint8 image."""
+        maps = self._maps(gray)
+        return () if maps is None else _as_keypoints(*_peaks(maps, gray.shape, keypoints))
+
+    def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
+        """Find and describe the `keypoints` best keypoints; descriptors (n, 64) uint8."""
+        maps = self._maps(gray)
+        if maps is None:
+            return (), np.zeros((0, self.width), np.uint8)
+        xy, score = _peaks(maps, gray.shape, keypoints)
+        return _as_keypoints(xy, score), _descriptors(maps, xy)
+
+    def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
+        """Describe what is at another detector's keypoints; descriptors (n, 64) uint8."""
+        maps = self._maps(gray) if keypoints else None
+        if maps is None:
+            return (), np.zeros((0, self.width), np.uint8)
+        return keypoints, _descriptors(maps, np.array([k.pt for k in keypoints], np.float32))
+
+    def _maps(self, gray: NDArray[np.uint8]) -> Maps | None:
+        """Run the network on a photo; None where there is nothing to see."""
+        if self._network is None:
+            raise MissingPart("the weights of XFeat are not here", hint="get them with expmap models fetch")
+        mean, contrast = (float(v.item()) for v in cv2.meanStdDev(gray))
+        if contrast < _LEAST_CONTRAST:
+            return None
+        height, width = gray.shape
+        below, right = -height % MULTIPLE, -width % MULTIPLE
+        # Repeating the last pixels makes no edge where the photo ends.
+        whole = cv2.copyMakeBorder(gray, 0, below, 0, right, cv2.BORDER_REPLICATE)
+        return self._network.maps((whole.astype(np.float32) - np.float32(mean)) / np.float32(contrast))
+
+
+def _peaks(
+    maps: Maps, shape: tuple[int, int], keypoints: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Find the keypoints of a photo of `shape`: (n, 2) pixels and (n,) scores, the best first."""
+    heat = _heat(maps.logits)
+    hottest = (heat == cv2.dilate(heat, _APART)) & (heat > _LEAST_HEAT)
+    y, x = np.nonzero(hottest[: shape[0], : shape[1]])
+    pixel = np.column_stack([x, y]).astype(np.float32)
+    score = heat[y, x] * _sampled(maps.reliability, pixel, cv2.INTER_LINEAR)
+    best = np.argsort(-score, kind="stable")[:keypoints]
+    return pixel[best] + _offset(heat, x[best], y[best]), score[best]
+
+
+def _heat(logits: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Turn (65, h, w) logits into the probability of a keypoint at each pixel, (8 h, 8 w)."""
+    likely = np.exp(logits - logits.max(axis=0))
+    likely = likely[:-1] / likely.sum(axis=0)
+    height, width = likely.shape[1:]
+    pixels = likely.reshape(CELL, CELL, height, width).transpose(2, 0, 3, 1)
+    return np.ascontiguousarray(pixels).reshape(CELL * height, CELL * width)
+
+
+def _offset(heat: NDArray[np.float32], x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Measure how far the centroid of the 3 x 3 pixels around a peak is from it, (n, 2).
+
+    Against known homographies it is nearer to the truth than the vertex of a parabola.
+    """
+    padded = np.pad(heat, 1)
+    around = np.stack([padded[y + row, x + column] for row in range(3) for column in range(3)], axis=1)
+    step = np.array([[c - 1, r - 1] for r in range(3) for c in range(3)], np.float32)
+    offset: NDArray[np.float32] = around @ step / around.sum(axis=1, keepdims=True)
+    return offset
+
+
+def _descriptors(maps: Maps, xy: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Interpolate the map of descriptors at (n, 2) pixels, as (n, 64) uint8."""
+    length = np.sqrt(np.square(maps.descriptors).sum(axis=0))
+    units = maps.descriptors / np.maximum(length, np.float32(1e-9))
+    values = np.stack([_sampled(channel, xy, cv2.INTER_CUBIC) for channel in units], axis=1)
+    values /= np.maximum(np.linalg.norm(values, axis=1, keepdims=True), np.float32(1e-9))
+    return unit_as_bytes(values)
+
+
+def _sampled(cells: NDArray[np.float32], xy: NDArray[np.float32], how: int) -> NDArray[np.float32]:
+    """Interpolate (h, w) values of cells at (n, 2) pixels, as (n,)."""
+    if not len(xy):
+        return np.zeros(0, np.float32)
+    # A cell's value stands for its middle, 3.5 pixels from its first one.
+    at = ((xy + 0.5) / CELL - 0.5)[None]
+    x, y = np.ascontiguousarray(at[:, :, 0]), np.ascontiguousarray(at[:, :, 1])
+    found: NDArray[np.float32] = cv2.remap(cells, x, y, how, borderMode=cv2.BORDER_REPLICATE)[0]
+    return found
+
+
+def _as_keypoints(xy: NDArray[np.float32], score: NDArray[np.float32]) -> list[cv2.KeyPoint]:
+    return [cv2.KeyPoint(x, y, _SIZE, 0.0, s) for (x, y), s in zip(xy.tolist(), score.tolist(), strict=True)]

@@ -1,0 +1,65 @@
+"""Downloads one file of known size."""
+
+from __future__ import annotations
+
+import requests
+
+from webapp import __version__
+from webapp.errors import InputError
+from webapp.progress import Progress
+
+_USER_AGENT = f"experience-map/{__version__}"
+_TIMEOUT_S = 20.0
+_CHUNK = 65_536
+_HINT = "try again later, or bring the file here yourself and name its folder with --from"
+
+
+def download(address: str, *, size: int, progress: Progress) -> bytes:
+    """Fetch a file.
+
+    Parameters
+    ----------
+    address : str
+    size : int
+        Bytes it has; no more are read.
+    progress : Progress
+        One step for each 2^16 bytes.
+
+    Returns
+    -------
+    bytes
+        Whether they are the right ones is for the caller to check.
+
+    Raises
+    ------
+    InputError
+        The host does not answer, or not with a file of this size.
+    Cancelled
+    """
+    progress.size(-(-size // _CHUNK))
+    data = bytearray()
+    try:
+        # a redirect could lead to a host that nobody was told of
+        with requests.get(
+            address,
+            headers={"User-Agent": _USER_AGENT},
+            timeout=_TIMEOUT_S,
+            stream=True,
+            allow_redirects=False,
+        ) as answer:
+            if answer.status_code != requests.codes.ok:
+                raise InputError(f"the host answered {answer.status_code}", where=address, hint=_HINT)
+            for chunk in answer.iter_content(_CHUNK):
+                progress.check()
+                data += chunk
+                progress.advance()
+                if len(data) > size:
+                    break
+    except requests.RequestException as error:
+        message = f"the host cannot be reached ({type(error).__name__})"
+        raise InputError(message, where=address, hint=_HINT) from error
+    if len(data) != size:
+        raise InputError(
+            f"it should have {size} bytes and has {len(data)} or more", where=address, hint=_HINT
+        )
+    return bytes(data)
