@@ -69,7 +69,7 @@ def listed(session: Session, mission: Mission) -> list[MissionShare]:
     return list(session.scalars(found.order_by(MissionShare.id.desc())))
 
 
-def find(session: Session, mission: Mission, id: int) -> MissionShare:
+def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
     """Find a share of a mission.
 
     Raises

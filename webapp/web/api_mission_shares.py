@@ -84,11 +84,11 @@ def create(mission_id: int, wish: dict[str, bool]) -> dict[str, Any]:
 @blueprint.patch(f"/{_ID}")
 @blueprint.input(MissionAllows, arg_name="wish")
 @blueprint.output(MissionShareOut)
-def change(mission_id: int, id: int, wish: dict[str, bool]) -> dict[str, Any]:
+def change(mission_id: int, id: int, *, wish: dict[str, bool]) -> dict[str, Any]:
     """Let a share give more, or less; its address stays."""
     mission = open_mission(mission_id, "owner")
     with library().database.write() as session:
-        share = mission_shares.find(session, mission, id)
+        share = mission_shares.find(session, mission, id=id)
         share.photos = wish["photos"]
         return _told(mission, share)
 
@@ -99,7 +99,7 @@ def revoke(mission_id: int, id: int) -> str:
     """Take a share back: its addresses lead to nothing from now on."""
     mission = open_mission(mission_id, "owner")
     with library().database.write() as session:
-        session.delete(mission_shares.find(session, mission, id))
+        session.delete(mission_shares.find(session, mission, id=id))
     return ""
 
 

@@ -95,7 +95,7 @@ def show(token: str) -> dict[str, Any]:
 @public
 @blueprint.input(LineQuery, location="query", arg_name="query")
 @blueprint.output(LineOut)
-def line(token: str, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
+def line(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
     """Get a track, or what of it is in a box, as a line."""
     with library().database.read() as session:
         mission = mission_shares.opened(session, token).mission
@@ -106,7 +106,7 @@ def line(token: str, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
 @public
 @blueprint.input(ProfileQuery, location="query", arg_name="query")
 @blueprint.output(ProfileOut)
-def profile(token: str, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
+def profile(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
     """Get way, speed and height of a track over time."""
     with library().database.read() as session:
         mission = mission_shares.opened(session, token).mission

@@ -39,7 +39,7 @@ def embed(token: str) -> tuple[str, int, dict[str, str]]:
 @blueprint.get("/export.<string(maxlength=20):ending>")
 @public
 @blueprint.input(ExportQuery, location="query", arg_name="query")
-def export(token: str, ending: str, query: dict[str, Any]) -> Response:
+def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
     """Take a shared mission away; `?points=` thins its tracks."""
     mission = _opened(token).mission
     return mission_download.export(mission.id, ending=ending, query=query)

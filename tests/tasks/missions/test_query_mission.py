@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -172,6 +174,14 @@ def made(library, new_mission):
         lambda _c, _cursor, statement, *_rest: statements.append(statement),
     )
     return mission, statements
+
+
+def test_the_docs_name_all_columns(ask, new_mission):
+    page = Path(__file__).resolve().parents[3] / "docs" / "mission-exports.md"
+    mission = new_mission()
+    for table in mission_query.TABLES:
+        (row,) = re.findall(rf"^\| `{table}` \| `([^`]*)` \|$", page.read_text("utf-8"), re.MULTILINE)
+        assert row.split() == ask(mission, table)["columns"]
 
 
 def test_values_are_bound(new_mission):
