@@ -68,12 +68,17 @@ function draw(job) {
       badge(job.state),
       h("span", { class: "small soft" }, moment(job.created_at)),
     ),
-    canEdit && live && action(t("Cancel"), "close", () => act(job, "cancel")),
-    canEdit && (job.state === "failed" || job.state === "cancelled") && action(t("Try again"), "retry", () => act(job, "retry")),
+    may(job) && live && action(t("Cancel"), "close", () => act(job, "cancel")),
+    may(job) && (job.state === "failed" || job.state === "cancelled") && action(t("Try again"), "retry", () => act(job, "retry")),
     (live || job.error) && h("div", { class: "job__body" }, live ? progress(job) : reason(job.error)),
   );
   update(row, job);
   return row;
+}
+
+/** Editors may stop every job, others those that they have started. */
+function may(job) {
+  return canEdit || job.mine;
 }
 
 function progress(job) {

@@ -48,6 +48,16 @@ def test_viewers_cancel_nothing_and_editors_do(people, sign_in, job):
     assert client.post(f"/api/v1/jobs/{job}/retry").json["state"] == "queued"
 
 
+def test_viewers_cancel_and_retry_their_own(people, sign_in, slug, job):
+    client = sign_in(people["viewer"])
+    own = client.post(f"/api/v1/maps/{slug}/exports", json={"format": "zip"}).json["job"]
+    listed = {one["id"]: one["mine"] for one in client.get(f"/api/v1/jobs?map={slug}").json["jobs"]}
+    assert listed == {own: True, job: False}
+    assert client.post(f"/api/v1/jobs/{own}/cancel").json["state"] == "cancelled"
+    assert client.post(f"/api/v1/jobs/{own}/retry").json["state"] == "queued"
+    assert sign_in(people["owner"]).get(f"/api/v1/jobs/{own}").json["mine"] is False
+
+
 def test_a_job_without_a_map_is_its_account_s(library, people, sign_in):
     with library.database.write() as session:
         own = jobs.enqueue(session, "sample", account_id=people["editor"].id).id

@@ -286,13 +286,21 @@ def seconds_left(job: Job, *, at: datetime) -> float | None:
     return (at - job.started_at).total_seconds() * (job.total - job.done) / job.done
 
 
-def to_json(session: Session, job: Job) -> dict[str, Any]:
+def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:
     """Make the object that pages and programs get.
+
+    Parameters
+    ----------
+    session : Session
+    job : Job
+    account_id : int, optional
+        Who asks.
 
     Returns
     -------
     dict
-        `id, kind, state, done, total, note, error, result, seconds_left, created_at, map`; `map` is the slug.
+        `id, kind, state, done, total, note, error, result, seconds_left, created_at, mine, map`; `mine` tells
+        whether who asks has started it, `map` is the slug.
     """
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
     left = seconds_left(job, at=now())
@@ -307,6 +315,7 @@ def to_json(session: Session, job: Job) -> dict[str, Any]:
         "result": job.result,
         "seconds_left": None if left is None else round(left, 1),
         "created_at": job.created_at.isoformat(timespec="seconds"),
+        "mine": account_id is not None and job.account_id == account_id,
         "map": None if record is None else record.slug,
     }
 

@@ -38,4 +38,4 @@ def evaluate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     with library().database.write() as session:
         job = jobs.enqueue(session, _KIND, map_id=record.id, account_id=who.id, arguments=wish)
         session.flush()
-        return jobs.to_json(session, job)
+        return jobs.to_json(session, job, account_id=who.id)

@@ -38,7 +38,7 @@ def listed(query: dict[str, str]) -> dict[str, Any]:
     record = open_map(query["map"])
     with library().database.read() as session:
         found = jobs.listed(session, map_id=record.id)
-        return {"jobs": [jobs.to_json(session, job) for job in found]}
+        return {"jobs": [_told(session, job) for job in found]}
 
 
 @blueprint.get("/<int:job_id>")
@@ -46,17 +46,17 @@ def listed(query: dict[str, str]) -> dict[str, Any]:
 def one(job_id: int) -> dict[str, Any]:
     """Tell how far a job is."""
     with library().database.read() as session:
-        return jobs.to_json(session, _job(session, job_id, role="viewer"))
+        return _told(session, _job(session, job_id, role="viewer"))
 
 
 @blueprint.post("/<int:job_id>/cancel")
 @blueprint.output(JobSchema)
 def cancel(job_id: int) -> dict[str, Any]:
-    """Stop a job; what it has finished is kept. One that has ended stays as it is."""
+    """Stop a job, one's own or one of a map that one may edit; what it has finished is kept."""
     with library().database.write() as session:
         job = _job(session, job_id, role="editor")
         jobs.cancel(session, job)
-        return jobs.to_json(session, job)
+        return _told(session, job)
 
 
 @blueprint.post("/<int:job_id>/retry")
@@ -65,16 +65,20 @@ def retry(job_id: int) -> dict[str, Any]:
     """Queue a job again that failed or was cancelled."""
     with library().database.write() as session:
         job = jobs.retry(session, _job(session, job_id, role="editor"))
-        return jobs.to_json(session, job)
+        return _told(session, job)
 
 
 def _job(session: Session, job_id: int, *, role: Role) -> Job:
-    """Find a job on a map that who asks may use in a role, or one of their own."""
+    """Find a job on a map that who asks may use in a role, or one of their own on a map that they may see."""
     job = jobs.find(session, job_id)
     who = account()
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
     if record is not None and maps.role_of(session, record, account=who) is not None:
-        maps.find(session, record.slug, account=who, role=role)
+        maps.find(session, record.slug, account=who, role="viewer" if job.account_id == who.id else role)
     elif record is not None or (job.account_id != who.id and not who.is_owner):
         raise NotFound(f"there is no job {job_id}", hint="reload the page")
     return job
+
+
+def _told(session: Session, job: Job) -> dict[str, Any]:
+    return jobs.to_json(session, job, account_id=account().id)

@@ -107,6 +107,7 @@ class JobSchema(Schema):
     result = Dict(allow_none=True, metadata={"description": "Depends on the kind."})
     seconds_left = Float(allow_none=True)
     created_at = String()
+    mine = Boolean(metadata={"description": "Whether you have started it, and so may cancel it."})
     map = String(allow_none=True, metadata={"description": "Its slug."})
 
 

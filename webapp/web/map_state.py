@@ -60,7 +60,9 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         "photos": _changed(record, changed),
         **({"placements": _placements(session, record)} if changed else {}),
         **_history(session, record, account=account),
-        "jobs": [jobs.to_json(session, job) for job in jobs.current(session, record.id)],
+        "jobs": [
+            jobs.to_json(session, job, account_id=account.id) for job in jobs.current(session, record.id)
+        ],
     }
 
 

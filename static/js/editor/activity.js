@@ -141,8 +141,8 @@ export class Activity {
       state === "failed" && this._hide(id));
   }
 
-  _jobButton({ id, state }, going) {
-    if (!this.store.canEdit || state === "done") return null;
+  _jobButton({ id, state, mine }, going) {
+    if (!(this.store.canEdit || mine) || state === "done") return null;
     const [words, ask] = going ? [t("Cancel"), "cancelJob"] : [t("Try again"), "retryJob"];
     const run = async (event) => {
       event.currentTarget.disabled = true;
