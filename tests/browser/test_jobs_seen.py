@@ -2,6 +2,11 @@
 
 from playwright.sync_api import expect
 
+from tests.browser.api import Api
+from tests.browser.conftest import sign_in
+
+KINDS = ("Evaluation", "Export")
+
 
 def test_progress_and_cancel_in_two_pages(make_page, context, api):
     edit = make_page(30, placed=True)
@@ -19,3 +24,32 @@ def test_progress_and_cancel_in_two_pages(make_page, context, api):
     assert (job["state"], job["done"] < job["total"]) == ("cancelled", True)
     listed.get_by_role("button", name="Try again").first.click()
     expect(listed.get_by_text("done", exact=True)).to_be_visible(timeout=60_000)
+
+
+def test_the_card_of_jobs_leaves_the_image_free_on_a_wide_screen(make_page):
+    edit = make_page(30, placed=True)
+    card = edit.page.locator("#activity")
+    expect(card).to_be_visible()
+    image, told = edit.canvas.bounding_box(), card.bounding_box()
+    assert told["x"] + told["width"] <= image["x"] + 1
+    assert told["y"] + told["height"] <= edit.page.viewport_size["height"]
+
+
+def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_map):
+    name = f"viewer {sample_map}"
+    link = api.ask("POST", "/accounts", data={"name": name})
+    api.ask("POST", f"/maps/{sample_map}/members", data={"name": name, "role": "viewer"})
+    try:
+        page = open_context().new_page()
+        sign_in(page, link["url"])
+        api.ask("POST", f"/maps/{sample_map}/evaluation", data={})
+        page.goto(f"/maps/{sample_map}/jobs")
+        theirs, own = (page.locator(".job", has=page.get_by_role("heading", name=kind)) for kind in KINDS)
+        expect(theirs.get_by_test_id("job-progress")).to_be_visible()
+        expect(theirs.get_by_role("button", name="Cancel")).to_have_count(0)
+        Api(page.context).ask("POST", f"/maps/{sample_map}/exports", data={"format": "zip"})
+        own.get_by_role("button", name="Cancel").click()
+        expect(own.get_by_text("cancelled")).to_be_visible()
+    finally:
+        api.cancel_jobs(sample_map)
+        api.ask("DELETE", f"/accounts/{link['account']}")

@@ -35,3 +35,18 @@ def test_a_new_edit_ends_the_redo(make_page):
     edit.click(300, 300)
     expect(edit.redo).to_be_disabled()
     expect(edit.undo).to_be_enabled()
+
+
+def test_undo_after_an_upload_says_that_it_undoes_the_step_before(make_page, small_photos):
+    edit = make_page(2)
+    edit.click(200, 200)
+    edit.saved()
+    edit.choose_photos(small_photos[5:6])
+    edit.uploaded()
+    edit.undo.click()
+    told = edit.page.locator(".toast")
+    expect(told).to_have_text("Undone: placing 1 photo")
+    edit.saved()
+    expect(edit.unplaced).to_have_text("3")
+    edit.redo.click()
+    expect(told).to_have_text("Done again: placing 1 photo")

@@ -2,6 +2,8 @@
 
 import { clamped, wholeTurn } from "./coords.js";
 import { t, tn } from "../i18n.js";
+import { toast } from "../toast.js";
+import { stepName } from "./history.js";
 
 /** The actions of the page. */
 export class Commands {
@@ -107,12 +109,15 @@ export class Commands {
     if (this.store.history[action] || (action === "undo" && this.edits.waiting)) this.edits.step(action);
   }
 
-  /** After undo and redo, show what they touched. */
+  /** After undo and redo, show what they touched, and say which step it was: what was done last may be no step. */
   _follow({ item, answer }) {
     if (item.action !== "undo" && item.action !== "redo") return;
     const touched = (answer.photos || []).filter((photo) => !photo.removed);
     if (touched.length === 1) this.store.setCurrent(touched[0].id);
-    this.say(item.action === "undo" ? t("Undone") : t("Done again"));
+    this._told?.();
+    const step = item.action === "undo" ? answer.redo : answer.undo;
+    const what = step ? stepName(step) : t("the last change");
+    this._told = toast(item.action === "undo" ? t("Undone: {what}", { what }) : t("Done again: {what}", { what }));
   }
 
   _nextUnplaced(after) {

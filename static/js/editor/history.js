@@ -43,8 +43,13 @@ export function showHistory(commands) {
   render();
 }
 
+/** Words for what an edit was. @param {{kind: string, count: ?number}} step */
+export function stepName({ kind, count }) {
+  return (KINDS[kind] || (() => t("the last change")))(count ?? 1);
+}
+
 function label(button, word, step, keys) {
-  const what = step ? (KINDS[step.kind] || (() => t("the last change")))(step.count ?? 1) : "";
+  const what = step ? stepName(step) : "";
   const text = what ? `${word}: ${what}` : word;
   button.title = `${text} (${keys})`;
   button.setAttribute("aria-label", text);
