@@ -16,6 +16,7 @@ from webapp.cli.exitcodes import exit_code
 
 COMMANDS = [
     "sample", "map", "map check", "map from-photos", "build", "localize", "evaluate", "serve", "worker",
+    "robot", "robot send", "robot replay", "robot recover", "robot status",
     "account", "account link", "account token", "account add", "account list", "backup", "restore",
 ]  # fmt: skip
 

@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterator
 import pytest
 from werkzeug.serving import make_server
 
+from tests.robot.quick import QUICK
 from tests.robot.site import Site
 from tests.robot.stand_in import StandIn
 from tests.robot.wire import Wire
 from webapp.robot import RobotOptions
-
-QUICK = RobotOptions(sync_s=0.01, every_s=0.02, timeout_s=2.0, backoff_s=0.01, backoff_max_s=0.05)
 
 
 @pytest.fixture

@@ -99,7 +99,7 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
     rows = [f"{1000 + n * 0.1},{50 + n * 4e-6},14" for n in range(50)]
     file.write_text("\n".join(["time,lat,lon", *rows]))
     words = ("replay", file, "--speed", "50", "--spool", tmp_path / "s", "--url", site.url)
-    code, out, _ = expmap(*words, "--new", "Walk", "--start", "50 14 90")
+    code, out, _ = expmap(*words, "--new", "Walk", "--start", "50,14,90")
     assert code == 0 and out.startswith(f"{site.url}/missions/")
     number = int(out.rpartition("/")[2])
     assert site.state(number) == ("Walk", {"lat": 50, "lon": 14, "heading_deg": 90}, True)
@@ -107,9 +107,10 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
     assert poses.latlon[:, 0] == pytest.approx([50 + n * 4e-6 for n in range(0, 50, 3)])
     assert poses.travelled_m[-1] == pytest.approx(48 * 4e-6 * 111_229, rel=1e-3)
     before = site.poses(number).times_s.tolist()
-    assert expmap(*words, "--start", "50 14 90")[0] == 0  # again: it is all there
+    code, _, err = expmap(*words, "--new", "Walk", "--start", "50,14,90")  # again: it is all there
+    assert code == 0 and f"going on with mission {number}" in err
     assert site.poses(number).times_s.tolist() == before
-    code, _, err = expmap(*words, "--min-move", "0", "--start", "50 14 90")
+    code, _, err = expmap(*words, "--min-move", "0", "--start", "50,14,90")
     assert code == 2 and "something else" in err
 
 

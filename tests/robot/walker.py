@@ -4,7 +4,7 @@ import dataclasses
 import sys
 import time
 
-from tests.robot.conftest import QUICK
+from tests.robot.quick import QUICK
 from webapp.robot import RobotClient
 
 if __name__ == "__main__":

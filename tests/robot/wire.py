@@ -64,6 +64,8 @@ class Wire:
                 continue
             except OSError:
                 return  # the listener was closed
+            if server is not None:
+                server.settimeout(None)  # it was for connecting only
             with self._guard:
                 if server is None or self._is_cut:
                     client.close()

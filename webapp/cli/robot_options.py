@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +11,11 @@ import click
 
 from webapp.errors import UsageError
 from webapp.robot.identity import read_identity
-from webapp.robot.options import RobotOptions
 from webapp.robot.uplink import NoAnswer, Uplink
 from webapp.settings import from_environment
 
 _URL = "http://127.0.0.1:8000"
-_START = re.compile(r"\s*([-+\d.]+)[\s,]+([-+\d.]+)[\s,]+([-+\d.]+)\s*")
+_PATIENCE_S = 60.0
 
 Command = Callable[..., Any]
 
@@ -39,11 +37,11 @@ def mission_options(command: Command) -> Command:
 _MISSION_OPTIONS = [
     click.option("--url", metavar="URL", help=f"Of the server.  [default: that of the spool, or {_URL}]"),
     click.option("--mission", type=click.IntRange(1), metavar="N", help="Its number, for a new spool."),
-    click.option("--new", metavar="NAME", help="Make a new mission of that name, for a new spool."),
+    click.option("--new", metavar="NAME", help="Make a new mission of that name, if the spool is new."),
     click.option("--map", "map_slug", metavar="SLUG", help="Put the new mission on that map."),
     click.option(
         "--start",
-        metavar="'LAT LON HEADING'",
+        metavar="LAT,LON,HEADING",
         help="Where the robot was at first, in degrees: for poses in its own frame.",
     ),
 ]
@@ -105,8 +103,7 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
     if (spool / "spool.json").exists():
         known = read_identity(spool)
         if new is not None:
-            hint = "leave out --new, or name a new folder"
-            raise UsageError(f"the spool is of mission {known.mission} already", where=str(spool), hint=hint)
+            click.echo(f"{spool}: going on with mission {known.mission}", err=True)
         return Target(chosen["url"] or known.url, token, mission or known.mission)
     url = chosen["url"] or _URL
     if (mission is None) == (new is None):
@@ -125,7 +122,7 @@ def make_mission(url: str, token: str, *, wish: dict[str, Any]) -> int:
     ExpMapError
         The server refuses, or does not answer.
     """
-    uplink = Uplink(url, token, timeout_s=RobotOptions().timeout_s)
+    uplink = Uplink(url, token, timeout_s=_PATIENCE_S)
     answer = uplink.post("/missions", wish)
     uplink.close()
     if isinstance(answer, NoAnswer) or answer.status != 201:
@@ -134,7 +131,7 @@ def make_mission(url: str, token: str, *, wish: dict[str, Any]) -> int:
 
 
 def parse_start(text: str | None) -> dict[str, float] | None:
-    """Read `LAT LON HEADING`, degrees each.
+    """Read `LAT,LON,HEADING`, degrees each.
 
     Raises
     ------
@@ -142,10 +139,11 @@ def parse_start(text: str | None) -> dict[str, float] | None:
     """
     if text is None:
         return None
-    found = _START.fullmatch(text)
+    hint = "write 50.0755,14.4378,90: degrees north, degrees east, heading clockwise from north"
     try:
-        lat, lon, heading = map(float, found.groups()) if found else ()
+        lat, lon, heading = map(float, text.split(","))
     except ValueError as error:
-        hint = "write '50.0755 14.4378 90': degrees north, degrees east, heading clockwise from north"
         raise UsageError(f"{text[:60]!r} is no start", where="--start", hint=hint) from error
+    if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
+        raise UsageError("there is no such position or heading", where="--start", hint=hint)
     return {"lat": lat, "lon": lon, "heading_deg": heading}
