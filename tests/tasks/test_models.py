@@ -1,0 +1,142 @@
+"""Weights come here whole and right, or not at all."""
+
+import hashlib
+import threading
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from webapp.errors import InputError, MissingPart, NotFound, UsageError
+from webapp.files import models as files
+from webapp.files.models import ModelFile
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks import models as task
+
+CONTENT = bytes(range(256)) * 1000
+
+
+@pytest.fixture
+def host():
+    """A host that sends CONTENT, or half of it, or leads elsewhere."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            code = {"/gone": 404, "/moved": 302}.get(self.path, 200)
+            body = CONTENT[: len(CONTENT) // 2] if self.path == "/half" else CONTENT
+            body = body + b"more" if self.path == "/more" else body
+            body = body[::-1] if self.path == "/other" else body
+            self.send_response(code)
+            self.send_header("Location", "/right")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def file(host):
+    """What is to be fetched."""
+    sha256 = hashlib.sha256(CONTENT).hexdigest()
+    return ModelFile("net.onnx", len(CONTENT), sha256, "Apache-2.0", "its maker", f"{host}/right")
+
+
+@pytest.fixture
+def settings(tmp_path):
+    """Weights are kept in a folder that is not there yet."""
+    return Settings(models=tmp_path / "kept" / "models")
+
+
+def test_a_download_is_kept_and_then_known(file, settings):
+    models = {"net": (file,)}
+    assert [s.state for s in task.states(settings, models=models)] == ["missing"]
+    assert task.missing((), settings=settings, models=models) == ["net"]
+    path = task.fetch(
+        task.choose_file("net", None, models=models), None, settings=settings, progress=Progress()
+    )
+    assert path.read_bytes() == CONTENT
+    assert [s.state for s in task.states(settings, models=models)] == ["here"]
+    assert task.missing((), settings=settings, models=models) == []
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("/gone", "answered 404"),
+        ("/moved", "answered 302"),
+        ("/half", "should have 256000 bytes"),
+        ("/more", "should have 256000 bytes"),
+        ("/other", "not the published file"),
+    ],
+)
+def test_what_is_not_the_published_file_is_not_kept(host, file, settings, address, message):
+    with pytest.raises(InputError, match=message):
+        task.fetch(replace(file, address=host + address), None, settings=settings, progress=Progress())
+    assert not settings.models.exists()
+
+
+def test_no_network_is_told_with_another_way(file, settings):
+    unreachable = replace(file, address="http://127.0.0.1:1/net.onnx")
+    with pytest.raises(InputError, match="cannot be reached") as failed:
+        task.fetch(unreachable, None, settings=settings, progress=Progress())
+    assert "--from" in str(failed.value.hint)
+
+
+def test_any_of_the_files_in_a_folder_is_taken_and_is_enough(file, settings, tmp_path):
+    models = {"net": (file, replace(file, name="other.onnx", address=""))}
+    source = tmp_path / "brought"
+    source.mkdir()
+    with pytest.raises(NotFound, match=r"no net\.onnx or other\.onnx"):
+        task.choose_file("net", source, models=models)
+    (source / "other.onnx").write_bytes(CONTENT)
+    chosen = task.choose_file("net", source, models=models)
+    task.fetch(chosen, source, settings=settings, progress=Progress())
+    assert [s.state for s in task.states(settings, models=models)] == ["missing", "here"]
+    assert task.missing(["net"], settings=settings, models=models) == []
+
+
+def test_a_wrong_file_from_a_folder_leaves_what_is_here(file, settings, tmp_path):
+    settings.models.mkdir(parents=True)
+    (settings.models / "net.onnx").write_bytes(CONTENT)
+    (tmp_path / "net.onnx").write_bytes(CONTENT[::-1])
+    with pytest.raises(InputError, match="not the published file"):
+        task.fetch(file, tmp_path, settings=settings, progress=Progress())
+    assert (settings.models / "net.onnx").read_bytes() == CONTENT
+
+
+def test_a_damaged_file_is_told_and_fetched_again(file, settings):
+    settings.models.mkdir(parents=True)
+    (settings.models / "net.onnx").write_bytes(CONTENT[::-1])
+    models = {"net": (file,)}
+    assert [s.state for s in task.states(settings, models=models)] == ["damaged"]
+    assert task.missing((), settings=settings, models=models) == ["net"]
+
+
+def test_an_unknown_model_is_refused_with_the_known_ones(settings):
+    with pytest.raises(UsageError, match="xfeat"):
+        task.missing(["superglue"], settings=settings)
+
+
+def test_opening_says_what_is_missing_or_wrong(settings):
+    assert files.network(None, settings.models) is None
+    with pytest.raises(MissingPart, match="expmap models fetch"):
+        files.network("xfeat", settings.models)
+    settings.models.mkdir(parents=True)
+    published = files.MODELS["xfeat"][1]
+    (settings.models / published.name).write_bytes(bytes(published.bytes))
+    with pytest.raises(MissingPart, match="not the published one"):
+        files.network("xfeat", settings.models)
+
+
+def test_a_model_is_opened_once(shared_models):
+    assert files.network("xfeat", shared_models) is files.network("xfeat", shared_models)
