@@ -64,6 +64,28 @@ def test_what_no_robot_can_mean_is_set_aside_by_the_server(site, mission, tmp_pa
     assert told["first"] == 8 and told["reason"].startswith("records.0.type ")
 
 
+def test_damage_that_the_server_has_already_is_found_out_by_asking(site, mission, tmp_path, quick):
+    def start(**more):
+        options = quick(every_s=None, **more)
+        return RobotClient(site.url, site.token, mission=mission, spool=tmp_path / "s", options=options)
+
+    with start() as robot, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("webapp.robot.spool.Spool.acknowledge", lambda *_: None)  # killed before it was noted
+        for number in range(5):
+            robot.pose(50, 14, time_s=number)
+        assert not robot.upload(wait_s=0.5)
+        robot.close(wait_s=0)
+    (file,) = (tmp_path / "s").glob("records-*.log")
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    with start() as robot:
+        robot.pose(50, 14, time_s=5)
+        assert robot.upload(wait_s=10)
+    assert site.poses().times_s.tolist() == list(range(6))
+    assert read_aside(tmp_path / "s") == []
+
+
 def test_lines_of_another_program_are_sent(site, expmap, mission, tmp_path):
     lines = [json.dumps({"type": "pose", "lat": 50 + n * 1e-3, "lon": 14, "time": n}) for n in range(5)]
     lines[2:2] = ["{", "[]", '{"type": "pose", "lat": 99, "lon": 0}', "", '{"type": "upload"}']
