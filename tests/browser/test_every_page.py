@@ -14,6 +14,7 @@ PAGES = {
     "edit": "/maps/sample/edit",
     "image": "/maps/sample/image",
     "localize": "/maps/sample/localize",
+    "quality": "/maps/sample/quality",
     "jobs": "/maps/sample/jobs",
     "settings": "/maps/sample/settings",
     "field": "/field",

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
-from webapp.files.atomic import write_text
 from webapp.jobs.kinds import Context
 from webapp.store import maps
-from webapp.tasks import evaluate, library_export, prepare
+from webapp.tasks import evaluate, kept_evaluation, library_export, prepare
 from webapp.tasks.calibrate import MOST_PHOTOS
 from webapp.tasks.evaluation_types import EvaluateOptions
 from webapp.tasks.open_map import OpenOptions
-
-REPORT = "evaluation.json"
-"""In the map's folder `derived`: what `expmap evaluate --self --json` prints."""
 
 
 def run(context: Context) -> dict[str, Any]:
@@ -34,6 +29,5 @@ def run(context: Context) -> dict[str, Any]:
     done = evaluate.run_self(
         localizer, map_folder=cfg.parent, options=EvaluateOptions(limit=limit), progress=context.progress
     )
-    forms = [evaluate.to_json(evaluation) for evaluation in done]
-    write_text(cfg.parent / "derived" / REPORT, json.dumps(forms))
+    forms = kept_evaluation.keep(cfg, done)
     return {form["scheme"]: {name: form[name] for name in form if name != "per_query"} for form in forms}

@@ -43,10 +43,30 @@ class Axis:
         return (at - low) / (high - low)
 
 
+@dataclass(frozen=True, slots=True)
+class ChartWords:
+    """What is written in the charts; a page in another language gives its own."""
+
+    error_title: str = "Error curve: share of queries with at most this error"
+    error: str = "error of the first hypothesis, map pixels"
+    queries: str = "queries"
+    place_radius: str = "place radius"
+    reliability_title: str = "Reliability: share of right answers over stated probability"
+    stated: str = "stated probability of the first hypothesis"
+    right: str = "of these right"
+    diagonal: str = "as sure as right"
+    bin: str = "{count} queries: {stated} stated, {right} right"
+    vertical: str = "vertical axis"
+
+
+_ENGLISH = ChartWords()
+
 SHARE = tuple((percent / 100, f"{percent} %") for percent in (0, 25, 50, 75, 100))
 
 
-def error_chart(errors: NDArray[np.float64], *, place_radius_px: float) -> Markup:
+def error_chart(
+    errors: NDArray[np.float64], *, place_radius_px: float, words: ChartWords = _ENGLISH
+) -> Markup:
     """Share of the queries with at most a given error, over the error on a logarithmic axis.
 
     Parameters
@@ -55,6 +75,7 @@ def error_chart(errors: NDArray[np.float64], *, place_radius_px: float) -> Marku
         Of the first hypotheses, map pixels; infinite without a hypothesis.
     place_radius_px : float
         Marked by a line.
+    words : ChartWords, optional
 
     Returns
     -------
@@ -65,7 +86,7 @@ def error_chart(errors: NDArray[np.float64], *, place_radius_px: float) -> Marku
     largest = max(float(values[-1]) if values.size else 1.0, place_radius_px, 100.0)
     decades = math.ceil(math.log10(largest))
     ticks = tuple((10.0**i, f"{10**i}") for i in range(decades + 1))
-    x, y = Axis("error of the first hypothesis, map pixels", ticks, log=True), Axis("queries", SHARE)
+    x, y = Axis(words.error, ticks, log=True), Axis(words.queries, SHARE)
     steps = [f"M{_x(x, 1)} {_y(y, 0)}"]
     for value, share in zip(values, shares, strict=True):
         steps.append(f"H{_x(x, float(value))}V{_y(y, float(share))}")
@@ -73,62 +94,63 @@ def error_chart(errors: NDArray[np.float64], *, place_radius_px: float) -> Marku
     at = _x(x, place_radius_px)
     body = (
         Markup('<path class="guide" d="M{0} {1}V{2}"/>').format(at, _TOP, HEIGHT - _BOTTOM)
-        + Markup('<text class="note" x="{0}" y="{1}">place radius</text>').format(
-            at + 6, HEIGHT - _BOTTOM - 8
+        + Markup('<text class="note" x="{0}" y="{1}">{2}</text>').format(
+            at + 6, HEIGHT - _BOTTOM - 8, words.place_radius
         )
         + Markup('<path class="curve" d="{0}"/>').format("".join(steps))
     )
-    return _chart((x, y), body, title="Error curve: share of queries with at most this error")
+    return _chart((x, y), body, title=words.error_title, words=words)
 
 
-def reliability_chart(bins: Sequence[ReliabilityBin]) -> Markup:
+def reliability_chart(bins: Sequence[ReliabilityBin], *, words: ChartWords = _ENGLISH) -> Markup:
     """Share of right answers over stated probability, in bins of equal mass with 95 % intervals.
 
     Parameters
     ----------
     bins : sequence of ReliabilityBin
+    words : ChartWords, optional
 
     Returns
     -------
     Markup
         An SVG element.
     """
-    x = Axis("stated probability of the first hypothesis", SHARE)
-    y = Axis("of these right", SHARE)
+    x = Axis(words.stated, SHARE)
+    y = Axis(words.right, SHARE)
     diagonal = Markup('<path class="guide" d="M{0} {1}L{2} {3}"/>')
     body = diagonal.format(_x(x, 0), _y(y, 0), _x(x, 1), _y(y, 1))
-    body += Markup('<text class="note end" x="{0}" y="{1}">as sure as right</text>').format(
-        _x(x, 0.98), _y(y, 0.68)
+    body += Markup('<text class="note end" x="{0}" y="{1}">{2}</text>').format(
+        _x(x, 0.98), _y(y, 0.68), words.diagonal
     )
     for one in bins:
         low, high = wilson_interval(one.right, one.count)
         at = _x(x, one.probability)
-        words = f"{one.count} queries: {one.probability:.0%} stated, {one.right:.0%} right"
+        told = words.bin.format(count=one.count, stated=f"{one.probability:.0%}", right=f"{one.right:.0%}")
         body += Markup(
             '<g><title>{0}</title><path class="whisker" d="M{1} {2}V{3}"/>'
             '<circle class="dot" cx="{1}" cy="{4}" r="{5}"/></g>'
-        ).format(words, at, _y(y, low), _y(y, high), _y(y, one.right), _DOT)
-    return _chart((x, y), body, title="Reliability: share of right answers over stated probability")
+        ).format(told, at, _y(y, low), _y(y, high), _y(y, one.right), _DOT)
+    return _chart((x, y), body, title=words.reliability_title, words=words)
 
 
-def _chart(axes: tuple[Axis, Axis], body: Markup, *, title: str) -> Markup:
+def _chart(axes: tuple[Axis, Axis], body: Markup, *, title: str, words: ChartWords) -> Markup:
     x, y = axes
     right, bottom = WIDTH - _RIGHT, HEIGHT - _BOTTOM
     grid = Markup("")
-    for value, words in y.ticks:
+    for value, text in y.ticks:
         at = _y(y, value)
         grid += Markup('<path class="grid" d="M{0} {1}H{2}"/>').format(_LEFT, at, right)
-        grid += Markup('<text class="tick end" x="{0}" y="{1}">{2}</text>').format(_LEFT - 8, at + 4, words)
-    for value, words in x.ticks:
+        grid += Markup('<text class="tick end" x="{0}" y="{1}">{2}</text>').format(_LEFT - 8, at + 4, text)
+    for value, text in x.ticks:
         at = _x(x, value)
         grid += Markup('<path class="grid" d="M{0} {1}V{2}"/>').format(at, _TOP, bottom)
-        grid += Markup('<text class="tick middle" x="{0}" y="{1}">{2}</text>').format(at, bottom + 18, words)
+        grid += Markup('<text class="tick middle" x="{0}" y="{1}">{2}</text>').format(at, bottom + 18, text)
     labels = Markup('<text class="label middle" x="{0}" y="{1}">{2}</text>').format(
         (_LEFT + right) / 2, HEIGHT - 8, x.label
     )
     return Markup(
         '<svg class="chart" viewBox="0 0 {0} {1}" role="img" aria-label="{2}">{3}{4}{5}</svg>'
-    ).format(WIDTH, HEIGHT, escape(f"{title} (vertical axis: {y.label})"), grid, labels, body)
+    ).format(WIDTH, HEIGHT, escape(f"{title} ({words.vertical}: {y.label})"), grid, labels, body)
 
 
 def _x(axis: Axis, value: float) -> float:

@@ -18,10 +18,10 @@ from webapp.progress import Progress
 from webapp.store import maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks import adopt_map, library_export, staging
+from webapp.tasks import adopt_map, kept_evaluation, library_export, staging
 
 _RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
-_NOT_COPIED = frozenset({"exports", "health.json"})
+_NOT_COPIED = frozenset({"exports", "health.json", kept_evaluation.FILE})
 """In `derived`: made for the other map."""
 
 

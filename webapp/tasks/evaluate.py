@@ -151,6 +151,7 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
         "scheme": evaluation.scheme,
         "hide_within_px": evaluation.hide_within_px,
         "map_photos": len(subject.map.experiences),
+        "map_revision": subject.map.revision,
         "queries": summary.queries,
         "failed": summary.failed,
         "abstained": summary.abstained,

@@ -47,6 +47,7 @@ from webapp.web.mission_pages import blueprint as mission_pages
 from webapp.web.people_page import blueprint as people_page
 from webapp.web.public_mission_pages import blueprint as public_mission_pages
 from webapp.web.public_pages import blueprint as public_pages
+from webapp.web.quality_page import blueprint as quality_page
 from webapp.web.satellite import blueprint as satellite
 from webapp.web.sign_in import blueprint as sign_in
 
@@ -94,6 +95,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     people_page,
     public_mission_pages,
     public_pages,
+    quality_page,
     satellite,
     sign_in,
 )

@@ -1,0 +1,27 @@
+"""How well photos are found on a map, tried by a click."""
+
+from playwright.sync_api import expect
+
+from tests.browser import axe
+
+
+def test_it_is_tried_and_shown(make_page, api):
+    edit = make_page(6, placed=True)
+    api.wait_for_jobs(edit.slug)
+    page = edit.page
+    page.goto(f"/maps/{edit.slug}/quality")
+    expect(page.get_by_text("Not tried yet")).to_be_visible()
+    page.get_by_test_id("evaluate").click()
+    expect(page.get_by_test_id("job-progress")).to_be_visible()
+    shown = page.get_by_test_id("quality")
+    expect(shown).to_have_count(2, timeout=60_000)
+    expect(shown.first.locator("svg.chart")).to_have_count(2)
+    expect(shown.first.get_by_role("row", name="Photos tried")).to_contain_text("6")
+    assert axe.findings(page) == []
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    page.goto(f"/maps/{edit.slug}/edit")
+    edit.drag((100, 60), (300, 300))
+    edit.saved()
+    page.goto(f"/maps/{edit.slug}/quality")
+    expect(page.get_by_text("The map was changed since.")).to_be_visible()

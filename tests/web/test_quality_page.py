@@ -1,0 +1,89 @@
+"""The page that tells how well photos are found on a map."""
+
+import json
+
+import pytest
+
+from webapp.tasks import adopt_map, kept_evaluation
+
+FIGURES = {
+    "map_photos": 2,
+    "map_revision": 0,
+    "queries": 2,
+    "abstained": 1,
+    "place_radius_px": 50.0,
+    "median_px": 12.0,
+    **{f"within_{radius}px": 0.5 for radius in (10, 20, 50, 100, 400)},
+    "answered_at_99_precision": 0.25,
+    "intervals_95": {"within_50px": [0.125, 0.75]},
+}
+FOUND = {"error_px": 12.0, "answer": {"hypotheses": [{"probability": 0.75}]}}
+LOST = {"error_px": None, "answer": {"query": "x", "error": "no photo"}}
+
+
+@pytest.fixture
+def evaluated(library, owner, make_map):
+    """A map with an evaluation of both schemes; gives its slug."""
+    cfg = make_map(library.map_folder("row"), 2)
+    adopt_map.run(library, "row", account_id=owner.id)
+    schemes = [{"scheme": "leave-one-out"}, {"scheme": "leave-one-place-out", "hide_within_px": 50.0}]
+    (cfg.parent / "derived").mkdir(exist_ok=True)
+    forms = [{**FIGURES, **scheme, "per_query": [FOUND, LOST]} for scheme in schemes]
+    (cfg.parent / "derived" / kept_evaluation.FILE).write_text(json.dumps(forms))
+    return "row"
+
+
+def test_the_figures_and_the_charts_are_shown(client, evaluated):
+    text = client.get(f"/maps/{evaluated}/quality").text
+    assert text.count('data-testid="quality"') == 2
+    assert text.count('<svg class="chart"') == 4
+    assert "12 px" in text and "25%" in text and "12% – 75%" in text
+    assert "1 photos: 75% stated, 100% right" in text
+    assert 'id="evaluate"' in text
+    assert "The map was changed since" not in text
+
+
+def test_an_edit_makes_it_old(client, evaluated):
+    place = {"kind": "move", "changes": [{"id": 0, "x_px": 5.0, "y_px": 5.0}]}
+    assert client.patch(f"/api/v1/maps/{evaluated}/experiences", json=place).status_code == 200
+    assert "The map was changed since" in client.get(f"/maps/{evaluated}/quality").text
+
+
+def test_before_the_first_and_while_one_is_going(client, library, owner, make_map):
+    make_map(library.map_folder("row"), 2)
+    adopt_map.run(library, "row", account_id=owner.id)
+    assert "Not tried yet" in client.get("/maps/row/quality").text
+    job = client.post("/api/v1/maps/row/evaluation", json={}).json["id"]
+    page = client.get("/maps/row/quality").text
+    assert f'"job": {job}' in page or f'"job":{job}' in page
+
+
+def test_a_map_without_places_has_nothing_to_try(client, park):
+    page = client.get(f"/maps/{park}/quality").text
+    assert "This map cannot answer yet" in page
+    assert 'id="evaluate"' not in page
+
+
+def test_viewers_look_and_others_see_nothing(client, sign_in, new_account, evaluated):
+    viewer = new_account("Vera")
+    assert sign_in(viewer).get(f"/maps/{evaluated}/quality").status_code == 404
+    share = {"name": "Vera", "role": "viewer"}
+    assert client.post(f"/api/v1/maps/{evaluated}/members", json=share).status_code == 200
+    page = sign_in(viewer).get(f"/maps/{evaluated}/quality").text
+    assert 'data-testid="quality"' in page and 'id="evaluate"' not in page
+
+
+@pytest.mark.parametrize("text", ["{", "[{}]", "7"])
+def test_a_damaged_file_is_told(client, library, evaluated, text):
+    (library.map_folder(evaluated) / "derived" / kept_evaluation.FILE).write_text(text)
+    answer = client.get(f"/maps/{evaluated}/quality")
+    assert answer.status_code == 200
+    assert 'data-testid="error-message"' in answer.text and 'id="evaluate"' in answer.text
+
+
+def test_what_was_kept_is_what_was_measured(library, evaluated):
+    first, second = kept_evaluation.read(library.cfg(evaluated))
+    assert (first.figures["scheme"], second.figures["hide_within_px"]) == ("leave-one-out", 50.0)
+    assert first.errors.tolist() == [12.0, float("inf")]
+    (bin,) = first.reliability
+    assert (bin.probability, bin.right, bin.count) == (0.75, 1.0, 1)
