@@ -11,8 +11,6 @@ import { endpointsOf, makeMission, missionList } from "./endpoints.js";
 import { importDialog } from "./importing.js";
 import { lengthText, spanText } from "./words.js";
 
-const LIVE_MS = 120_000;
-
 const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
 
@@ -58,7 +56,7 @@ function card(mission) {
       h("h2", {}, title),
       h("span", { class: "small number" }, facts.join(" · ")),
       h("span", { class: "small soft" }, [moment(changed), onMap && t("on {map}", { map: onMap })].filter(Boolean).join(" · "))),
-    !binned && !ended && poses > 0 && Date.now() - Date.parse(changed) < LIVE_MS && h("span", { class: "badge badge--success" }, t("Live")),
+    !binned && ended && h("span", { class: "badge" }, t("Ended")),
     mission.role === "owner" && (binned ? binButtons(mission) : menu(mission)));
 }
 

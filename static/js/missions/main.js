@@ -116,7 +116,7 @@ function firstPositions(view, fit) {
 /** Whether the mission goes on, and whether the page hears of it. */
 function state(live) {
   const badge = byId("live-state");
-  let heard = Date.parse(store.mission.changed_at);
+  let heard = Math.max(0, ...store.mission.tracks.map(({ last_time_s: time }) => (time || 0) * 1000));
   const render = () => {
     const ended = Boolean(store.mission.ended_at);
     const isLive = live.connected && !ended && Date.now() - heard < LIVE_MS;

@@ -86,6 +86,6 @@ function outcome({ fix_state: state, fix }, found) {
   if (!fix) return t("not localized");
   if (!found) return t("not from this map");
   const [[east], [, north]] = fix.position_covariance_m2;
-  const place = t("found, within {radius}", { radius: lengthText(radiusOf(east, north)) });
+  const place = t("found, within {radius}", { radius: lengthText(Number(radiusOf(east, north).toPrecision(2))) });
   return fix.gated ? `${place} · ${t("left out of the fusion")}` : place;
 }

@@ -2,7 +2,7 @@
 
 import { byId } from "../editor/page.js";
 import { t } from "../i18n.js";
-import { clockText, DAY_S, spanText, timeText } from "./words.js";
+import { clockText, DAY_S, SHORTEST_S, spanText, timeText } from "./words.js";
 
 const STEPS = 400;
 const SHOWN_EVERY_MS = 100;
@@ -70,7 +70,7 @@ export class Player {
   _render() {
     const { clock, moment } = this.store;
     const { slider, button } = this;
-    slider.disabled = button.disabled = !clock || clock.span <= 0;
+    slider.disabled = button.disabled = !(clock?.span >= SHORTEST_S);
     button.setAttribute("aria-label", this.playing ? t("Pause") : t("Replay"));
     button.classList.toggle("is-on", this.playing);
     button.querySelector(".mi-play").toggleAttribute("hidden", this.playing);

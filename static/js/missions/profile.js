@@ -6,7 +6,7 @@ import { t } from "../i18n.js";
 import { toastError } from "../toast.js";
 import { sourceColour } from "./colours.js";
 import { Inks } from "./inks.js";
-import { lengthText, spanText, speedText } from "./words.js";
+import { lengthText, SHORTEST_S, spanText, speedText } from "./words.js";
 
 const POINTS = 1000;
 const CALM_MS = 2500;
@@ -57,7 +57,7 @@ export class Profile {
     const momentAt = ({ offsetX }) => {
       const { clock } = this.store;
       const share = (offsetX - PAD.side) / (this.canvas.clientWidth - 2 * PAD.side);
-      return clock && Math.min(Math.max(share, 0), 1) * clock.span;
+      return this._timed ? Math.min(Math.max(share, 0), 1) * clock.span : null;
     };
     const point = (moment) => {
       this.hover = moment;
@@ -89,6 +89,13 @@ export class Profile {
     byId("profile-facts").replaceChildren(...rows.map(([name, value]) => h("span", {}, h("span", { class: "soft" }, name), " ", value)));
     const heights = [...this.told.values()].some(({ height_m: heights }) => heights.some(Number.isFinite));
     document.querySelector("[data-quantity=height]").disabled = !heights;
+    document.querySelector("[data-quantity=speed]").disabled = !this._timed;
+    if (!this._timed && heights && this.quantity === "speed") document.querySelector("[data-quantity=height]").click();
+  }
+
+  /** Without times that mean something, the chart goes along the way. */
+  get _timed() {
+    return this.store.clock?.span >= SHORTEST_S;
   }
 
   _paint() {
@@ -100,22 +107,26 @@ export class Profile {
     const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     const { clock } = store;
-    if (!clock?.span) return;
+    if (!clock) return;
     const { column, text, name } = QUANTITIES[this.quantity];
     const series = store.shown.filter(({ key }) => this.told.has(key)).map((one) => ({ ...one, told: this.told.get(one.key) }));
     const values = series.flatMap(({ told }) => told[column].filter(Number.isFinite));
     const [low, high] = values.length ? rangeOf(values, this.quantity) : [0, 1];
-    const x = (moment) => PAD.side + (moment / clock.span) * (width - 2 * PAD.side);
+    const across = (share) => PAD.side + share * (width - 2 * PAD.side);
+    const x = (moment) => across(moment / clock.span);
+    const way = Math.max(1, ...series.map(({ told }) => told.travelled_m.at(-1) || 0));
+    const place = ({ told, mission }) => (n) => (this._timed ? x(store.momentOf(mission, told.time_s[n])) : across(told.travelled_m[n] / way));
     const y = (value) => height - PAD.bottom - ((value - low) / (high - low)) * (height - PAD.top - PAD.bottom);
     const ink = this._inks.all;
     frame(pen, { width, bottom: y(low), top: y(high), colour: ink.line });
-    for (const { told, mission, track } of series.toReversed()) {
-      curve(pen, told, { column, x: (time) => x(store.momentOf(mission, time)), y, colour: sourceColour(track.source), fill: series.length === 1 && y(low) });
+    for (const one of series.toReversed()) {
+      curve(pen, one.told[column], { x: place(one), y, colour: sourceColour(one.track.source), fill: series.length === 1 && y(low) });
     }
     pen.font = "12px system-ui, sans-serif";
     pen.textBaseline = "top";
     pen.fillStyle = ink.textSoft;
     if (values.length) pen.fillText(`${name()}: ${text(low)} – ${text(high)}`, PAD.side, 2);
+    if (!this._timed) return;
     if (store.moment !== null) cursor(pen, x(store.moment), { height, colour: ink.text, width: 2 });
     if (this.hover !== null) this._pointed(pen, { x: x(this.hover), width, height, colour: ink.textSoft }, series);
   }
@@ -134,11 +145,12 @@ export class Profile {
 
 function factsOf({ speed_mps: speeds, height_m: heights, travelled_m: way }, track) {
   const rows = [[t("Distance"), lengthText(track.distance_m ?? way.at(-1) ?? 0)]];
-  if (track.duration_s) {
+  const timed = track.duration_s >= SHORTEST_S;
+  if (timed) {
     rows.push([t("Duration"), spanText(track.duration_s)], [t("Mean"), speedText(track.distance_m / track.duration_s)]);
   }
   const most = speeds.filter(Number.isFinite).reduce((a, b) => Math.max(a, b), 0);
-  if (most) rows.push([t("Fastest"), speedText(most)]);
+  if (timed && most) rows.push([t("Fastest"), speedText(most)]);
   const known = heights.filter(Number.isFinite);
   if (known.length > 1) {
     const climb = known.reduce((sum, value, n) => sum + Math.max(0, n ? value - known[n - 1] : 0), 0);
@@ -164,17 +176,18 @@ function frame(pen, { width, bottom, top, colour }) {
   }
 }
 
-function curve(pen, told, { column, x, y, colour, fill }) {
+function curve(pen, values, { x, y, colour, fill }) {
   const line = new Path2D();
-  let [pen_down, first, last] = [false, null, null];
-  told[column].forEach((value, n) => {
-    if (!Number.isFinite(value)) return (pen_down = false);
-    const at = [x(told.time_s[n]), y(value)];
-    if (pen_down) line.lineTo(...at);
+  let [joined, first, last] = [false, null, null];
+  values.forEach((value, n) => {
+    if (!Number.isFinite(value)) return (joined = false);
+    const at = [x(n), y(value)];
+    if (joined) line.lineTo(...at);
     else line.moveTo(...at);
     first ??= at;
     last = at;
-    pen_down = true;
+    joined = true;
+    return null;
   });
   if (!last) return;
   if (fill) {

@@ -2,9 +2,9 @@
 
 import { h, icon } from "../dom.js";
 import { byId, eachFrame } from "../editor/page.js";
-import { t, tn } from "../i18n.js";
+import { locale, t, tn } from "../i18n.js";
 import { nthColour, sourceColour } from "./colours.js";
-import { clockText, lengthText, percentText, spanText, speedText, trackName } from "./words.js";
+import { clockText, lengthText, percentText, spanText, speedText, SHORTEST_S, trackName } from "./words.js";
 
 /**
  * Keep the list right.
@@ -63,9 +63,9 @@ function numbers(store, box) {
 function facts(track) {
   const { poses, skipped, distance_m: way, duration_s: duration, closing } = track;
   const rows = [[t("Distance"), lengthText(way || 0)]];
-  if (duration) rows.push([t("Duration"), `${spanText(duration)} (${t("{speed} on average", { speed: speedText(way / duration) })})`]);
+  if (duration >= SHORTEST_S) rows.push([t("Duration"), `${spanText(duration)} (${t("{speed} on average", { speed: speedText(way / duration) })})`]);
   const left = skipped ? `, ${tn("{n} left out", "{n} left out", skipped)}` : "";
-  rows.push([t("Poses"), poses.toLocaleString() + left]);
+  rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
   if (closing) rows.push([t("End to start"), t("{gap}, {share} of the way", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);
   return rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);

@@ -6,6 +6,9 @@ const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: 
 /** Times within a day are told without their date. */
 export const DAY_S = 86400;
 
+/** What took less has no times that mean something: many files have all points at one. */
+export const SHORTEST_S = 1;
+
 const dayTime = new Intl.DateTimeFormat(locale, { timeStyle: "medium" });
 
 /** A number, not more exact than it means something. */
