@@ -38,7 +38,7 @@ _OTHER_BYTES = 100_000
 _FAR = 1e12
 
 
-class FixIn(Schema):
+class AskIn(Schema):
     """A photo, and what the robot knows."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
@@ -61,7 +61,7 @@ class FixIn(Schema):
     hint_radius_m = Float(validate=Range(0, min_inclusive=False))
 
 
-class FixOut(Located):
+class WhereOut(Located):
     """The answer; what is not known is null."""
 
     photo = String(metadata={"description": "SHA-256 of the photo, which the mission keeps."})
@@ -126,8 +126,8 @@ def limit_bytes() -> None:
 
 
 @blueprint.post("/fixes")
-@blueprint.input(FixIn, location="form_and_files", arg_name="given")
-@blueprint.output(FixOut)
+@blueprint.input(AskIn, location="form_and_files", arg_name="given")
+@blueprint.output(WhereOut)
 def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
     """Tell a robot where it is by a photo; photo and position are kept with the mission."""
     mission = open_mission(mission_id, "editor")

@@ -84,7 +84,7 @@ def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> Start:
     aligned = None
     if inside.size >= 3:
         seen = fixes.take(inside)
-        way = path(steps, first, int(seen.node[-1]))[seen.node - first]
+        way = path(steps, first, last=int(seen.node[-1]))[seen.node - first]
         drift = _drift(steps, first, last=int(seen.node[-1]), noise=noise)[seen.node - first]
         aligned = _aligned(way, seen.position, variance=spread[inside] ** 2 + drift**2)
     if aligned is None:

@@ -126,7 +126,7 @@ def _was_reset(times_s: Floats, reckoning: Reckoning) -> NDArray[np.bool_]:
     return np.asarray(jumped[at])
 
 
-def path(steps: Steps, first: int, last: int) -> Floats:
+def path(steps: Steps, first: int, *, last: int) -> Floats:
     """Reckon the path from one node to another one, as if the heading at the first were north.
 
     Parameters
