@@ -1,11 +1,12 @@
 """Work spread over threads keeps the order of the items and the first error."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from webapp import threads
-from webapp.threads import in_threads
+from webapp.threads import OnePerThread, in_threads
 
 
 @pytest.mark.parametrize("cores", [1, 3])
@@ -26,3 +27,19 @@ def test_the_first_error_is_raised(monkeypatch, cores):
     monkeypatch.setattr(threads, "cores", lambda: cores)
     with pytest.raises(ZeroDivisionError):
         in_threads(lambda n: 1 // n, [2, 0, 1])
+
+
+def test_each_thread_has_its_own_thing_and_keeps_it():
+    made = OnePerThread(object)
+    both = threading.Barrier(2, timeout=10)
+
+    def twice():
+        first = made.get()
+        both.wait()
+        return first, made.get()
+
+    with ThreadPoolExecutor(2) as pool:
+        (a, again), (b, b_again) = (run.result() for run in [pool.submit(twice), pool.submit(twice)])
+    assert a is again
+    assert b is b_again
+    assert a is not b

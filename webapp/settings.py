@@ -208,7 +208,8 @@ class Settings:
     """Folder of the maps (environment: `EXPMAP_LIBRARY`)."""
 
     models: Path | None = None
-    """Folder with model weights (environment: `EXPMAP_MODELS`)."""
+    """Folder with the weights of learned features, instead of one in the user's cache (environment:
+    `EXPMAP_MODELS`)."""
 
     token: str | None = None
     """Of the server that `expmap robot` sends to (environment: `EXPMAP_TOKEN`)."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 In = TypeVar("In")
 Out = TypeVar("Out")
@@ -38,3 +39,24 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
         return [function(item) for item in listed]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, listed))
+
+
+class OnePerThread(Generic[Out]):
+    """A thing that may be used by one thread at a time: each thread gets its own, made when it first asks.
+
+    Parameters
+    ----------
+    make : callable
+        Makes one.
+    """
+
+    def __init__(self, make: Callable[[], Out]) -> None:
+        self._make = make
+        self._kept = threading.local()
+
+    def get(self) -> Out:
+        """Give this thread's own."""
+        if not hasattr(self._kept, "thing"):
+            self._kept.thing = self._make()
+        thing: Out = self._kept.thing
+        return thing

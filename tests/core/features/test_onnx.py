@@ -20,7 +20,7 @@ def network():
     halved = graph.convolution("first", graph.input("image", 1), of=first, stride=2, relu=True)
     smooth = graph.convolution("second", halved, of=second, relu=False)
     graph.sigmoid(
-        "answer", graph.sum("twice", graph.enlarge("large", smooth, times=2), graph.input("more", 2))
+        "answer", graph.sum("twice", of=(graph.enlarge("large", smooth, times=2), graph.input("more", 2)))
     )
     return first, second, graph.to_bytes([("answer", 2)])
 

@@ -108,9 +108,9 @@ class Graph:
         output = self._node("Conv", name, inputs=[source, weight, bias], attributes=shape)
         return self._node("Relu", f"{name}.relu", inputs=[output]) if relu else output
 
-    def sum(self, name: str, a: str, b: str) -> str:
+    def sum(self, name: str, *, of: tuple[str, str]) -> str:
         """Add two layers of one shape."""
-        return self._node("Add", name, inputs=[a, b])
+        return self._node("Add", name, inputs=of)
 
     def enlarge(self, name: str, source: str, *, times: int) -> str:
         """Interpolate to `times` the width and height, bilinearly between pixel centres."""

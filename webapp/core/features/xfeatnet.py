@@ -7,7 +7,6 @@ OpenCV is several times as fast. What comes out is the same.
 
 from __future__ import annotations
 
-import threading
 from typing import NamedTuple
 
 import cv2
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.onnx import Convolution, Graph, read_convolutions
+from webapp.threads import OnePerThread
 
 MULTIPLE = 32
 """Width and height of what goes through the network are multiples of this."""
@@ -69,8 +69,8 @@ class XFeatNetwork:
     def __init__(self, model: bytes) -> None:
         layers = {_short(name): layer for name, layer in read_convolutions(model).items()}
         self._first = layers["block1.0"]
-        self._onnx = np.frombuffer(_any_size(layers), np.uint8)
-        self._of_thread = threading.local()
+        onnx = np.frombuffer(_any_size(layers), np.uint8)
+        self._net = OnePerThread(lambda: cv2.dnn.readNetFromONNX(onnx))
 
     def maps(self, image: NDArray[np.float32]) -> Maps:
         """Run the network.
@@ -84,17 +84,11 @@ class XFeatNetwork:
         -------
         Maps
         """
-        net = self._net()
+        net = self._net.get()
         for name, blob in zip(_INPUTS, self._blobs(image), strict=True):
             net.setInput(blob, name)
         descriptors, logits, reliability = net.forward([name for name, _ in _OUTPUTS])
         return Maps(descriptors[0], logits[0], reliability[0, 0])
-
-    def _net(self) -> cv2.dnn.Net:
-        if not hasattr(self._of_thread, "net"):
-            self._of_thread.net = cv2.dnn.readNetFromONNX(self._onnx)
-        net: cv2.dnn.Net = self._of_thread.net
-        return net
 
     def _blobs(self, image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         height, width = image.shape
@@ -126,12 +120,12 @@ def _any_size(layers: dict[str, Convolution]) -> bytes:
         return source
 
     skip = graph.convolution("skip1.1", quarter, of=layers["skip1.1"], relu=False)
-    half = block("block2", graph.sum("stem", block("block1", edges, first=1), skip))
+    half = block("block2", graph.sum("stem", of=(block("block1", edges, first=1), skip)))
     eighth = block("block3", half)
     sixteenth = block("block4", eighth)
     coarse = graph.enlarge("from4", sixteenth, times=2)
     coarsest = graph.enlarge("from5", block("block5", sixteenth), times=4)
-    features = block("block_fusion", graph.sum("all", graph.sum("fine", eighth, coarse), coarsest))
+    features = block("block_fusion", graph.sum("all", of=(graph.sum("fine", of=(eighth, coarse)), coarsest)))
     graph.sigmoid("reliability", block("heatmap_head", features))
     block("keypoint_head", cells)
     return graph.to_bytes(_OUTPUTS)
