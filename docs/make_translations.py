@@ -45,7 +45,10 @@ def gathered(domain: str) -> Catalog:
     catalog = Catalog(domain=domain, fuzzy=False)
     for folder, methods in (_PAGES if pages else _SCRIPTS).items():
         keywords = _KEYWORDS if pages else _SCRIPT_KEYWORDS
-        options = {"**.html": {"trimmed": "true", "silent": "false"}}
+        options = {
+            "**.html": {"trimmed": "true", "silent": "false"},
+            "**.js": {"parse_template_string": "true"},
+        }
         found = extract_from_dir(ROOT / folder, methods, options, keywords, comment_tags=())
         for file, _line, message, _comments, context in found:
             catalog.add(message, locations=[(f"{folder}/{file}", 1)], context=context)

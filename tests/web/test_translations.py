@@ -38,6 +38,18 @@ def test_every_text_is_gathered_and_translated(maker, written):
     assert maker.po_text(now).decode() == path.read_text("utf-8"), "run docs/make_translations.py"
 
 
+def test_texts_in_any_place_of_a_script_are_gathered(maker):
+    gathered = maker.gathered("scripts")
+    calls = re.compile(r'\bt\(\s*"((?:[^"\\]|\\.)+)"')
+    texts = {
+        (path.name, text)
+        for path in (maker.ROOT / "static" / "js").rglob("*.js")
+        for text in calls.findall(path.read_text("utf-8"))
+    }
+    assert len(texts) > 100
+    assert {(name, text) for name, text in texts if text not in gathered} == set()
+
+
 def test_what_is_compiled_is_what_is_written(maker, written):
     _domain, language, path = written
     assert path.with_suffix(".mo").read_bytes() == maker.mo_bytes(path.read_bytes(), language)

@@ -63,7 +63,10 @@ function numbers(store, box) {
 function facts(track) {
   const { poses, skipped, distance_m: way, duration_s: duration, closing } = track;
   const rows = [[t("Distance"), lengthText(way || 0)]];
-  if (duration >= SHORTEST_S) rows.push([t("Duration"), `${spanText(duration)} (${t("{speed} on average", { speed: speedText(way / duration) })})`]);
+  if (duration >= SHORTEST_S) {
+    const speed = t("{speed} on average", { speed: speedText(way / duration) });
+    rows.push([t("Duration"), `${spanText(duration)} (${speed})`]);
+  }
   const left = skipped ? `, ${tn("{n} left out", "{n} left out", skipped)}` : "";
   rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
