@@ -15,7 +15,9 @@ from webapp.cli import main as program
 from webapp.cli.exitcodes import exit_code
 
 COMMANDS = [
-    "sample", "map", "map check", "map from-photos", "build", "localize", "evaluate", "serve", "worker",
+    "sample", "map", "map check", "map from-photos", "build", "localize", "evaluate",
+    "models", "models list", "models fetch", "serve", "worker",
+    "mission", "mission list", "mission new", "mission import", "mission export",
     "robot", "robot send", "robot replay", "robot recover", "robot status",
     "account", "account link", "account token", "account add", "account list", "backup", "restore",
 ]  # fmt: skip
@@ -84,7 +86,7 @@ def test_it_runs_as_a_module(module, tmp_path):
         (["build"], "Missing argument 'MAP.cfg' (expmap build --help tells more)"),
         (["localize", "map.cfg", "a.jpg", "--top", "0"], "Invalid value for '--top': 0 is not in the range"),
         (["localize", "map.cfg", "a.jpg", "--method", "best"], "Invalid value for '--method'"),
-        (["localize", "map.cfg", "a.jpg", "--features", "surf"], "--features: unknown features 'surf'"),
+        (["localize", "map.cfg", "a.jpg", "--features", "brief"], "--features: unknown features 'brief'"),
         (["localize", "map.cfg", "a.jpg", "--picture", "none/a.png"], "--picture: there is no folder none"),
         (["localize", "map.cfg", "a.jpg", "--matches", "a.doc"], "--matches: cannot draw a a.doc"),
         (["evaluate", "map.cfg"], "evaluate: give either QUERIES.csv or --self"),
