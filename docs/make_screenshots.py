@@ -1,11 +1,13 @@
 """Make the screenshots of the documentation: `python -m docs.make_screenshots`.
 
 Starts the program with the sample map in a temporary library, and photographs its pages in a browser: wide,
-on a phone, and dark. A few photos of the sample are put back into the tray, so that there is something to do.
+on a phone, and dark. A robot that never was makes a round through the park, and is corrected by its receiver
+and by photos of the sample. A few photos are put back into the tray, so that there is something to do.
 """
 
 from __future__ import annotations
 
+import csv
 import tempfile
 import time
 from pathlib import Path
@@ -13,10 +15,13 @@ from typing import Any
 
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
+from docs.simulated_mission import Round
 from tests.browser.api import Api
 from tests.browser.app import App
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.files.mapfolder import read_map
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
 WIDE = {"viewport": {"width": 1280, "height": 800}}
@@ -31,12 +36,27 @@ PAGES = {
     "edit": ("/maps/sample/edit", ("", "-dark", "-phone")),
     "image": ("/maps/sample/image", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
+    "missions": ("/missions", ("",)),
+    "mission": ("/missions/1", ("", "-phone")),
 }
 QUERY = "queries/query_02.jpg"
 """Photo of the sample that is asked about."""
 
 IN_TRAY = range(40, 46)
 """Photos of the sample that are shown as not placed yet."""
+
+SEEN = (
+    ("bench 1", "bench", 20, 0.93),
+    ("bench 2", "bench", 40, 0.88),
+    ("deer", "animal", 26, 0.71),
+    ("walker", "person", 34, 0.97),
+    ("fallen tree", "tree", 8, 0.82),
+    ("notice board", "sign", 2, 0.99),
+)
+"""Objects of the mission: name, class, the photo of the map where it is, and how sure the robot is."""
+
+OTHERS = ("Morning round, north gate", "Search along the pond")
+"""Names of further missions in the list, which go the same way a part of it."""
 
 
 def main() -> None:
@@ -47,7 +67,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, App(Path(folder) / "maps") as app, sync_playwright() as p:
         chromium = p.chromium.launch(executable_path=browser, args=list(BROWSER_OPTIONS))
         context = chromium.new_context(base_url=app.url)
-        prepare(context, app)
+        api = sign_in(context, app)
+        make_missions(api, app)
+        fill_tray(api)
+        time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
             for look in looks:
                 shoot(
@@ -56,8 +79,8 @@ def main() -> None:
         chromium.close()
 
 
-def prepare(context: BrowserContext, app: App) -> None:
-    """Sign in, wait for the sample and its index, and take a few photos off the image."""
+def sign_in(context: BrowserContext, app: App) -> Api:
+    """Sign in, and wait for the sample and its index."""
     page = context.new_page()
     page.goto(app.sign_in)
     page.get_by_test_id("sign-in").click()
@@ -66,10 +89,65 @@ def prepare(context: BrowserContext, app: App) -> None:
     while api.call("GET", "/maps/sample").status == 404:
         time.sleep(0.5)
     api.wait_for_jobs("sample")
+    return api
+
+
+def fill_tray(api: Api) -> None:
+    """Take a few photos off the image."""
     changes = [{"id": id, "x_px": None, "y_px": None} for id in IN_TRAY]
     api.ask("PATCH", "/maps/sample/experiences", data={"kind": "unplace", "changes": changes})
     api.wait_for_jobs("sample")
-    time.sleep(65)  # as long as pages show jobs that have ended
+
+
+def make_missions(api: Api, app: App) -> None:
+    """Send the rounds of the robot, localize its photos, and fuse its tracks."""
+    sample = app.library / "sample"
+    made = read_map(sample / "map.cfg")
+    assert made.georeference is not None
+    places = [made.georeference.latlon_of(one.position) for one in made.experiences]
+    drive = Round(places)
+    poses = drive.poses()
+    mission = send(api, "Round of the rover in the park", [*poses, *seen(drive, places), {"type": "end"}])
+    for n, name in enumerate(OTHERS):
+        send(api, name, [one for one in poses if one["source"] == "gps"][: 60 + 30 * n])
+    with (sample / "queries.csv").open(newline="", encoding="utf-8") as file:
+        queries = list(csv.DictReader(file, delimiter=";"))
+    for query in queries[1:8:2]:
+        photo = sample / query["path"]
+        place = made.georeference.latlon_of(MapPixel(float(query["x"]), float(query["y"])))
+        told = {
+            "file": {"name": photo.name, "mimeType": "image/jpeg", "buffer": photo.read_bytes()},
+            "time": str(drive.time_at(place)),
+        }
+        api.ask("POST", f"/missions/{mission}/fixes", multipart=told, timeout=120_000)
+    api.ask("POST", f"/missions/{mission}/fuse")
+    while not api.call("GET", f"/missions/{mission}/fusion").ok:
+        time.sleep(0.5)
+
+
+def send(api: Api, name: str, records: list[dict[str, Any]]) -> int:
+    """Make a mission on the sample and send it, as a robot does; gives its number."""
+    mission = int(api.ask("POST", "/missions", data={"name": name, "map": "sample"})["id"])
+    batch = {"sender": "robot", "first": 0, "records": records}
+    api.ask("POST", f"/missions/{mission}/batches", data=batch)
+    return mission
+
+
+def seen(drive: Round, places: list[LatLon]) -> list[dict[str, Any]]:
+    """Objects beside the way, each seen when the robot was there."""
+    return [
+        {
+            "type": "object",
+            "id": name,
+            "class": kind,
+            "time": drive.time_at(places[number]) + 4 * n,
+            "lat": places[number].lat + 2e-5 + n * 2e-6,
+            "lon": places[number].lon + 2e-5,
+            "confidence": sure,
+        }
+        for name, kind, number, sure in SEEN
+        for n in range(2)
+    ]
 
 
 def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, look: dict[str, Any]) -> None:
