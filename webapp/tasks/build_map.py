@@ -8,7 +8,7 @@ from pathlib import Path
 from webapp.files.mapfolder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks import build_index, calibrate, open_map
+from webapp.tasks import build_index, calibrate, open_map, orient_map
 from webapp.tasks.build_index import BuildReport, BuildRequest
 from webapp.tasks.index_place import index_bases, index_folder
 from webapp.tasks.open_map import OpenOptions
@@ -48,5 +48,6 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
         return MapBuildReport(report, choice.name, None)
     resolved = replace(options, detector=choice.detector, extractor=choice.extractor, matcher=choice.matcher)
     opened = open_map.run(cfg, resolved, settings=settings, progress=progress)
+    opened = orient_map.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return MapBuildReport(report, choice.name, stored.seconds)

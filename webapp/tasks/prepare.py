@@ -6,7 +6,7 @@ from pathlib import Path
 
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks import calibrate, open_map
+from webapp.tasks import calibrate, open_map, orient_map
 from webapp.tasks.localize_photo import PhotoLocalizer
 from webapp.tasks.open_map import OpenOptions
 
@@ -19,7 +19,7 @@ def run(
     progress: Progress,
     fov_deg: float | None = None,
 ) -> PhotoLocalizer:
-    """Make a map ready: index built or brought up to date, probabilities calibrated.
+    """Make a map ready: index and orientations brought up to date, probabilities calibrated.
 
     Parameters
     ----------
@@ -37,5 +37,6 @@ def run(
     opened = open_map.run(cfg, options, settings=settings, progress=progress)
     if opened.method == "vote":
         return PhotoLocalizer(opened, settings)
+    opened = orient_map.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return PhotoLocalizer(opened, settings, stored, fov_deg)

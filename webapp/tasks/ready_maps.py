@@ -19,7 +19,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks import calibrate, open_map
+from webapp.tasks import calibrate, open_map, orient_map
 from webapp.tasks.library_map import as_map
 from webapp.tasks.localize_photo import PhotoLocalizer
 from webapp.tasks.open_map import OpenMap, OpenOptions
@@ -88,7 +88,7 @@ class _Slot:
     lock: Lock = field(default_factory=Lock)
     ready: ReadyMap | None = None
     opened_with: _Files = ()
-    """Times and sizes of the manifest and of the calibration."""
+    """Times and sizes of the manifest, the calibration and the orientations."""
 
 
 class ReadyMaps:
@@ -176,7 +176,10 @@ class ReadyMaps:
         slot.opened_with = _files(opened)
         if opened.folder.read_manifest() != opened.manifest:
             slot.opened_with = ()
-        stored = calibrate.newest(opened) if opened.method == "verified" else None
+        verifies = opened.method == "verified"
+        if verifies:
+            opened = orient_map.attach(opened, orient_map.newest(opened))
+        stored = calibrate.newest(opened) if verifies else None
         return ReadyMap(
             PhotoLocalizer(opened, self._settings, stored),
             revision=the_map.revision,
@@ -187,7 +190,11 @@ class ReadyMaps:
 
 def _files(opened: OpenMap) -> _Files:
     """Tell what the files look like that an open map depends on."""
-    return tuple(_look(path) for path in (opened.folder.manifest_path, *calibrate.paths(opened)))
+    return tuple(_look(path) for path in _paths(opened))
+
+
+def _paths(opened: OpenMap) -> tuple[Path, ...]:
+    return (opened.folder.manifest_path, *calibrate.paths(opened), *orient_map.paths(opened))
 
 
 def _look(path: Path) -> tuple[int, int] | None:

@@ -25,15 +25,18 @@ def the_map(*positions):
 
 def voted(photo, votes, pose=None):
     nothing = np.zeros((0, 2), np.float32)
-    return Verified(
-        Shortlisted(photo, votes, np.zeros(0, np.int64), nothing, nothing), pose or NoPose("no matches")
-    )
+    matched = Shortlisted(photo, votes, np.zeros(0, np.int64), nothing, nothing)
+    rays = np.zeros((0, 3))
+    return Verified(matched, pose or NoPose("no matches"), rays, rays)
 
 
 def seen(photo, bearing_deg, *, inliers=100, of=120):
     """A photo in that direction, with so many inliers."""
     inlier = np.arange(of) < inliers
-    return voted(photo, 1.0, RelativePose(np.radians(bearing_deg), np.radians(5.0), inlier))
+    pose = RelativePose(
+        np.radians(bearing_deg), np.radians(5.0), inlier, np.eye(3), np.array([0.0, 0.0, 1.0])
+    )
+    return voted(photo, 1.0, pose)
 
 
 def test_photos_of_one_place_vote_together():

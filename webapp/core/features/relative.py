@@ -17,6 +17,18 @@ MIN_MATCHES = 8
 _MAX_EPIPOLAR_ERROR = 0.0025
 """Largest distance of an inlier from its epipolar line, as a share of the longer side of the photo."""
 
+INLIER_SCALE = 35.0
+"""Inliers beyond chance that make two of three poses right."""
+
+_CHANCE_INLIERS = 6.0
+"""Inliers that any pair of photos has."""
+
+_CHANCE_SHARE, _SURE_SHARE = 0.15, 0.5
+"""Share of the matches that agree on some pose by chance, and from which on it is no chance."""
+
+_WILD_PARALLAX = math.radians(20.0)
+"""A pose with more parallax is rather a wrong one: its turn does not bring the rays together."""
+
 _RANSAC = {"max_iterations": 100, "min_iterations": 50, "seed": 0}
 _BUNDLE = {"max_iterations": 5}
 
@@ -64,11 +76,30 @@ class RelativePose:
         cameras stood close together compared with what they saw, and the bearings mean little.
     inlier : (n,) bool
         Which matches agree.
+    rotation : (3, 3) float64
+        Map photo's camera from the query's.
+    shift : (3,) float64
+        Direction from the map photo's camera to the query's, in the map photo's frame.
     """
 
     bearing: float
     parallax: float
     inlier: NDArray[np.bool_]
+    rotation: NDArray[np.float64]
+    shift: NDArray[np.float64]
+
+    @property
+    def inliers(self) -> int:
+        """Count the matches that agree."""
+        return int(self.inlier.sum())
+
+    @property
+    def trust(self) -> float:
+        """How far the pose can be trusted, 0 to 1."""
+        enough = 1.0 - math.exp(-max(0.0, self.inliers - _CHANCE_INLIERS) / INLIER_SCALE)
+        share = self.inliers / len(self.inlier)
+        common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
+        return enough * common / (1.0 + (self.parallax / _WILD_PARALLAX) ** 4)
 
 
 def relative_pose(
@@ -108,6 +139,8 @@ def relative_pose(
         bearing=math.atan2(to_photo[0], to_photo[2]),
         parallax=_median_angle(turned, scaled.rays(theirs[inlier])),
         inlier=inlier,
+        rotation=rotation,
+        shift=shift / np.linalg.norm(shift),
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Features
 from webapp.core.index.segment import Segment
 from webapp.core.index.types import DescriptorSearch
+from webapp.core.reconstruction.types import Orientations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +34,8 @@ class IndexedMap:
         Over the rows of all segments, in order.
     place_radius_px : float
         How far an answer may be off and still be right.
+    orientations : Orientations or None
+        How the photos were held, where that is known.
     first_row : (e + 1,) int64
         Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
     """
@@ -44,6 +47,7 @@ class IndexedMap:
     photo_of_entry: NDArray[np.int64]
     search: DescriptorSearch
     place_radius_px: float
+    orientations: Orientations | None = None
     first_row: NDArray[np.int64] = field(init=False)
     _entry_of_photo: NDArray[np.int64] = field(init=False)
 

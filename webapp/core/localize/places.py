@@ -13,23 +13,11 @@ from webapp.core.features.relative import RelativePose
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import NoPose
 from webapp.core.localize.indexed import IndexedMap
+from webapp.core.localize.multiview import Pose, View, locate
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
 from webapp.core.localize.shortlist import Shortlisted
 
 _PLACES = 6
-
-INLIER_SCALE = 35.0
-"""Inliers beyond chance that make two of three poses right."""
-
-_CHANCE_INLIERS = 6.0
-"""Inliers that any pair of photos has."""
-
-_CHANCE_SHARE, _SURE_SHARE = 0.15, 0.5
-"""Share of the matches that agree on some pose by chance, and from which on it is no chance."""
-
-_WILD_PARALLAX = math.radians(20.0)
-"""A pose with more parallax is rather a wrong one: its turn does not bring the rays together."""
-
 
 _LEAST_WEIGHT = 0.02
 _SUPPORT_WEIGHT = 0.5
@@ -40,6 +28,18 @@ _SUPPORT_REACH = 2.0
 
 _APART = 2.0
 """Places nearer to each other, in place radii, could both be right: the better one stands for both."""
+
+_SPREAD, _SPREAD_AT = 0.5, 0.3
+"""Uncertainty of a position by its score: the first over the second plus the score, in place radii."""
+
+_MATCHES_ERR_TOGETHER = 6.0
+"""Factor on the uncertainty that the matches state, because they do not err independently."""
+
+_SPREAD_LEFT = 0.15
+"""Uncertainty of the best position, in place radii: the map's own positions are not better."""
+
+MIN_ORIENTED = 2
+"""Fewer photos of known orientation leave a position open: one fixes a line."""
 
 _AGREES = 0.25
 """A photo speaks for a place from this agreement on."""
@@ -53,25 +53,24 @@ class Verified:
     ----------
     matched : Shortlisted
     pose : RelativePose or NoPose
+    query_ray, photo_ray : (m, 3) float64
+        Of its matches, camera frames, depth 1.
     """
 
     matched: Shortlisted
     pose: RelativePose | NoPose
+    query_ray: NDArray[np.float64]
+    photo_ray: NDArray[np.float64]
 
     @property
     def inliers(self) -> int:
         """Matches that agree on one relative pose."""
-        return int(self.pose.inlier.sum()) if isinstance(self.pose, RelativePose) else 0
+        return self.pose.inliers if isinstance(self.pose, RelativePose) else 0
 
     @property
     def weight(self) -> float:
         """Trust in the geometry, 0 to 1."""
-        if not isinstance(self.pose, RelativePose):
-            return 0.0
-        enough = 1.0 - math.exp(-max(0.0, self.inliers - _CHANCE_INLIERS) / INLIER_SCALE)
-        share = self.inliers / len(self.pose.inlier)
-        common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
-        return enough * common / (1.0 + (self.pose.parallax / _WILD_PARALLAX) ** 4)
+        return self.pose.trust if isinstance(self.pose, RelativePose) else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,8 +125,56 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
     list of Place
         The best first, any two at least twice the place radius apart; at most six.
     """
-    usable = sorted((v for v in checked if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
     places: list[Place] = []
+    for place in (*_by_orientations(indexed, checked), *_by_bearings(indexed, checked)):
+        if not _taken(places, place.position, indexed):
+            places.append(place)
+    where = indexed.position[[v.matched.photo for v in checked]]
+    support = _support(indexed, checked, where)
+    for n in np.argsort(-support, kind="stable"):
+        if not _taken(places, MapPixel(*map(float, where[n])), indexed):
+            places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
+    return sorted(places, key=lambda p: -p.merit)[:_PLACES]
+
+
+def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
+    """Places from all matches with photos of known orientation; the best score first."""
+    if indexed.orientations is None:
+        return []
+    usable = [v for v in checked if isinstance(v.pose, RelativePose)]
+    views = [
+        View(v.matched.photo, v.pose, v.query_ray, v.photo_ray)
+        for v in usable
+        if isinstance(v.pose, RelativePose)
+    ]
+    places = []
+    for pose in locate(
+        views, indexed.position, indexed.orientations, place_radius_px=indexed.place_radius_px
+    ):
+        near = [(a, v) for a, v in zip(pose.agreement, usable, strict=True) if a >= _AGREES]
+        photos = [v for _, v in sorted(near, key=lambda pair: -pair[0])]
+        if not photos:
+            continue
+        support = float(_support(indexed, checked, np.array([[pose.x, pose.y]]))[0])
+        if len(photos) < MIN_ORIENTED:
+            places.append(_photo_place(indexed, photos, score=pose.score, support=support))
+            continue
+        position, spread = MapPixel(pose.x, pose.y), _spread(pose, indexed.place_radius_px)
+        places.append(Place("position", position, pose.heading, spread, photos, pose.score, support))
+    return places
+
+
+def _spread(pose: Pose, radius: float) -> float:
+    """State the uncertainty of a position, map pixels: by its matches, and by how much agrees with it."""
+    by_matches = _MATCHES_ERR_TOGETHER * math.sqrt(float(np.trace(pose.covariance_px2)))
+    by_score = radius * _SPREAD / (_SPREAD_AT + pose.score)
+    return math.hypot(by_matches, by_score, _SPREAD_LEFT * radius)
+
+
+def _by_bearings(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
+    """Places from the bearings alone, where orientations are not known; the best score first."""
+    usable = sorted((v for v in checked if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
+    places = []
     for fix in resect(
         _bearings(indexed, usable),
         indexed.position,
@@ -136,14 +183,9 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
     ):
         near = [v for v, agrees in zip(usable, fix.agreement, strict=True) if agrees >= _AGREES]
         at = np.array([[fix.x, fix.y]])
-        if near and not _taken(places, MapPixel(fix.x, fix.y), indexed):
+        if near:
             places.append(_place(indexed, near, fix, support=float(_support(indexed, checked, at)[0])))
-    where = indexed.position[[v.matched.photo for v in checked]]
-    support = _support(indexed, checked, where)
-    for n in np.argsort(-support, kind="stable"):
-        if len(places) < _PLACES and not _taken(places, MapPixel(*map(float, where[n])), indexed):
-            places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
-    return sorted(places, key=lambda p: -p.merit)
+    return places
 
 
 def _support(

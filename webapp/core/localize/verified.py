@@ -2,8 +2,9 @@
 
 1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos.
 2. Verify: the photos with most votes are checked by the relative pose of the two cameras.
-3. Position: bearings to the verified photos fix position and heading; separate solutions are separate
-   hypotheses. With fewer than three photos that agree, the best photo's own place is all that is known.
+3. Position: all matches with photos whose orientations are known fix position and heading; where they are
+   not known, bearings to three or more photos do. Separate solutions are separate hypotheses. With fewer
+   photos that agree, the best photo's own place is all that is known.
 4. Probability: a calibrated softmax over the places found and "not on this map".
 """
 
@@ -17,18 +18,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.relative import Camera, RelativePose, relative_pose
+from webapp.core.features.relative import INLIER_SCALE, Camera, RelativePose, relative_pose
 from webapp.core.features.types import Features
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, NoPose
 from webapp.core.localize.indexed import IndexedMap, candidates
-from webapp.core.localize.places import INLIER_SCALE, Place, Verified, join
+from webapp.core.localize.places import Place, Verified, join
 from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
 from webapp.core.localize.vote import match_statistics
 from webapp.threads import in_threads
 
 NEIGHBOURS = 10
-_SHORTLIST = 10
+_SHORTLIST = 12
 _EVIDENCE_PHOTOS = 5
 
 
@@ -116,7 +117,7 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
-    checked = in_threads(lambda m: Verified(m, _pose(indexed, m, camera)), listed)
+    checked = in_threads(lambda m: _verify(indexed, m, camera), listed)
     clock.append(time.perf_counter())
     places = join(indexed, checked)
     clock.append(time.perf_counter())
@@ -138,9 +139,14 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     )
 
 
-def _pose(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> RelativePose | NoPose:
+def _verify(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> Verified:
     theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
-    return relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)
+    return Verified(
+        matched,
+        relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs),
+        query_ray=camera.rays(matched.query_xy.astype(np.float64)),
+        photo_ray=theirs.rays(matched.photo_xy.astype(np.float64)),
+    )
 
 
 _NO_MERIT = 0.02

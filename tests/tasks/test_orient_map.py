@@ -1,0 +1,152 @@
+"""Orientations of the sample map's photos: right, kept, and only new photos are looked at."""
+
+import json
+import math
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from webapp.core.reconstruction import pairs as pairs_module
+from webapp.core.reconstruction import so3
+from webapp.core.reconstruction.types import USABLE_TRUST
+from webapp.errors import Cancelled
+from webapp.files import orientationfile
+from webapp.progress import Progress
+from webapp.settings import ExtractSettings, Settings
+from webapp.tasks import open_map, orient_map
+from webapp.tasks.open_map import OpenOptions
+
+SETTINGS = Settings(extract=ExtractSettings(max_side_px=640, keypoints=600))
+
+
+def opened(cfg):
+    return open_map.run(cfg, OpenOptions(jobs=1), settings=SETTINGS, progress=Progress())
+
+
+def oriented(cfg, progress=None):
+    return orient_map.run(opened(cfg), map_fov_deg=None, progress=progress or Progress())
+
+
+class Counting(Progress):
+    """Counts the photos, and stops after some of them."""
+
+    def __init__(self, stop_after=math.inf):
+        self.done, self.total, self.stop_after = 0, 0, stop_after
+
+    def size(self, total):
+        self.total += total
+
+    def advance(self, steps=1):
+        self.done += steps
+
+    def cancelled(self):
+        return self.done >= self.stop_after
+
+
+@pytest.fixture(scope="module")
+def indexed_sample(sample_folder, tmp_path_factory):
+    """A copy of the sample with its index and orientations."""
+    folder = tmp_path_factory.mktemp("oriented") / "sample"
+    shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
+    oriented(folder / "map.cfg")
+    return folder / "map.cfg"
+
+
+@pytest.fixture
+def cfg(indexed_sample, tmp_path):
+    shutil.copytree(indexed_sample.parent, tmp_path / "map")
+    return tmp_path / "map" / "map.cfg"
+
+
+def headings_off(cfg, found):
+    """Differences to the headings that the sample was rendered with, degrees, of photos that are trusted."""
+    told = json.loads((cfg.parent / "map.json").read_text(encoding="utf-8"))["experiences"]
+    truth = {int(e["id"]): math.radians(e["heading_deg"]) for e in told if e.get("heading_deg") is not None}
+    held = found.indexed.orientations
+    known = held.trust >= USABLE_TRUST
+    off = [
+        so3.wrapped(so3.heading(held.rotation[i]) - truth[int(id)])
+        for i, id in enumerate(found.indexed.ids)
+        if known[i] and int(id) in truth
+    ]
+    return np.abs(np.degrees(np.array(off)))
+
+
+def test_headings_are_those_the_photos_were_taken_with(cfg):
+    off = headings_off(cfg, oriented(cfg))
+    assert len(off) >= 10
+    assert np.median(off) < 5.0
+
+
+def test_what_is_known_is_not_worked_out_again(cfg):
+    counted = Counting()
+    oriented(cfg, counted)
+    assert counted.total == 0
+
+
+def test_a_moved_photo_costs_no_new_comparison(cfg):
+    lines = cfg.read_text().splitlines()
+    first = lines[1].split(";")
+    first[2] = str(int(first[2]) + 3)
+    cfg.write_text("\n".join([lines[0], ";".join(first), *lines[2:]]) + "\n")
+    counted = Counting()
+    found = oriented(cfg, counted)
+    assert counted.total == 0
+    assert found.indexed.orientations.trust[0] >= 0.0
+
+
+def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(cfg):
+    found = opened(cfg)
+    stored = orient_map.newest(found)
+    position = found.indexed.position.copy()
+    trusted = int(stored.orientations.trust.argmax())
+    position[trusted] += 10.0 * found.indexed.place_radius_px
+    moved = replace(found, indexed=replace(found.indexed, position=position))
+    trust = orient_map.attach(moved, stored).indexed.orientations.trust
+    assert trust[trusted] == 0.0
+    assert (np.delete(trust, trusted) == np.delete(stored.orientations.trust, trusted)).all()
+
+
+def test_stopped_in_between_it_goes_on(cfg, monkeypatch):
+    derived = next(cfg.parent.rglob("orientations-*.arrays")).parent
+    whole = oriented(cfg).indexed.orientations
+    for path in derived.glob("*-ivf.arrays"):
+        path.unlink()
+    monkeypatch.setattr(orient_map, "_AT_ONCE", 3)
+    monkeypatch.setattr(orient_map, "_SAVED_EVERY_S", 0.0)
+    with pytest.raises(Cancelled):
+        oriented(cfg, Counting(stop_after=6))
+    rest = Counting()
+    again = oriented(cfg, rest).indexed.orientations
+    assert rest.total == len(whole.trust) - 6
+    np.testing.assert_allclose(again.trust, whole.trust, atol=0.2)
+
+
+def test_a_new_photo_alone_is_compared(cfg):
+    found = opened(cfg)
+    path = found.writable / "pairs-ivf.arrays"
+    stored = orientationfile.read_pairs(path)
+    count = len(stored.contents) - 1
+    orientationfile.write_pairs(path, replace(stored, done=count))
+    (found.writable / "orientations-ivf.arrays").unlink()
+    counted = Counting()
+    oriented(cfg, counted)
+    assert counted.total == 1
+
+
+def test_damaged_files_are_made_anew(cfg):
+    derived = next(cfg.parent.rglob("orientations-*.arrays")).parent
+    for path in derived.glob("*-ivf.arrays"):
+        path.write_bytes(path.read_bytes()[:100])
+    counted = Counting()
+    found = oriented(cfg, counted)
+    assert counted.total == len(found.indexed.ids)
+    assert headings_off(cfg, found).size >= 10
+
+
+def test_a_photo_without_features_has_no_pairs(cfg, monkeypatch):
+    found = opened(cfg)
+    monkeypatch.setattr(type(found.indexed), "features", lambda self, photo: None)
+    assert len(pairs_module.pairs_of(found.indexed, 0)) == 0

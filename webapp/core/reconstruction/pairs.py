@@ -1,0 +1,153 @@
+"""Pairs of map photos that see the same, with their relative poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.relative import Camera, RelativePose, relative_pose
+from webapp.core.localize.indexed import Candidates, IndexedMap, candidates
+from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
+
+_NEIGHBOURS = 11
+_PARTNERS = 12
+"""Each photo is compared with so many others."""
+
+_MOST_MATCHES = 40
+"""Kept of each pair: more of them say the same again."""
+
+_SAME_SPOT_PX = 1.0
+"""Photos taken at one spot say nothing about each other's headings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """k pairs of photos, with m matches in all.
+
+    Attributes
+    ----------
+    first, second : (k,) int64
+        Numbers of the photos.
+    rotation : (k, 3, 3) float64
+        Second camera from first camera.
+    shift : (k, 3) float64
+        Of unit length: where the first camera is in the second's frame.
+    trust : (k,) float64
+        In the relative pose, 0 to 1.
+    parallax : (k,) float64
+        Median angle between the two rays of a match, radians.
+    start : (k + 1,) int64
+        Matches of pair i are `start[i]` to `start[i + 1]`.
+    ray_first, ray_second : (m, 2) float32
+        Where the inliers are in the photos: x and y of their rays at depth 1.
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    rotation: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    trust: NDArray[np.float64]
+    parallax: NDArray[np.float64]
+    start: NDArray[np.int64]
+    ray_first: NDArray[np.float32]
+    ray_second: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        """Count the pairs."""
+        return len(self.first)
+
+    def taken(self, which: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64]) -> Pairs:
+        """Take out some pairs, by their numbers, and give their photos other numbers."""
+        lengths = np.diff(self.start)[which]
+        inside = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+        rows = np.repeat(self.start[which], lengths) + inside
+        return Pairs(
+            first=first,
+            second=second,
+            rotation=self.rotation[which],
+            shift=self.shift[which],
+            trust=self.trust[which],
+            parallax=self.parallax[which],
+            start=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+            ray_first=self.ray_first[rows],
+            ray_second=self.ray_second[rows],
+        )
+
+
+def joined(parts: Sequence[Pairs]) -> Pairs:
+    """Put pairs together."""
+    if not parts:
+        return _empty()
+    starts = np.cumsum([0, *(p.start[-1] for p in parts)])
+    return Pairs(
+        first=np.concatenate([p.first for p in parts]),
+        second=np.concatenate([p.second for p in parts]),
+        rotation=np.concatenate([p.rotation for p in parts]),
+        shift=np.concatenate([p.shift for p in parts]),
+        trust=np.concatenate([p.trust for p in parts]),
+        parallax=np.concatenate([p.parallax for p in parts]),
+        start=np.concatenate([[0], *(p.start[1:] + s for p, s in zip(parts, starts[:-1], strict=True))]),
+        ray_first=np.concatenate([p.ray_first for p in parts]),
+        ray_second=np.concatenate([p.ray_second for p in parts]),
+    )
+
+
+def pairs_of(indexed: IndexedMap, photo: int) -> Pairs:
+    """Find the photos that see the same as one of the map, taken elsewhere.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+        Its `fov_deg` must be known for every photo.
+    photo : int
+        Its number; it is the first of every pair.
+
+    Returns
+    -------
+    Pairs
+    """
+    features = indexed.features(photo)
+    if features is None or not len(features):
+        return _empty()
+    nearest = candidates(indexed, features.descriptors, k=_NEIGHBOURS + 1)
+    apart = np.hypot(*(indexed.position - indexed.position[photo]).T) > _SAME_SPOT_PX
+    elsewhere = (nearest.photo >= 0) & apart[nearest.photo]
+    found = Candidates(
+        nearest.distance, np.where(elsewhere, nearest.row, -1), np.where(elsewhere, nearest.photo, -1)
+    )
+    found = consistent(indexed, features, found=found)
+    votes = weighted_votes(found, len(indexed.ids))
+    ours = Camera(*features.photo_size, float(indexed.fov_deg[photo]))
+    listed = shortlist(indexed, features, found=found, votes=votes, most=_PARTNERS)
+    return joined([pair for m in listed if (pair := _pair(indexed, photo, matched=m, ours=ours)) is not None])
+
+
+def _pair(indexed: IndexedMap, photo: int, *, matched: Shortlisted, ours: Camera) -> Pairs | None:
+    theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
+    pose = relative_pose(matched.query_xy, matched.photo_xy, query=ours, photo=theirs)
+    if not isinstance(pose, RelativePose) or pose.trust <= 0.0:
+        return None
+    kept = np.flatnonzero(pose.inlier)
+    kept = kept[:: -(-len(kept) // _MOST_MATCHES)]
+    return Pairs(
+        first=np.array([photo], np.int64),
+        second=np.array([matched.photo], np.int64),
+        rotation=pose.rotation[None],
+        shift=pose.shift[None],
+        trust=np.array([pose.trust]),
+        parallax=np.array([pose.parallax]),
+        start=np.array([0, len(kept)], np.int64),
+        ray_first=ours.rays(matched.query_xy[kept].astype(np.float64))[:, :2].astype(np.float32),
+        ray_second=theirs.rays(matched.photo_xy[kept].astype(np.float64))[:, :2].astype(np.float32),
+    )
+
+
+def _empty() -> Pairs:
+    none, flat = np.zeros(0, np.int64), np.zeros(0)
+    rays = np.zeros((0, 2), np.float32)
+    return Pairs(
+        none, none, np.zeros((0, 3, 3)), np.zeros((0, 3)), flat, flat, np.zeros(1, np.int64), rays, rays
+    )

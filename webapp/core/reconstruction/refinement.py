@@ -1,0 +1,152 @@
+"""All matches of all pairs together correct orientations and heights; positions on the map are known.
+
+Structure-less: each match is held to the plane through both cameras (Sampson's distance of the epipolar
+constraint), so that no 3D points are needed (Rodríguez, López-de-Teruel, Ruiz, "Reduced epipolar cost for
+accelerated incremental SfM", 2011). Photos are corrected side by side, each against the others as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.reconstruction import so3
+from webapp.core.reconstruction.pairs import Pairs
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 30
+_NOISE = 1.0 / 450.0
+"""Spread of a right match, at depth 1: a pixel of a photo of 680 pixels."""
+
+_WIDER, _NARROWING = 8.0, 0.85
+_ROLL_SPREAD, _PITCH_SPREAD = 0.03, 0.3
+_HEIGHT_SPREAD = 0.2
+"""Of the cameras' heights, in place radii."""
+
+_DAMPING = 0.6
+_STIFFNESS = 1.05
+_MOST_TURN, _MOST_RISE = 0.1, 0.1
+_TRUSTED_MATCHES = 5.0
+"""A pair with this many matches counts as much as its trust says; others by the root of their number."""
+
+
+def refine(pairs: Pairs, position: Array, rotation: Array, *, scale_px: float) -> tuple[Array, Array]:
+    """Correct orientations by all matches.
+
+    Parameters
+    ----------
+    pairs : Pairs
+        Of photos at different positions.
+    position : (p, 2) float64
+        Map pixels.
+    rotation : (p, 3, 3) float64
+        Camera from world, to begin with.
+    scale_px : float
+        The place radius.
+
+    Returns
+    -------
+    rotation : (p, 3, 3) float64
+    height : (p,) float64
+        Downwards, map pixels.
+    """
+    lengths = np.diff(pairs.start)
+    first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
+    weight = np.repeat(_TRUSTED_MATCHES * pairs.trust / np.sqrt(np.maximum(lengths, 1)), lengths)
+    ours, theirs = _homogeneous(pairs.ray_first), _homogeneous(pairs.ray_second)
+    world = np.column_stack([position[:, 0], np.zeros(len(position)), -position[:, 1]])
+    length = np.linalg.norm(world[second] - world[first], axis=1)
+    for number in range(_ROUNDS):
+        spread = _NOISE * max(1.0, _WIDER * _NARROWING**number)
+        found = _epipolar(
+            np.einsum("mji,mj->mi", rotation[first], ours),
+            np.einsum("mji,mj->mi", rotation[second], theirs),
+            along=(world[second] - world[first]) / length[:, None],
+            cameras=(rotation[first], rotation[second]),
+        )
+        strength = weight / (1.0 + (found.off / spread) ** 2) / spread**2
+        rise = (found.by_rise / length)[:, None]
+        normal = _Equations.empty(len(world))
+        normal.add(first, np.column_stack([found.by_first, -rise]), off=found.off, strength=strength)
+        normal.add(second, np.column_stack([found.by_second, rise]), off=found.off, strength=strength)
+        normal.add_priors(rotation, world[:, 1], height_spread=_HEIGHT_SPREAD * scale_px)
+        step = _DAMPING * so3.solved(normal.matrix, normal.vector)
+        rotation = so3.turned(rotation, so3.shortened(step[:, :3], _MOST_TURN))
+        world[:, 1] += np.clip(step[:, 3], -_MOST_RISE * scale_px, _MOST_RISE * scale_px)
+    return rotation, world[:, 1]
+
+
+def _homogeneous(ray: NDArray[np.float32]) -> Array:
+    return np.column_stack([ray, np.ones(len(ray))]).astype(np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Epipolar:
+    """Sampson's distances (m,), their derivatives by turns (m, 3), and by a rise of the second photo (m,)."""
+
+    off: Array
+    by_first: Array
+    by_second: Array
+    by_rise: Array
+
+
+def _epipolar(a: Array, b: Array, *, along: Array, cameras: tuple[Array, Array]) -> _Epipolar:
+    """Compare the rays a and b (m, 3) of matches, in the world, with the directions between the cameras."""
+    b_along, along_a, a_b = np.cross(b, along), np.cross(along, a), np.cross(a, b)
+    in_first = np.einsum("mij,mj->mi", cameras[0], b_along)[:, :2]
+    in_second = np.einsum("mij,mj->mi", cameras[1], along_a)[:, :2]
+    size = np.sqrt((in_first**2).sum(1) + (in_second**2).sum(1)) + 1e-9
+    return _Epipolar(
+        off=(a * b_along).sum(1) / size,
+        by_first=np.cross(a, b_along) / size[:, None],
+        by_second=np.cross(b, along_a) / size[:, None],
+        by_rise=a_b[:, 1] / size,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Equations:
+    """Normal equations of p photos: three turns and the height of each.
+
+    Attributes
+    ----------
+    matrix : (p, 4, 4) float64
+    vector : (p, 4) float64
+    """
+
+    matrix: Array
+    vector: Array
+
+    @classmethod
+    def empty(cls, photos: int) -> _Equations:
+        return cls(np.zeros((photos, 4, 4)), np.zeros((photos, 4)))
+
+    def add(self, photo: NDArray[np.int64], jacobian: Array, *, off: Array, strength: Array) -> None:
+        """Add what matches say to the equations of their photos."""
+        count = len(self.vector)
+        weighted = strength[:, None] * jacobian
+        for row in range(4):
+            self.vector[:, row] -= np.bincount(photo, weights=weighted[:, row] * off, minlength=count)
+            for column in range(row, 4):
+                values = weighted[:, row] * jacobian[:, column]
+                total = np.bincount(photo, weights=values, minlength=count)
+                self.matrix[:, row, column] += total
+                if column != row:
+                    self.matrix[:, column, row] += total
+
+    def add_priors(self, rotation: Array, height: Array, *, height_spread: float) -> None:
+        """Add that cameras are held about level and equally high; every photo is solvable then."""
+        none = np.zeros(len(rotation))
+        for axis, spread in ((0, _ROLL_SPREAD), (2, _PITCH_SPREAD)):
+            v = rotation[:, axis, :]
+            row = np.stack([-v[:, 2], none, v[:, 0], none], -1)
+            self.matrix[...] += row[:, :, None] * row[:, None, :] / spread**2
+            self.vector[...] -= row * v[:, 1:2] / spread**2
+        self.matrix[:, 3, 3] += 1.0 / height_spread**2
+        self.vector[:, 3] -= height / height_spread**2
+        self.matrix[...] += 1e-3 * np.eye(4)
+        turns = np.arange(3)
+        self.matrix[:, turns, turns] *= _STIFFNESS
