@@ -117,6 +117,21 @@ def test_nothing_is_sent_before_the_command(start, server, until):
     until(lambda: client.status().waiting == 0)
 
 
+def test_what_was_left_out_at_the_end_is_told(start, server):
+    client = start(min_move="1m")
+    for number in (0, 1, 1, 1):
+        send(client, 1, begin=number)
+    client.pose(50, 14, time_s=9, track="other")
+    client.end()
+    client.send({"type": "end"})
+    assert client.upload(wait_s=5)
+    first, again = server.stored()[-2:]
+    (rest,) = first["left_out"]
+    assert (rest["source"], rest["track"], rest["skipped"]) == ("gps", "", 2)
+    assert rest["travelled_m"] == pytest.approx(1.11, abs=0.01)
+    assert again == {"type": "end"}
+
+
 def test_by_the_timer(start, server, until):
     client = start()
     for number in range(3):

@@ -28,3 +28,14 @@ def test_tracks_and_objects_come_in_the_order_of_their_times(tmp_path):
     file.write_text("time,lat,lon\n10,50,14\n30,50.1,14\n20,50.2,14\n")
     replayed = replay_track.run(file, min_move=MinMove(0.0))
     assert [event.record["time"] for event in replayed.events] == [10, 30, 20]  # a track keeps its own order
+
+
+def test_what_was_left_out_at_the_end_is_told(tmp_path):
+    file = tmp_path / "stop.csv"
+    file.write_text("time,lat,lon\n" + "".join(f"{n},{50 + min(n, 3) * 1e-3},14\n" for n in range(10)))
+    replayed = replay_track.run(file, min_move=MinMove())
+    (imported,) = read_track.run(file, wishes=Wishes()).tracks
+    records = [event.record for event in replayed.events]
+    (part,) = parse([*records, {"type": "end", "left_out": replayed.rest}]).tracks.values()
+    assert (len(part.poses), part.skipped) == (4, 6) == (len(imported.poses), imported.skipped)
+    assert part.travelled_m == imported.distance_m

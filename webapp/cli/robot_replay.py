@@ -89,7 +89,7 @@ def _play(client: RobotClient, found: Replay, *, speed: float, progress: Termina
             client.send(event.record)
             progress.advance()
     if done <= len(found.events):
-        client.end()
+        client.end(left_out=found.rest)
 
 
 def _wait(client: RobotClient, progress: TerminalProgress) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
@@ -251,11 +251,24 @@ class RobotClient:
         InputError, DiskFull, StorageError
             Nothing was written.
         """
-        return self._write(parse_record(record, now_s=time.time()))
+        checked = parse_record(record, now_s=time.time())
+        if checked["type"] == "end":
+            self.end()
+            return True
+        return self._write(checked)
 
-    def end(self) -> None:
-        """Say that the mission is over, and begin to upload."""
-        self._write(end_record())
+    def end(self, *, left_out: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Say that the mission is over, and begin to upload.
+
+        Parameters
+        ----------
+        left_out : sequence of mapping
+            What the caller has left out at the end, as `end_record` takes it; what `min_move` has is told
+            by itself.
+        """
+        with self._writing:
+            rests = [{"source": s, "track": t, **asdict(m.rest())} for (s, t), m in self._moves.items()]
+        self._write(end_record([*left_out, *(rest for rest in rests if rest["skipped"])]))
         self._wake.set()
 
     def upload(self, *, wait_s: float = 0.0) -> bool:

@@ -19,12 +19,12 @@ _E2 = 0.00669437999014
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A pose that is kept.
+    """What is told with a pose that is kept, or at the end.
 
     Attributes
     ----------
     travelled_m : float
-        Metres since the first pose of the track, those left out included.
+        Metres since the first pose of the track up to now, those left out included.
     skipped : int
         Poses left out since the last one kept.
     """
@@ -67,6 +67,12 @@ class Moves:
             return None
         told = Kept(self._travelled_m, self._skipped)
         self._kept, self._skipped = here, 0
+        return told
+
+    def rest(self) -> Kept:
+        """Tell at the end of what was left out after the last pose kept; it is not told again."""
+        told = Kept(self._travelled_m, self._skipped)
+        self._skipped = 0
         return told
 
     def _has_moved(self, before: tuple[float, float], here: tuple[float, float]) -> bool:

@@ -136,9 +136,16 @@ def object_record(
     return _nothing_left(record, given)
 
 
-def end_record() -> dict[str, Any]:
-    """Make the record that says that the mission is over."""
-    return {"type": "end"}
+def end_record(left_out: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """Make the record that says that the mission is over.
+
+    Parameters
+    ----------
+    left_out : sequence of mapping
+        Of tracks whose last poses were left out: `source`, `track`, `skipped`, and `travelled_m` with them.
+    """
+    record: dict[str, Any] = {"type": "end"}
+    return record | {"left_out": list(left_out)} if left_out else record
 
 
 def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:

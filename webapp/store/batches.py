@@ -29,6 +29,9 @@ from webapp.store.schema_missions import (
 
 _MOST_PARAMETERS = 500
 
+FILE = "import:"
+"""Of files, the keys and the names as senders begin so; clients have no such ones."""
+
 
 class OutOfOrder(Conflict):
     """Records are missing before these.
@@ -102,11 +105,25 @@ def answered(session: Session, mission_id: int, key: str) -> dict[str, Any] | No
     return None if found is None else found.answer
 
 
-def remember(session: Session, mission_id: int, key: str, *, answer: dict[str, Any], keep: timedelta) -> None:
-    """Keep the answer to a batch for when it comes again, and forget those that are older than `keep`."""
-    session.execute(
-        delete(MissionBatch).where(MissionBatch.mission_id == mission_id, MissionBatch.at < now() - keep)
-    )
+def remember(
+    session: Session, mission_id: int, key: str, *, answer: dict[str, Any], keep: timedelta | None = None
+) -> None:
+    """Keep the answer to a batch for when it comes again.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission_id : int
+    key : str
+    answer : dict
+    keep : timedelta or None
+        What clients were answered longer ago is forgotten; what became of files, whose keys begin with
+        `FILE`, never is: somebody may find them again at any time.
+    """
+    if keep is not None:
+        old = (MissionBatch.mission_id == mission_id, MissionBatch.at < now() - keep)
+        session.execute(delete(MissionBatch).where(*old, ~MissionBatch.key.startswith(FILE)))
     session.add(MissionBatch(mission_id=mission_id, key=key, answer=answer))
 
 
@@ -124,6 +141,8 @@ def store(session: Session, mission: Mission, batch: Batch) -> None:
     for (source, name), part in batch.tracks.items():
         track = tracks.get_or_create(session, mission.id, source=source, name=name)
         tracks.append(session, track, part.poses, skipped=part.skipped)
+        if part.travelled_m > track.distance_m:  # NaN is not
+            track.distance_m = part.travelled_m
     add_sightings(session, mission, batch.sightings)
     if batch.ends:
         missions.end(mission)

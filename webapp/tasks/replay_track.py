@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,11 +47,15 @@ class Replay:
         What of the file could not be used, and why.
     skipped : int
         Poses left out because they had not moved.
+    rest : list of dict
+        Of tracks whose last poses are among these, as the record of the end tells it: `source`, `track`,
+        `skipped`, `travelled_m`.
     """
 
     events: list[Event]
     left_out: tuple[Skipped, ...]
     skipped: int
+    rest: list[dict[str, Any]]
 
 
 def run(
@@ -87,7 +91,7 @@ def run(
     parts = [_poses(track, kept[id(track)]) for track in found.tracks]
     events = list(heapq.merge(*parts, _objects(found.sightings), key=lambda event: event.time_s))
     skipped = sum(int(np.count_nonzero(~mask)) for mask in kept.values())
-    return Replay(events, found.skipped, skipped)
+    return Replay(events, found.skipped, skipped, [*_rests(found.tracks, kept)])
 
 
 def _poses(track: ReadTrack, kept: np.ndarray) -> Iterator[Event]:
@@ -109,6 +113,14 @@ def _poses(track: ReadTrack, kept: np.ndarray) -> Iterator[Event]:
             record["skipped"] = place - before - 1
         before = place
         yield Event(time_s, record)
+
+
+def _rests(found: Sequence[ReadTrack], kept: Mapping[int, np.ndarray]) -> Iterator[dict[str, Any]]:
+    for track in found:
+        skipped = len(track.poses) - 1 - int(np.flatnonzero(kept[id(track)])[-1])
+        if skipped:
+            told = {"source": track.source, "track": track.name}
+            yield {**told, "skipped": skipped, "travelled_m": track.distance_m}
 
 
 def _objects(sightings: tuple[Sighting, ...]) -> Iterator[Event]:

@@ -7,12 +7,12 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Integer, List, Raw, String
-from apiflask.validators import Length, Predicate, Range
+from apiflask.validators import Length, Predicate, Range, Regexp
 from flask import Response, jsonify, request
 
 from webapp.core.trajectory.records import SOURCES
 from webapp.errors import UsageError
-from webapp.store.batches import OutOfOrder
+from webapp.store.batches import FILE, OutOfOrder
 from webapp.tasks import take_batch
 from webapp.tasks.take_batch import Numbered
 from webapp.web.context import library, open_mission, settings
@@ -23,6 +23,11 @@ blueprint = APIBlueprint("api_batches", __name__, url_prefix="/api/v1/missions",
 
 _HEADER = "Idempotency-Key"
 _MAX_NAME = 200
+_NAME = [
+    Length(1, _MAX_NAME),
+    Predicate("isprintable"),
+    Regexp(f"(?!{FILE})", error=f"Names that begin with {FILE} are those of imported files."),
+]
 _SHARE = 0.75
 
 _turns = Turns("batches", share=_SHARE)
@@ -69,7 +74,26 @@ _RECORD: dict[str, Any] = {
                 "photo": {"type": "string", "description": "SHA-256 of a photo of the mission."},
             },
         },
-        {"type": "object", "required": ["type"], "properties": {"type": {"const": "end"}}},
+        {
+            "type": "object",
+            "required": ["type"],
+            "properties": {
+                "type": {"const": "end"},
+                "left_out": {
+                    "type": "array",
+                    "description": "Of tracks whose last poses were left out.",
+                    "items": {
+                        "type": "object",
+                        "properties": {
+                            "source": {"enum": list(SOURCES), "default": "gps"},
+                            "track": {"type": "string"},
+                            "skipped": {"type": "integer", "minimum": 0},
+                            "travelled_m": {"type": "number", "minimum": 0},
+                        },
+                    },
+                },
+            },
+        },
     ]
 }
 
@@ -78,7 +102,7 @@ class BatchIn(Schema):
     """Records; with `sender` and `first`, or else with the header `Idempotency-Key`."""
 
     sender = String(
-        validate=[Length(1, _MAX_NAME), Predicate("isprintable")],
+        validate=_NAME,
         metadata={"description": "Whose numbers these are; no other program may use the name."},
     )
     first = Integer(
@@ -95,7 +119,7 @@ class KeyIn(Schema):
     key = String(
         load_default=None,
         data_key=_HEADER,
-        validate=[Length(1, _MAX_NAME), Predicate("isprintable")],
+        validate=_NAME,
         metadata={"description": "Another one for each batch; instead of `sender` and `first`."},
     )
 

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.records import SOURCES, Poses, Sighting, make_poses
 from webapp.errors import InputError
@@ -17,12 +19,15 @@ _POSE = frozenset(
     | {"travelled_m", "skipped"}
 )
 _OBJECT = frozenset({"type", "id", "class", "time", "lat", "lon", "height_m", "confidence", "photo"})
-_END = frozenset({"type"})
+_END = frozenset({"type", "left_out"})
+_LEFT_OUT = frozenset({"source", "track", "skipped", "travelled_m"})
 _FIELDS = {"pose": _POSE, "object": _OBJECT, "end": _END}
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _FAR = 1e12
 """No time in seconds, way or height in metres is larger."""
+_WIDTH = 9
+"""Numbers of a pose."""
 _NAN3 = (math.nan, math.nan, math.nan)
 
 TrackKey = tuple[str, str]
@@ -38,11 +43,14 @@ class TrackPart:
     poses : Poses
         `travelled_m` is NaN where the robot did not tell it.
     skipped : int
-        Poses that the robot left out between these.
+        Poses that the robot left out between these, and after the last one if it is over.
+    travelled_m : float
+        At the end, with those left out after the last one; NaN where the robot did not tell it.
     """
 
     poses: Poses
     skipped: int
+    travelled_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +75,19 @@ class Batch:
 class _Columns:
     rows: list[tuple[float, ...]] = field(default_factory=list)
     skipped: int = 0
+    travelled_m: float = math.nan
 
     def part(self) -> TrackPart:
-        time, lat, lon, height, heading, travelled, *covariance = zip(*self.rows, strict=True)
+        table = np.array(self.rows, dtype=np.float64).reshape(-1, _WIDTH)
         poses = make_poses(
-            time,
-            list(zip(lat, lon, strict=True)),
-            height_m=height,
-            heading_deg=heading,
-            covariance_m2=list(zip(*covariance, strict=True)),
-            travelled_m=travelled,
+            table[:, 0],
+            table[:, 1:3],
+            height_m=table[:, 3],
+            heading_deg=table[:, 4],
+            covariance_m2=table[:, 6:],
+            travelled_m=table[:, 5],
         )
-        return TrackPart(poses, self.skipped)
+        return TrackPart(poses, self.skipped, self.travelled_m)
 
 
 def parse(records: Sequence[object]) -> Batch:
@@ -88,7 +97,8 @@ def parse(records: Sequence[object]) -> Batch:
     ----------
     records : sequence
         A mapping each: `{"type": "pose", "time", "lat", "lon", ...}`, `{"type": "object", "id", "class",
-        "time", "lat", "lon", ...}` or `{"type": "end"}`.
+        "time", "lat", "lon", ...}` or `{"type": "end"}`, which may tell with `left_out` of poses after
+        the last ones: `{"source", "track", "skipped", "travelled_m"}` each.
 
     Returns
     -------
@@ -113,6 +123,7 @@ def parse(records: Sequence[object]) -> Batch:
                 sightings.append(_sighting(given))
             else:
                 ends = True
+                _take_left_out(columns, given.get("left_out", []))
         except _Wrong as error:
             where = ".".join(("records", str(place), *error.args[1:]))
             raise InputError(error.args[0], where=where, hint="nothing of the batch was stored") from error
@@ -145,6 +156,15 @@ def _pose(given: Mapping[str, Any]) -> tuple[float, ...]:
         _travelled(given),
         *_covariance(given.get("covariance")),
     )
+
+
+def _take_left_out(columns: dict[TrackKey, _Columns], told: object) -> None:
+    for one in told if isinstance(told, list) else [told]:
+        if not isinstance(one, Mapping) or not one.keys() <= _LEFT_OUT:
+            raise _Wrong("it is a list of objects with source, track, skipped and travelled_m", "left_out")
+        track = columns.setdefault(_track(one), _Columns())
+        track.skipped += _skipped(one.get("skipped"))
+        track.travelled_m = _travelled(one)
 
 
 def _sighting(given: Mapping[str, Any]) -> Sighting:
