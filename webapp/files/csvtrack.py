@@ -101,6 +101,8 @@ class _Table:
     poses: dict[tuple[Source, str], list[list[float]]] = field(default_factory=dict)
     last_time_s: float = math.nan
     untimed: bool = False
+    timed: set[tuple[Source, str]] = field(default_factory=set)
+    """Tracks of which a time is told."""
 
     def row(self, fields: Sequence[str], where: str, *, findings: Findings) -> Iterator[Piece]:
         told = {name: self.number(fields, name) for name in self.columns if name in _UNKNOWN}
@@ -109,7 +111,10 @@ class _Table:
         if any(math.isnan(values[name]) for name in place):
             findings.skip("rows without a position", where=where)
             return
-        if math.isnan(values["time"]):
+        track = (self.source(fields), self.text(fields, "track"))
+        if not math.isnan(values["time"]):
+            self.timed.add(track)
+        else:
             self.untimed = True
             values["time"] = 0.0 if math.isnan(self.last_time_s) else self.last_time_s + 1.0
         self.last_time_s = values["time"]
@@ -118,7 +123,6 @@ class _Table:
                 yield from self.rest(findings)
             yield self.sighting(fields, name, values)
             return
-        track = (self.source(fields), self.text(fields, "track"))
         rows = self.poses.setdefault(track, [])
         rows.append([values[name] for name in _NUMBERS])
         if len(rows) == CHUNK:
@@ -152,10 +156,11 @@ class _Table:
                 heading_deg=columns["heading"],
                 covariance_m2=covariance,
             )
-            return WorldPiece(track, source, poses)
+            return WorldPiece(track, source, poses, key in self.timed)
         up = np.where(np.isnan(columns["z"]), 0.0, columns["z"])
         xyz = np.column_stack([columns["x"], columns["y"], up])
-        return RobotPiece(track, source, "", "", LocalPoses(columns["time"], xyz, columns["yaw"], covariance))
+        local = LocalPoses(columns["time"], xyz, columns["yaw"], covariance)
+        return RobotPiece(track, source, "", "", local, key in self.timed)
 
     def sighting(self, fields: Sequence[str], name: str, values: dict[str, float]) -> Piece:
         kind = self.text(fields, "class") or "object"

@@ -95,7 +95,8 @@ class _Line:
         self.given += len(times)
         self.points = []
         latlon = np.column_stack([lat, lon])
-        return WorldPiece(self.name, "gps", make_poses(times, latlon, height_m=height, heading_deg=course))
+        poses = make_poses(times, latlon, height_m=height, heading_deg=course)
+        return WorldPiece(self.name, "gps", poses, self.timed)
 
     def rest(self, findings: Findings) -> Iterator[WorldPiece]:
         if self.points:

@@ -94,20 +94,21 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
 
 def _line(part: Element, title: str, mark: _Mark, *, findings: Findings) -> Iterator[Piece]:
     if local_name(part) == "Track":
-        poses = _track(part, findings=findings, where=title)
+        poses, timed = _track(part, findings=findings, where=title)
     else:
+        timed = False
         rows = _coordinates(child_text(part, "coordinates"), findings=findings, where=title)
         poses = _poses(np.full(len(rows), math.nan), rows, np.full(len(rows), math.nan), begin_s=mark.time_s)
-        if len(rows):
-            findings.note(UNTIMED)
     if not len(poses):
         findings.skip("lines without a position", where=title)
+    elif not timed:
+        findings.note(UNTIMED)
     for i in range(0, len(poses), CHUNK):
-        yield WorldPiece(title, "gps", poses.take(slice(i, i + CHUNK)))
+        yield WorldPiece(title, "gps", poses.take(slice(i, i + CHUNK)), timed)
 
 
-def _track(part: Element, *, findings: Findings, where: str) -> Poses:
-    """Read a gx:Track: times, positions and angles stand in three lists, paired by their places."""
+def _track(part: Element, *, findings: Findings, where: str) -> tuple[Poses, bool]:
+    """Read a gx:Track, and whether it tells a time: times, positions and angles are paired by places."""
     whens, coords, headings = [], [], []
     for child in part:
         text = (child.text or "").strip()
@@ -130,7 +131,8 @@ def _track(part: Element, *, findings: Findings, where: str) -> Poses:
         headings = [math.nan] * len(coords)
     times = whens[:pairs] if whens else [math.nan] * pairs
     rows = np.array(coords[:pairs], dtype=np.float64).reshape(-1, 3)
-    return _poses(np.array(times), rows, np.array(headings[:pairs]), begin_s=math.nan)
+    timed = not all(map(math.isnan, times))
+    return _poses(np.array(times), rows, np.array(headings[:pairs]), begin_s=math.nan), timed
 
 
 def _poses(times: np.ndarray, rows: np.ndarray, headings: np.ndarray, *, begin_s: float) -> Poses:

@@ -28,7 +28,8 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
     Yields
     ------
     bytes
-        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC.
+        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; those that no source tells
+        are left out.
     """
     yield csv_lines([POSE_COLUMNS])
     for track in mission.tracks:
@@ -37,10 +38,13 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
             table = np.column_stack(
                 [part.latlon, part.height_m, part.heading_deg, part.covariance_m2, part.travelled_m]
             ).tolist()
-            rows = zip(utc(part.times_s), part.times_s.tolist(), table, strict=True)
+            times = [("", "")] * len(part)
+            if track.timed:
+                seconds = (f"{time_s:.6f}" for time_s in part.times_s.tolist())
+                times = list(zip(utc(part.times_s), seconds, strict=True))
             yield csv_lines(
-                (track.source, track.name, number, time, f"{time_s:.6f}", *map(_number, row))
-                for number, (time, time_s, row) in enumerate(rows, start=first)
+                (track.source, track.name, number, *time, *map(_number, row))
+                for number, (time, row) in enumerate(zip(times, table, strict=True), start=first)
             )
             first += len(part)
 

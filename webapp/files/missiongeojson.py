@@ -57,9 +57,12 @@ def _track(track: TrackOut) -> Iterator[str]:
     kind = "Point" if track.count == 1 else "MultiLineString" if over else "LineString"
     yield f'{{"type":"Feature","id":"track-{track.id}","geometry":{{"type":"{kind}","coordinates":'
     yield from _nested(track, _positions, kind=kind)
-    yield f'}},"properties":{_json(facts)[:-1]},"coordinateProperties":{{"times":'
-    yield from _nested(track, lambda poses: [f'"{time}"' for time in utc(poses.times_s)], kind=kind)
-    yield ',"headings_deg":'
+    yield f'}},"properties":{_json(facts)[:-1]},"coordinateProperties":{{'
+    if track.timed:
+        yield '"times":'
+        yield from _nested(track, lambda poses: [f'"{time}"' for time in utc(poses.times_s)], kind=kind)
+        yield ","
+    yield '"headings_deg":'
     yield from _nested(track, _headings, kind=kind)
     yield "}}}"
 

@@ -39,7 +39,7 @@ def _pieces(mission: MissionOut) -> Iterator[str]:
     for track in mission.tracks:
         yield f"<trk>{element('name', track.title)}{element('src', track.source)}<trkseg>\n"
         for part in track.poses():
-            yield _points(part)
+            yield _points(part, timed=track.timed)
         yield "</trkseg></trk>\n"
     yield "</gpx>\n"
 
@@ -53,9 +53,10 @@ def _waypoint(found: ObjectOut) -> str:
     )
 
 
-def _points(poses: Poses) -> str:
+def _points(poses: Poses, *, timed: bool) -> str:
     table = np.column_stack([poses.latlon, poses.height_m, poses.heading_deg, poses.covariance_m2]).tolist()
-    return "".join(_point(time, row) for time, row in zip(utc(poses.times_s), table, strict=True))
+    times = [f"<time>{time}</time>" for time in utc(poses.times_s)] if timed else [""] * len(poses)
+    return "".join(_point(time, row) for time, row in zip(times, table, strict=True))
 
 
 def _point(time: str, row: list[float]) -> str:
@@ -65,4 +66,4 @@ def _point(time: str, row: list[float]) -> str:
     if not any(map(math.isnan, covariance)):
         more += f"<e:covariance>{' '.join(f'{value:.6g}' for value in covariance)}</e:covariance>"
     extensions = f"<extensions>{more}</extensions>" if more else ""
-    return f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}">{ele}<time>{time}</time>{extensions}</trkpt>\n'
+    return f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}">{ele}{time}{extensions}</trkpt>\n'

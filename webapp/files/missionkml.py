@@ -107,11 +107,24 @@ def _track(track: TrackOut) -> Iterator[str]:
     yield f'<Placemark id="t-{track.id}">{element("name", track.title)}'
     yield f"<styleUrl>#track-{track.id}</styleUrl><ExtendedData>"
     yield _data({"source": track.source, "poses": track.count, "distance_m": f"{track.distance_m:.2f}"})
-    yield "</ExtendedData><gx:MultiTrack>"
+    yield "</ExtendedData>"
+    if track.timed:
+        yield from _timed(track)
+    else:
+        yield "<LineString><tessellate>1</tessellate><coordinates>\n"
+        for part in track.poses():
+            table = np.column_stack([part.latlon, np.nan_to_num(part.height_m, nan=0.0)]).tolist()
+            yield "".join(f"{lon:.9f},{lat:.9f},{height:.3f}\n" for lat, lon, height in table)
+        yield "</coordinates></LineString>"
+    yield "</Placemark>\n"
+
+
+def _timed(track: TrackOut) -> Iterator[str]:
+    yield "<gx:MultiTrack>"
     yield "<altitudeMode>clampToGround</altitudeMode><gx:interpolate>1</gx:interpolate>\n"
     for part in _ascending(track.poses()):
         yield _part(part)
-    yield "</gx:MultiTrack></Placemark>\n"
+    yield "</gx:MultiTrack>"
 
 
 def _ascending(parts: Iterable[Poses]) -> Iterator[Poses]:

@@ -27,11 +27,14 @@ class WorldPiece:
     source : Source
     poses : Poses
         Without `travelled_m`. Positions may be none on the Earth: they are left out later.
+    timed : bool
+        False where the file tells no time of the track up to here: those of the poses only keep their order.
     """
 
     track: str
     source: Source
     poses: Poses
+    timed: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +49,8 @@ class RobotPiece:
         Names of the frame they are in, and of that which they move; empty where the file has none.
     poses : LocalPoses
         Finite positions.
+    timed : bool
+        As for `WorldPiece`.
     """
 
     track: str
@@ -53,6 +58,7 @@ class RobotPiece:
     frame: str
     body: str
     poses: LocalPoses
+    timed: bool = True
 
 
 @dataclass(frozen=True, slots=True)

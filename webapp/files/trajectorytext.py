@@ -102,7 +102,7 @@ def _piece(layout: Layout, rows: NDArray[np.float64], given: int) -> RobotPiece:
         xyz = matrix[:, [2, 0, 1], 3] * (1.0, -1.0, -1.0)
         yaw = np.arctan2(-matrix[:, 0, 2], matrix[:, 2, 2])
     unknown = np.full((len(rows), 3), math.nan)
-    return RobotPiece("", "odometry", "", "", LocalPoses(times, xyz, yaw, unknown))
+    return RobotPiece("", "odometry", "", "", LocalPoses(times, xyz, yaw, unknown), layout == "tum")
 
 
 def _number(word: str) -> float:

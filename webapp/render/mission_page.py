@@ -45,7 +45,9 @@ class MissionMarks(MacroElement):
         Addresses of pictures.
     """
 
-    def __init__(self, tracks: list[dict[str, Any]], objects: list[dict[str, Any]], icons: list[str]) -> None:
+    def __init__(
+        self, tracks: list[dict[str, Any]], *, objects: list[dict[str, Any]], icons: list[str]
+    ) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._name = "MissionMarks"
         self.tracks = tracks
@@ -99,7 +101,7 @@ def _page(mission: MissionOut, found: list[ObjectOut], ground: MercatorPicture |
     kinds = sorted({one.kind for one in found})
     icons = [data_uri("image/png", icon(kind)) for kind in kinds[: mission_out.MOST_KINDS]]
     objects = [_object(one, kinds.index(one.kind)) for one in found]
-    page.add_child(MissionMarks(tracks, objects, icons))
+    page.add_child(MissionMarks(tracks, objects=objects, icons=icons))
     places = [at for track in tracks for at in track["points"]] + [one["at"] for one in objects]
     if places:
         lats, lons = zip(*places, strict=True)
@@ -133,10 +135,12 @@ def _track(track: TrackOut) -> dict[str, Any]:
         points += part.latlon.round(7).tolist()
         times += part.times_s[[0, -1]].tolist()
     first, last = utc([times[0], times[-1]])
-    length = f"{track.distance_m:.0f} m"
+    facts = f"{track.distance_m:.0f} m"
+    if track.timed:
+        facts += f" · {first[:19]}Z – {last[:19]}Z"
     return {
         "title": track.title,
-        "facts": f"{length} · {first[:19]}Z – {last[:19]}Z",
+        "facts": facts,
         "colour": track.colour,
         "points": points,
     }

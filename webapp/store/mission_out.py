@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -90,7 +91,7 @@ def _track(database: Database, track: Track, *, most: int | None) -> TrackOut:
         bounds = (south, west, north, east)
     numbers = None
     if most is not None and track.poses > most:
-        numbers = np.unique(np.linspace(0, track.poses - 1, most).round().astype(np.int64)).tolist()
+        numbers = np.unique(np.linspace(0, track.poses - 1, most).round().astype(np.int64))
     return TrackOut(
         id=track.id,
         source=track.source,
@@ -101,6 +102,7 @@ def _track(database: Database, track: Track, *, most: int | None) -> TrackOut:
         poses=partial(_all, database, track)
         if numbers is None
         else partial(_some, database, track, numbers=numbers),
+        timed=track.timed,
     )
 
 
@@ -112,10 +114,10 @@ def _all(database: Database, track: Track) -> Iterator[Poses]:
         yield _complete(part, stop - first)
 
 
-def _some(database: Database, track: Track, *, numbers: list[int]) -> Iterator[Poses]:
+def _some(database: Database, track: Track, *, numbers: NDArray[np.int64]) -> Iterator[Poses]:
     """Read poses by their numbers: the key finds each of them, however long the track is."""
     for first in range(0, len(numbers), _AT_ONCE):
-        wanted = numbers[first : first + _AT_ONCE]
+        wanted = numbers[first : first + _AT_ONCE].tolist()
         with database.read() as session:
             part = tracks.at(session, track, wanted)
         yield _complete(part, len(wanted))

@@ -67,6 +67,8 @@ class Track(Base):
     max_lon: Mapped[float | None]
     built_to: Mapped[int] = mapped_column(default=0)
     """So many poses are in pieces."""
+    timed: Mapped[bool] = mapped_column(default=True)
+    """False where the source tells no times: the poses count as some time apart, for their order alone."""
 
 
 class Pose(Base):

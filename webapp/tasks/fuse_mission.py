@@ -84,7 +84,7 @@ def run(library: Library, mission_id: int, *, write: Write, progress: Progress) 
     """
     with library.database.read() as session:
         session.get_one(Mission, mission_id)
-        found = tracks.listed(session, mission_id)
+        found = [track for track in tracks.listed(session, mission_id) if track.timed]
         reckoned = max((t for t in found if t.source == "odometry"), key=lambda t: t.distance_m, default=None)
         odometry = None if reckoned is None else _read(session, reckoned)[0]
         fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}

@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import timedelta
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -144,10 +143,9 @@ def run(
     findings = Findings()
     with _called(order):
         survey = _survey(order, findings, progress)
-    keep = timedelta(days=settings.missions.keep_keys_days)
     with write() as session:
         mission = _mission(session, mission_id)
-        ids = _tracks(session, mission, survey.tracks, key=key, name=order.name, keep=keep)
+        ids = _tracks(session, mission, survey.tracks, key=key, name=order.name)
         stored = _stored(session, mission_id, key)
     progress.size(survey.records)
     progress.note("storing")
@@ -172,7 +170,8 @@ class _Survey:
     """What a file has."""
 
     kind: Kind
-    tracks: tuple[Key, ...]
+    tracks: dict[Key, bool]
+    """And whether their times are told."""
     parts: int
     records: int
     objects: int
@@ -180,19 +179,20 @@ class _Survey:
 
 def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
     progress.note("reading")
-    seen: dict[Key, None] = {}
+    seen: dict[Key, bool] = {}
     parts = records = objects = 0
     for part in read_track.stream(
         order.path, wishes=order.wishes, findings=findings, progress=_Silent(progress)
     ):
         parts += 1
         if isinstance(part, TrackPart):
-            seen.setdefault((part.source, part.track))
+            key = (part.source, part.track)
+            seen[key] = seen.get(key, False) or part.timed
             records += len(part.poses) + part.skipped
         else:
             objects += len(part)
     kind = kind_of(order.path, table=order.wishes.columns is not None)
-    return _Survey(kind, tuple(seen), parts, records + objects, objects)
+    return _Survey(kind, seen, parts, records + objects, objects)
 
 
 def _parts(order: Order, progress: Progress) -> Iterator[Part]:
@@ -243,19 +243,20 @@ def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[K
 
 
 def _tracks(
-    session: Session, mission: Mission, keys: tuple[Key, ...], *, key: str, name: str, keep: timedelta
+    session: Session, mission: Mission, found: dict[Key, bool], *, key: str, name: str
 ) -> dict[Key, int]:
     """Find the tracks that this import has made before, or make new ones; no other program's are used."""
     known = batches.answered(session, mission.id, key=key)
     if known is not None:
         return {(source, track): id for source, track, id in known["tracks"]}
     made = {}
-    for source, track in keys:
+    for (source, track), timed in found.items():
         title = f"{PurePath(name).stem} {track}".strip()[:_MAX_NAME]
         free = _free(session, mission, source, title=title)
-        made[(source, track)] = tracks.get_or_create(session, mission.id, source=source, name=free).id
+        row = tracks.get_or_create(session, mission.id, source=source, name=free)
+        row.timed, made[(source, track)] = timed, row.id
     told = [[source, track, id] for (source, track), id in made.items()]
-    batches.remember(session, mission.id, key=key, answer={"tracks": told}, keep=keep)
+    batches.remember(session, mission.id, key, answer={"tracks": told})
     return made
 
 
@@ -303,7 +304,7 @@ def _key(order: Order, progress: Progress) -> str:
     except OSError as error:
         message = f"the file cannot be read: {error.strerror or error}"
         raise TrackError(message, where=order.name, hint="check its path") from error
-    return f"import:{digest.hexdigest()[:32]}"
+    return f"{batches.FILE}{digest.hexdigest()[:32]}"
 
 
 @contextmanager

@@ -81,6 +81,8 @@ class TrackPart:
         Poses of this part that were left out because they had not moved.
     travelled_m : float
         At the end of the part, poses that were left out included.
+    timed : bool
+        As in `webapp.files.trackpieces.WorldPiece`.
     """
 
     track: str
@@ -88,6 +90,7 @@ class TrackPart:
     poses: Poses
     skipped: int
     travelled_m: float
+    timed: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,19 +242,19 @@ class _Places:
     def placed(self, piece: Piece) -> Iterator[TrackPart | tuple[Sighting, ...]]:
         match piece:
             case WorldPiece():
-                yield from self._part(piece.track, piece.source, piece.poses)
+                yield from self._part(piece, piece.poses)
             case RobotPiece():
                 if self.wishes.start is None:
                     self.findings.skip(NO_START, where=piece.track or "line 1", count=len(piece.poses))
                 else:
-                    yield from self._part(piece.track, piece.source, self._poses(piece, self.wishes.start))
+                    yield from self._part(piece, self._poses(piece, self.wishes.start))
             case WorldObjects():
                 yield from self._objects(piece.sightings)
             case RobotObjects():
                 yield from self._objects(tuple(self._on_earth(piece)))
 
-    def _part(self, track: str, source: Source, poses: Poses) -> Iterator[TrackPart]:
-        where = track or "line 1"
+    def _part(self, piece: WorldPiece | RobotPiece, poses: Poses) -> Iterator[TrackPart]:
+        where = piece.track or "line 1"
         placed = _on_the_earth(poses.latlon)
         self.findings.skip(BAD_POSITION, where=where, count=len(poses) - int(placed.sum()))
         timed = np.abs(poses.times_s) <= _MOST_S
@@ -259,7 +262,7 @@ class _Places:
         poses = poses.take(placed & timed)
         if not len(poses):
             return
-        key = (self.wishes.source or source, track)
+        key = (self.wishes.source or piece.source, piece.track)
         odometer, thinner = self._meters.setdefault(key, (Odometer(), Thinner(self.wishes.min_move)))
         travelled = odometer.add(poses.latlon)
         measured = Poses(
@@ -272,7 +275,8 @@ class _Places:
         )
         before = thinner.skipped
         kept = measured.take(thinner.keep(poses.latlon))
-        yield TrackPart(track, key[0], kept, thinner.skipped - before, odometer.metres)
+        skipped = thinner.skipped - before
+        yield TrackPart(piece.track, key[0], kept, skipped, odometer.metres, piece.timed)
 
     def _poses(self, piece: RobotPiece, start: Start) -> Poses:
         """Lay the frame so that its first pose is at the start, and remember where its body is last."""

@@ -30,7 +30,7 @@ class ExportQuery(Schema):
 
     points = Integer(
         load_default=None,
-        validate=Range(2, 10_000_000),
+        validate=Range(2, 1_000_000),
         metadata={"description": "At most so many poses of each track, evenly spread; by default all."},
     )
 

@@ -44,6 +44,12 @@ class TrackOut(Schema):
     skipped = Integer(metadata={"description": "Poses that the sender left out."})
     distance_m = Float()
     duration_s = Float()
+    timed = Boolean(
+        metadata={
+            "description": "false: its source tells no times. Those of its poses keep their order and "
+            "mean nothing; duration and speeds are not known."
+        }
+    )
     first_time_s = Float(allow_none=True)
     last_time_s = Float(allow_none=True)
     bounds = List(Float(), allow_none=True, metadata={"description": "South, west, north, east."})

@@ -58,6 +58,7 @@ def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, 
 def track_json(session: Session, track: Track) -> dict[str, Any]:
     """Tell of a track; the fields of `TrackOut`."""
     ends = tracks.at(session, track, sorted({0, track.poses - 1})) if track.poses else None
+    known = track if track.timed else None
     return {
         "id": track.id,
         "source": track.source,
@@ -66,8 +67,9 @@ def track_json(session: Session, track: Track) -> dict[str, Any]:
         "skipped": track.skipped,
         "distance_m": track.distance_m,
         "duration_s": _duration_s(track),
-        "first_time_s": track.first_time_s,
-        "last_time_s": track.last_time_s,
+        "timed": track.timed,
+        "first_time_s": known and known.first_time_s,
+        "last_time_s": known and known.last_time_s,
         "bounds": _bounds(track),
         "last": None if ends is None else last_json(ends),
         "closing": None if ends is None else _closing(track, ends),
@@ -121,6 +123,8 @@ def _way(found: list[Track]) -> dict[str, float]:
 
 
 def _duration_s(track: Track) -> float:
+    if not track.timed:
+        return 0.0
     return (track.last_time_s or 0.0) - (track.first_time_s or 0.0)
 
 

@@ -23,9 +23,9 @@ export function drawTracks(pen, frame, { store, lines }) {
     const line = lines.best(key);
     if (!line?.length) continue;
     const seen = onScreen(line, frame);
-    const until = line.indexAt(store.timeIn(mission));
+    const until = line.indexAt(track.timed ? store.timeIn(mission) : Infinity);
     const own = store.mode === "mission" ? nthColour(missions.indexOf(mission.id)) : sourceColour(track.source);
-    const paint = { line, seen, until, own, sparse: SPARSE.has(track.source), range: rangeOf(store, lines, mission) };
+    const paint = { line, seen, until, own, sparse: SPARSE.has(track.source), range: track.timed ? rangeOf(store, lines, mission) : null };
     drawLine(pen, frame, paint, store.mode);
     if (!paint.sparse) drawn.push(paint);
   }
@@ -72,7 +72,7 @@ function drawLine(pen, frame, paint, mode) {
   pen.globalAlpha = 0.85;
   stroke(pen, seen, past, { width: RIM, colour: frame.ink.rim });
   pen.globalAlpha = 1;
-  if (mode === "time" || mode === "speed") {
+  if (paint.range) {
     const steps = Array.from({ length: STEPS }, () => []);
     const values = mode === "time" ? line.time : line.speed;
     for (const n of past) steps[stepOf(values[n] || 0, paint.range)].push(n);

@@ -53,7 +53,8 @@ export class Lines extends EventTarget {
   /** A speed that all but the rarest points of the shown tracks keep below, in m/s. */
   get fastest() {
     if (this._fastest === null) {
-      const speeds = this.store.shown.flatMap(({ key }) => this.whole.get(key)?.line.speed.filter(Number.isFinite) || []);
+      const timed = this.store.shown.filter(({ track }) => track.timed);
+      const speeds = timed.flatMap(({ key }) => this.whole.get(key)?.line.speed.filter(Number.isFinite) || []);
       this._fastest = speeds.sort((a, b) => a - b)[Math.floor(speeds.length * USUAL_SHARE)] || 1;
     }
     return this._fastest;

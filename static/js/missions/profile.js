@@ -107,9 +107,9 @@ export class Profile {
     const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     const { clock } = store;
-    if (!clock) return;
     const { column, text, name } = QUANTITIES[this.quantity];
-    const series = store.shown.filter(({ key }) => this.told.has(key)).map((one) => ({ ...one, told: this.told.get(one.key) }));
+    const drawn = store.shown.filter(({ key, track }) => this.told.has(key) && (track.timed || !this._timed));
+    const series = drawn.map((one) => ({ ...one, told: this.told.get(one.key) }));
     const values = series.flatMap(({ told }) => told[column].filter(Number.isFinite));
     const [low, high] = values.length ? rangeOf(values, this.quantity) : [0, 1];
     const across = (share) => PAD.side + share * (width - 2 * PAD.side);

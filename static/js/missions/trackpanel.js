@@ -70,6 +70,7 @@ function facts(track) {
   const left = skipped ? `, ${tn("{n} left out", "{n} left out", skipped)}` : "";
   rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
+  if (!track.timed) rows.push([t("Times"), t("none known: points are in their order only")]);
   if (closing) rows.push([t("End to start"), t("{gap}, {share} of the way", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);
   return rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
 }

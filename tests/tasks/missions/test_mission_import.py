@@ -1,6 +1,7 @@
 """Files become tracks and objects of a mission: each pose once, whenever the import was killed."""
 
 from contextlib import contextmanager
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import NotFound, TrackError
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.store import missions, tracks
+from webapp.store import batches, mission_objects, missions, tracks
+from webapp.store.mission_objects import Page
 from webapp.store.schema_missions import Mission, Track
 from webapp.tasks import mission_import, read_track
 from webapp.tasks.mission_import import Order
@@ -67,7 +69,10 @@ def content(library, mission):
             poses = tracks.read(session, track)
             facts = (track.poses, track.skipped, round(track.distance_m, 6))
             found[(track.source, track.name)] = (*facts, poses.times_s.tolist(), poses.latlon.tolist())
-        seen = {o.object_id: (o.kind, o.sightings, o.last_time_s) for o in missions.objects(session, mission)}
+        seen = {
+            o.object_id: (o.kind, o.sightings, o.last_time_s)
+            for o in mission_objects.page(session, mission, Page())[0]
+        }
         return found, seen
 
 
@@ -200,3 +205,27 @@ def test_every_pose_and_object_is_a_step(library, mission, log):
     progress = Counted()
     imported(library, mission, order_for(log), progress=progress)
     assert progress.steps == progress.total == 903
+
+
+@pytest.mark.parametrize(("times", "timed"), [((), False), ((700,), True)])
+def test_a_track_is_timed_where_any_point_of_it_is(library, mission, tmp_path, small_parts, times, timed):
+    rows = ["time,lat,lon", *(f"{1000 if i in times else ''},{50 + i * 1e-5:.6f},14" for i in range(900))]
+    path = tmp_path / "walk.csv"
+    path.write_text("\n".join(rows))
+    done = imported(library, mission, order_for(path))
+    with library.database.read() as session:
+        assert [session.get(Track, one.id).timed for one in done.tracks] == [timed]
+
+
+def test_a_file_is_known_again_after_the_keys_of_batches_are_forgotten(library, mission, log):
+    imported(library, mission, order_for(log))
+    before = content(library, mission)
+    answer = {"digest": "", "stored": 0, "revision": 0}
+    with library.database.write() as session:
+        batches.remember(session, mission, "of a client", answer=answer)
+    with library.database.write() as session:
+        batches.remember(session, mission, "a later one", answer=answer, keep=timedelta(days=-1))
+    with library.database.read() as session:
+        assert batches.answered(session, mission, "of a client") is None
+    assert not imported(library, mission, order_for(log)).new
+    assert content(library, mission) == before

@@ -103,3 +103,37 @@ def test_a_request_without_a_file_is_refused(client, mission):
 def test_only_editors_import(upload, sign_in, new_account, stranger):
     assert upload(TABLE, by=sign_in(new_account("eve"))).status_code == 404
     assert upload(TABLE, by=stranger).status_code == 401
+
+
+GPX = b"""<gpx version="1.1" creator="x" xmlns="http://www.topografix.com/GPX/1/1"><trk><name>old</name><trkseg>
+<trkpt lat="50" lon="14"/><trkpt lat="50.001" lon="14"/><trkpt lat="50.002" lon="14"/></trkseg></trk></gpx>"""
+
+
+def test_no_speed_comes_of_times_that_the_file_does_not_tell(upload, client, mission, work):
+    upload(GPX, "old.gpx")
+    assert any("without times" in note for note in work()["notes"])
+    address = f"/api/v1/missions/{mission}"
+    state = client.get(address).json
+    (track,) = state["tracks"]
+    assert (track["poses"], track["timed"]) == (3, False)
+    assert track["distance_m"] == pytest.approx(222.5, rel=1e-3)
+    assert (track["duration_s"], track["first_time_s"], track["last_time_s"]) == (0, None, None)
+    assert state["duration_s"] == 0
+    profile = client.get(f"{address}/tracks/{track['id']}/profile").json
+    assert profile["speed_mps"] == [None] * 3 and profile["travelled_m"][-1] == pytest.approx(222.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("ending", ["kml", "gpx", "geojson", "csv", "html"])
+def test_invented_times_do_not_go_out(upload, client, mission, work, ending):
+    upload(GPX, "old.gpx", min_move="0")
+    work()
+    text = client.get(f"/api/v1/missions/{mission}/export.{ending}").text
+    assert "50.002" in text and "1970-01" not in text
+
+
+def test_tracks_without_times_are_not_fused(upload, client, mission, work):
+    upload(GPX, "old.gpx")
+    work()
+    client.post(f"/api/v1/missions/{mission}/fuse")
+    with pytest.raises(UsageError):
+        work()

@@ -44,6 +44,8 @@ class TrackOut:
         South, west, north, east, degrees; None without poses.
     poses : function
         Gives the poses from the first to the last, in parts of at most a few thousand.
+    timed : bool
+        False where the times of the poses only keep their order: they do not go out.
     """
 
     id: int
@@ -53,6 +55,7 @@ class TrackOut:
     distance_m: float
     bounds: tuple[float, float, float, float] | None
     poses: Callable[[], Iterable[Poses]]
+    timed: bool = True
 
     @property
     def title(self) -> str:
