@@ -52,6 +52,38 @@ def page(session: Session, mission_id: int, wanted: Page) -> tuple[list[MissionO
     return list(rows), session.scalar(select(func.count()).where(*fitting)) or 0
 
 
+def changed(
+    session: Session, mission_id: int, *, since: int, most: int
+) -> tuple[list[MissionObject], int | None]:
+    """List objects that changed after a revision of the mission, the longest unchanged first.
+
+    Parameters
+    ----------
+    session : Session
+    mission_id : int
+    since : int
+    most : int
+        Of more, those of the first revisions come; what changed in one revision comes whole.
+
+    Returns
+    -------
+    list of MissionObject
+    int or None
+        The revision up to which these are all; None for the last one.
+    """
+    mine = select(MissionObject).where(MissionObject.mission_id == mission_id)
+    later = mine.where(MissionObject.revision > since).order_by(
+        MissionObject.revision, MissionObject.object_id
+    )
+    rows = list(session.scalars(later.limit(most + 1)))
+    if len(rows) <= most:
+        return rows, None
+    until = rows[-1].revision
+    if rows[0].revision == until:
+        return list(session.scalars(mine.where(MissionObject.revision == until))), until
+    return [row for row in rows if row.revision < until], until - 1
+
+
 def kinds(session: Session, mission_id: int) -> list[tuple[str, int]]:
     """Count the objects of a mission by their class."""
     of_mission = select(MissionObject.kind, func.count()).where(MissionObject.mission_id == mission_id)

@@ -10,15 +10,21 @@ from sqlalchemy import func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotAllowed, NotFound, UsageError
-from webapp.store import maps
+from webapp.store import jobs, maps
 from webapp.store.clock import now
 from webapp.store.library import Library
 from webapp.store.maps import ROLES, Role
-from webapp.store.schema import Account, MapRecord, Member
+from webapp.store.schema import Account, Job, MapRecord, Member
 from webapp.store.schema_missions import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 
 FOLDER = ".missions"
 """Of the library: has one folder a mission, of what came as files."""
+
+DELETE_JOB = "mission-delete"
+"""Kind of the job that deletes the mission whose id is its key; until it has ended, nobody finds it."""
+
+MOST_SIGHTINGS = 5000
+"""Of one object, in one answer; the query and the exports have all."""
 
 _MAX_NAME = 120
 _MAX_NOTE = 10_000
@@ -109,7 +115,7 @@ def find(session: Session, id: int, *, account: Account, role: Role = "viewer") 
     """
     mission = session.get(Mission, id)
     own = None if mission is None else role_of(session, mission, account=account)
-    if mission is None or own is None:
+    if mission is None or own is None or (mission.binned_at and id in _going(session)):
         raise NotFound("there is no such mission, or it is not shared with you", where=f"mission {id}")
     if ROLES.index(own) < ROLES.index(role):
         raise NotAllowed(f"this needs the role {role}, and yours is {own}", hint="ask an owner of the map")
@@ -142,6 +148,8 @@ def listed(
         Those in the bin instead.
     """
     found = select(Mission).where(Mission.binned_at.is_not(None) == binned)
+    if binned:
+        found = found.where(Mission.id.not_in(_going(session)))
     if map_id is not None:
         found = found.where(Mission.map_id == map_id)
     if not account.is_owner:
@@ -149,6 +157,12 @@ def listed(
         alone = (Mission.account_id == account.id) & Mission.map_id.is_(None)
         found = found.where(or_(Mission.map_id.in_(mine), alone))
     return list(session.scalars(found.order_by(Mission.changed_at.desc(), Mission.id.desc())))
+
+
+def _going(session: Session) -> set[int]:
+    """Tell which missions are being deleted."""
+    wanted = select(Job.key).where(Job.kind == DELETE_JOB, Job.state.not_in(jobs.ENDED))
+    return {int(key) for key in session.scalars(wanted)}
 
 
 def changed(mission: Mission) -> None:
@@ -181,28 +195,6 @@ def counts(session: Session, mission_id: int) -> tuple[int, int, int]:
     return tuple(session.scalar(found) or 0 for found in (poses, objects, photos))  # type: ignore[return-value]
 
 
-def objects(
-    session: Session, mission_id: int, *, kind: str | None = None, since: int = -1
-) -> list[MissionObject]:
-    """List the objects of a mission by their ids.
-
-    Parameters
-    ----------
-    session : Session
-    mission_id : int
-    kind : str or None
-        Only those of that class.
-    since : int
-        Only those that changed after that revision of the mission.
-    """
-    found = select(MissionObject).where(
-        MissionObject.mission_id == mission_id, MissionObject.revision > since
-    )
-    if kind is not None:
-        found = found.where(MissionObject.kind == kind)
-    return list(session.scalars(found.order_by(MissionObject.object_id)))
-
-
 def find_object(session: Session, mission_id: int, object_id: str) -> MissionObject:
     """Find an object of a mission.
 
@@ -217,9 +209,10 @@ def find_object(session: Session, mission_id: int, object_id: str) -> MissionObj
 
 
 def sightings(session: Session, mission_id: int, object_id: str) -> list[ObjectSighting]:
-    """List the sightings of an object in the order in which they came."""
+    """List the last `MOST_SIGHTINGS` sightings of an object in the order in which they came."""
     mine = (ObjectSighting.mission_id == mission_id, ObjectSighting.object_id == object_id)
-    return list(session.scalars(select(ObjectSighting).where(*mine).order_by(ObjectSighting.number)))
+    found = select(ObjectSighting).where(*mine).order_by(ObjectSighting.number.desc()).limit(MOST_SIGHTINGS)
+    return list(session.scalars(found))[::-1]
 
 
 def photos(session: Session, mission_id: int) -> list[MissionPhoto]:

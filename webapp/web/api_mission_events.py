@@ -74,8 +74,11 @@ class _Told:
         self._database = database
         self._mission_id = mission_id
         self._known = known
-        cursor = None if known is None else read_cursor(known)
-        self._revision = None if cursor is None else cursor[0]
+
+    @property
+    def _revision(self) -> int | None:
+        cursor = None if self._known is None else read_cursor(self._known)
+        return None if cursor is None else cursor[0]
 
     def next(self) -> str | None:
         """Give the next event; an empty text when nothing is new, None when the mission is gone."""
@@ -85,7 +88,6 @@ class _Told:
                 return None if revision is None else ""
             mission = session.get_one(Mission, self._mission_id)
             text, self._known = event(session, mission, known=self._known)
-        self._revision = revision
         return text
 
 

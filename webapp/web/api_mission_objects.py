@@ -10,6 +10,7 @@ from apiflask.validators import OneOf, Range
 
 from webapp.store import mission_objects, missions
 from webapp.store.mission_objects import SORTS, Page
+from webapp.store.missions import MOST_SIGHTINGS
 from webapp.store.schema_missions import MissionObject, ObjectSighting
 from webapp.web.context import library, open_mission
 
@@ -77,7 +78,9 @@ class ObjectList(Schema):
 class ObjectHistory(ObjectOut):
     """An object with its history, in the order in which it came."""
 
-    sightings = List(Nested(SightingOut))
+    sightings = List(
+        Nested(SightingOut), metadata={"description": f"The last {MOST_SIGHTINGS}; `count` tells of all."}
+    )
 
 
 def object_json(row: MissionObject) -> dict[str, Any]:
@@ -116,7 +119,7 @@ def listed(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/<object_id>")
 @blueprint.output(ObjectHistory)
 def one(mission_id: int, object_id: str) -> dict[str, Any]:
-    """Tell of an object, with all its sightings."""
+    """Tell of an object, with its sightings."""
     mission = open_mission(mission_id, binned=True)
     with library().database.read() as session:
         row = missions.find_object(session, mission.id, object_id)

@@ -129,7 +129,7 @@ def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
 @public
 @blueprint.output(ObjectHistory)
 def one_object(token: str, object_id: str) -> dict[str, Any]:
-    """Tell of an object, with all its sightings."""
+    """Tell of an object, with its sightings."""
     with library().database.read() as session:
         opened = mission_shares.opened(session, token)
         row = missions.find_object(session, opened.mission.id, object_id)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from sqlalchemy.orm import Session
 
-from webapp.store import missions, tracks
+from webapp.store import mission_objects, missions, tracks
 from webapp.store.schema_missions import Mission, Track
 from webapp.tasks.build_pieces import table_of
 from webapp.web.api_mission_objects import object_json
@@ -17,6 +17,9 @@ from webapp.web.mission_state import cursor, read_cursor, track_json
 
 _MOST_POINTS = 500
 """New poses of a track in one event: of more, only some are told."""
+
+_MOST_OBJECTS = 2000
+"""Changed objects in one event; the others are told by the next."""
 
 _AGAIN = 200
 """Whoever does not say what is known is told so many of the last poses: they may have come since the page was
@@ -49,7 +52,8 @@ def event(session: Session, mission: Mission, *, known: str | None) -> tuple[str
     before = None if known is None else read_cursor(known)
     revision, counts = before or (mission.revision, {})
     found = tracks.listed(session, mission.id)
-    after = cursor(mission.revision, {track.id: track.poses for track in found})
+    objects, until = mission_objects.changed(session, mission.id, since=revision, most=_MOST_OBJECTS)
+    after = cursor(mission.revision if until is None else until, {track.id: track.poses for track in found})
     data = {
         "revision": mission.revision,
         "ended_at": None if mission.ended_at is None else mission.ended_at.isoformat(timespec="seconds"),
@@ -59,7 +63,7 @@ def event(session: Session, mission: Mission, *, known: str | None) -> tuple[str
             for track in found
             if before is None or counts.get(track.id) != track.poses
         ],
-        "objects": [object_json(row) for row in missions.objects(session, mission.id, since=revision)],
+        "objects": [object_json(row) for row in objects],
     }
     return _sent(data, after), after
 

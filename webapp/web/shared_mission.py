@@ -65,7 +65,7 @@ def photo_of(token: str, photo: MissionPhoto) -> dict[str, Any]:
         "width": photo.width,
         "height": photo.height,
         "object": photo.object_id,
-        "fix": None if photo.fix is None else located(photo.fix, exif=False),
+        "fix": located(photo.fix, exif=False) if photo.fix and photo.fix_state == "done" else None,
         "url": url_for("api_shared_missions.photo_preview", **named),
         "thumb": url_for("api_shared_missions.photo_thumb", **named),
     }

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from webapp.store import tracks
+from webapp.store import missions, tracks
 from webapp.store.schema_missions import Mission, MissionSender
 
 CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0, "lon": 14.0}
@@ -212,3 +212,39 @@ def test_who_may_send(send, walk, new_account, new_map, new_mission, sign_in, ow
     assert send(walk(1), browser=sign_in(editor), id=id).status_code == 200
     assert send(walk(1), browser=sign_in(viewer), id=id).status_code == 403
     assert send(walk(1), browser=sign_in(other), id=id).status_code == 404
+
+
+def test_the_end_tells_what_was_left_out_after_the_last_pose(send, walk, state):
+    rest = {"source": "gps", "track": "", "skipped": 7, "travelled_m": 12.5}
+    assert send([*walk(3, skipped=1), {"type": "end", "left_out": [rest]}]).json["stored"] == 4
+    (track,) = state()["tracks"]
+    assert (track["poses"], track["skipped"], track["distance_m"]) == (3, 10, 12.5)
+
+
+@pytest.mark.parametrize(
+    ("told", "where"),
+    [
+        ("x", "left_out"),
+        ([{"gap": 1}], "left_out"),
+        ([{"skipped": -1}], "skipped"),
+        ([{"source": 1}], "source"),
+    ],
+)
+def test_what_the_end_tells_is_checked(send, told, where):
+    answer = send([{"type": "end", "left_out": told}])
+    assert answer.status_code == 422
+    assert answer.json["error"]["where"].endswith(f"records.0.{where}")
+
+
+def test_nobody_takes_the_place_of_an_imported_file(send, walk, client, mission):
+    assert send(walk(1), sender="import:abc").status_code == 422
+    address, key = f"/api/v1/missions/{mission}/batches", {"Idempotency-Key": "import:abc"}
+    assert client.post(address, json={"records": walk(1)}, headers=key).status_code == 422
+
+
+def test_of_very_many_sightings_the_last_are_told(send, client, mission, monkeypatch):
+    monkeypatch.setattr(missions, "MOST_SIGHTINGS", 5)
+    send([CAR | {"time": float(n)} for n in range(12)])
+    found = client.get(f"/api/v1/missions/{mission}/objects/car-1").json
+    assert found["count"] == 12
+    assert [seen["time_s"] for seen in found["sightings"]] == [7, 8, 9, 10, 11]

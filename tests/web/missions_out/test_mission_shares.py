@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 from tests.kml_rules import GX, KML, check_kml
-from webapp.store.schema_missions import MissionShare
+from webapp.store.schema_missions import MissionPhoto, MissionShare
 
 SECRETS = ("SECRETNOTE", "SECRETCAM", "SECRETNAME")
 
@@ -211,3 +211,13 @@ def test_only_the_embedded_page_may_be_framed_and_it_sets_no_cookie(stranger, ne
     assert "X-Frame-Options" not in framed.headers and "Set-Cookie" not in framed.headers
     assert "<script>alert(1)" not in framed.text
     assert stranger.get(shared["url"]).headers["X-Frame-Options"] == "DENY"
+
+
+def test_why_a_photo_could_not_be_localized_is_not_told(stranger, library, new_mission, share, add_photo):
+    mission = new_mission()
+    sha = add_photo(mission)
+    with library.database.write() as session:
+        photo = session.get(MissionPhoto, (mission, sha))
+        photo.fix, photo.fix_state = {"error": "SECRETNAME.jpg: damaged"}, "failed"
+    (told,) = stranger.get(api(share(mission, photos=True), "/photos")).json["photos"]
+    assert (told["sha256"], told["fix"]) == (sha, None)
