@@ -85,6 +85,7 @@ KINDS: dict[str, str] = {
     "health": "webapp.jobs.health:run",
     "import": "webapp.jobs.import_map:run",
     "index": "webapp.jobs.index:run",
+    "mission-delete": "webapp.jobs.mission_delete:run",
     "mission-fix": "webapp.jobs.mission_fix:run",
     "mission-fuse": "webapp.jobs.mission_fuse:run",
     "mission-import": "webapp.jobs.mission_import:run",

@@ -9,7 +9,7 @@ from apiflask.fields import Boolean, Integer, List, Nested, String
 from flask import url_for
 from markupsafe import escape
 
-from webapp.store import mission_shares
+from webapp.store import mission_shares, missions
 from webapp.store.schema_missions import Mission, MissionShare
 from webapp.web.context import account, library, open_mission
 
@@ -73,10 +73,11 @@ def list_shares(mission_id: int) -> dict[str, Any]:
 @blueprint.output(MissionShareOut, status_code=201)
 def create(mission_id: int, wish: dict[str, bool]) -> dict[str, Any]:
     """Share a mission; the addresses of a secret link are in this answer and nowhere else."""
-    mission = open_mission(mission_id, "owner")
+    mission, who = open_mission(mission_id, "owner"), account()
     with library().database.write() as session:
+        missions.find(session, mission.id, account=who, role="owner")  # it may have come onto another map
         share, token = mission_shares.create(
-            session, mission, photos=wish["photos"], account_id=account().id, public=wish["public"]
+            session, mission, photos=wish["photos"], account_id=who.id, public=wish["public"]
         )
     return _told(mission, share, token=token)
 

@@ -8,7 +8,7 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Float, Nested, String
 from apiflask.validators import Range
 
-from webapp.store import missions
+from webapp.store import maps, mission_shares, missions
 from webapp.store.schema_missions import Mission
 from webapp.tasks import delete_mission
 from webapp.web import mission_state
@@ -112,7 +112,10 @@ def change(mission_id: int, wish: dict[str, Any]) -> dict[str, Any]:
         row.name = missions.checked_name(wish.get("name", row.name))
         row.note = missions.checked_note(wish.get("note", row.note))
         row.start = wish.get("start", row.start)
-        if "map" in wish:
+        if "map" in wish and map_id != row.map_id:
+            if map_id is not None and mission_shares.listed(session, row):
+                # Who opens the mission's links sees the image of its map: that is for owners of the map.
+                maps.find(session, wish["map"], account=who, role="owner")
             row.map_id = map_id
         missions.changed(row)
         return mission_state.summary(session, row, account=who)
@@ -126,10 +129,10 @@ def put_into_bin(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
     if not query["forever"]:
         return _binned(mission_id, into=True)
     mission, who = open_mission(mission_id, "owner", binned=True), account()
-    with library().database.read() as session:
-        last = mission_state.summary(session, session.get_one(Mission, mission.id), account=who)
-    delete_mission.run(library(), mission.id)
-    return last
+    with library().database.write() as session:
+        row = session.get_one(Mission, mission.id)
+        delete_mission.queue(session, row, account_id=who.id)
+        return mission_state.summary(session, row, account=who)
 
 
 @blueprint.post(f"/{_ID}/restore")
@@ -142,7 +145,7 @@ def restore(mission_id: int) -> dict[str, Any]:
 def _binned(mission_id: int, *, into: bool) -> dict[str, Any]:
     mission, who = open_mission(mission_id, "owner", binned=True), account()
     with library().database.write() as session:
-        row = session.get_one(Mission, mission.id)
+        row = missions.find(session, mission.id, account=who, role="owner")
         (missions.put_into_bin if into else missions.take_from_bin)(row)
         return mission_state.summary(session, row, account=who)
 

@@ -2,6 +2,12 @@
 
 import pytest
 
+from webapp.jobs import kinds
+from webapp.jobs.kinds import Context
+from webapp.jobs.progress import JobProgress
+from webapp.store import jobs
+from webapp.store.jobs import Lease, Limits
+
 
 @pytest.fixture
 def new_mission(client):
@@ -62,3 +68,19 @@ def add_photo(client, mission, save_photo, tmp_path):
             return client.post(f"/api/v1/missions/{mission}/photos", data=given)
 
     return post
+
+
+@pytest.fixture
+def work(library, settings):
+    """Do the job that waits, as a worker does."""
+
+    def go():
+        with library.database.write() as session:
+            job = jobs.lease(session, "test", limits=Limits(60, 3))
+            lease, function = Lease(job.id, job.fence), kinds.function(job.kind)
+            known = (job.map_id, job.account_id, job.arguments)
+        function(Context(library, settings, JobProgress(), lease, *known))
+        with library.database.write() as session:
+            assert jobs.finish(session, lease)
+
+    return go

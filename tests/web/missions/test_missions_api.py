@@ -2,7 +2,10 @@
 
 import pytest
 
-from webapp.store.schema_missions import Mission, Pose
+from webapp.errors import Cancelled
+from webapp.progress import Progress
+from webapp.store.schema_missions import Mission, ObjectSighting, Pose
+from webapp.tasks import delete_mission
 
 
 def test_a_new_mission(client, new_map, owner):
@@ -86,7 +89,22 @@ def test_the_bin(client, mission, send, walk):
     assert send(walk(1, begin=3), first=3).json["stored"] == 1
 
 
-def test_deleted_for_good(client, library, mission, send, walk, add_photo):
+def test_a_mission_with_links_comes_onto_a_map_by_its_owners(
+    new_account, new_map, new_mission, sign_in, owner
+):
+    """Who opens a link sees the image of the map, and editors of a map cannot share that."""
+    ann = new_account("ann")
+    slug, own = new_map(owner, shared={ann: "editor"}), new_map(ann, name="Own")
+    browser = sign_in(ann)
+    shared, private = new_mission(browser), new_mission(browser)
+    assert browser.post(f"/api/v1/missions/{shared}/shares", json={}).status_code == 201
+    answers = [browser.patch(f"/api/v1/missions/{id}", json={"map": slug}) for id in (shared, private)]
+    assert [answer.status_code for answer in answers] == [403, 200]
+    assert browser.get(f"/api/v1/missions/{shared}").json["map"] is None
+    assert browser.patch(f"/api/v1/missions/{shared}", json={"map": own}).json["map"] == own
+
+
+def test_deleted_for_good(client, library, mission, send, walk, add_photo, work):
     send([*walk(3), *walk(2, track="b")])
     add_photo()
     folder = library.folder / ".missions" / str(mission)
@@ -95,15 +113,53 @@ def test_deleted_for_good(client, library, mission, send, walk, add_photo):
     client.delete(address)
     assert client.delete(f"{address}?forever=true").status_code == 200
     assert client.get(address).status_code == 404
+    assert client.post(f"{address}/restore").status_code == 404
+    assert client.get("/api/v1/missions?bin=true").json["missions"] == []
+    work()
+    assert client.get(address).status_code == 404
     assert not folder.exists()
     with library.database.read() as session:
         assert session.query(Pose).count() == session.query(Mission).count() == 0
 
 
-def test_ids_are_never_used_again(client, new_mission):
+class Stopped(Progress):
+    """Is cancelled at one of its looks."""
+
+    def __init__(self, at):
+        self.looks, self.at = 0, at
+
+    def cancelled(self):
+        self.looks += 1
+        return self.looks == self.at
+
+
+def test_a_deletion_that_is_stopped_leaves_shorter_tracks(
+    client, library, mission, send, walk, state, monkeypatch
+):
+    monkeypatch.setattr(delete_mission, "_BLOCK", 40)
+    car = {"type": "object", "id": "a", "class": "car", "time": 1.0, "lat": 50, "lon": 14}
+    send([*walk(100), *[car] * 90])
+    client.delete(f"/api/v1/missions/{mission}")
+    write = library.database.write
+    with pytest.raises(Cancelled):
+        delete_mission.run(library, mission, write=write, progress=Stopped(2))
+    client.post(f"/api/v1/missions/{mission}/restore")
+    (track,) = state()["tracks"]
+    assert track["poses"] == 20
+    line = client.get(f"/api/v1/missions/{mission}/tracks/{track['id']}/line").json
+    assert [point[0] for point in line["points"]] == list(range(20))
+    client.delete(f"/api/v1/missions/{mission}")
+    for _ in range(2):  # once more where it was killed at its end
+        delete_mission.run(library, mission, write=write, progress=Progress())
+    with library.database.read() as session:
+        assert session.query(Mission).count() == session.query(ObjectSighting).count() == 0
+
+
+def test_ids_are_never_used_again(client, new_mission, work):
     first = new_mission()
     client.delete(f"/api/v1/missions/{first}")
     client.delete(f"/api/v1/missions/{first}?forever=true")
+    work()
     assert new_mission() > first
 
 
