@@ -120,7 +120,9 @@ def _still_there(known: StoredPairs | None, number: dict[str, int]) -> tuple[lis
     now: NDArray[np.int64] = np.array([number.get(c, -1) for c in known.contents], np.int64)
     first, second = now[known.pairs.first], now[known.pairs.second]
     which = np.flatnonzero((first >= 0) & (second >= 0))
-    return [known.pairs.taken(which, first[which], second[which])], set(known.contents[: known.done])
+    return [known.pairs.taken(which, first=first[which], second=second[which])], set(
+        known.contents[: known.done]
+    )
 
 
 def _store(path: Path, pairs: Pairs, *, contents: list[str], done: set[str], key: str) -> None:
@@ -129,6 +131,6 @@ def _store(path: Path, pairs: Pairs, *, contents: list[str], done: set[str], key
     place = {c: i for i, c in enumerate(ordered)}
     number = np.array([place.get(c, -1) for c in contents], np.int64)
     every = np.arange(len(pairs))
-    stored = pairs.taken(every, number[pairs.first], number[pairs.second])
+    stored = pairs.taken(every, first=number[pairs.first], second=number[pairs.second])
     count = sum(c in done for c in ordered)
     orientationfile.write_pairs(path, StoredPairs(stored, ordered, count, key))

@@ -74,7 +74,7 @@ def test_pairs_can_be_taken_out_and_renumbered():
     held = cameras(scene, 5)
     pairs = scene.pairs(held)
     which = np.array([2, 0])
-    some = pairs.taken(which, np.array([7, 8]), np.array([9, 10]))
+    some = pairs.taken(which, first=np.array([7, 8]), second=np.array([9, 10]))
     lengths = np.diff(pairs.start)
     assert np.diff(some.start).tolist() == lengths[which].tolist()
     np.testing.assert_array_equal(

@@ -127,8 +127,8 @@ class _Scene:
 def locate(
     views: Sequence[View],
     position: Array,
-    orientations: Orientations,
     *,
+    orientations: Orientations,
     place_radius_px: float,
 ) -> list[Pose]:
     """Find poses of the query.

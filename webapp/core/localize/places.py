@@ -149,7 +149,7 @@ def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place
     ]
     places = []
     for pose in locate(
-        views, indexed.position, indexed.orientations, place_radius_px=indexed.place_radius_px
+        views, indexed.position, orientations=indexed.orientations, place_radius_px=indexed.place_radius_px
     ):
         near = [(a, v) for a, v in zip(pose.agreement, usable, strict=True) if a >= _AGREES]
         photos = [v for _, v in sorted(near, key=lambda pair: -pair[0])]

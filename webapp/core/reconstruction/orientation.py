@@ -62,14 +62,14 @@ def orient(pairs: Pairs, position: NDArray[np.float64], *, place_radius_px: floa
     """
     apart = np.hypot(*(position[pairs.second] - position[pairs.first]).T) > 0.0
     which = np.flatnonzero(apart)
-    pairs = pairs.taken(which, pairs.first[which], pairs.second[which])
+    pairs = pairs.taken(which, first=pairs.first[which], second=pairs.second[which])
     if not len(pairs):
         count = len(position)
         return Orientations(so3.level(np.zeros(count)), np.zeros(count), np.zeros(count))
     views = _views(pairs, position)
     heading, known = _headings(views, len(position))
     rotation, trust = _average(pairs, views, start=so3.level(heading), known=known)
-    rotation, height = refine(pairs, position, rotation, scale_px=place_radius_px)
+    rotation, height = refine(pairs, position, rotation=rotation, scale_px=place_radius_px)
     return Orientations(rotation, height, trust)
 
 

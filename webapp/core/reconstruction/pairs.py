@@ -59,7 +59,9 @@ class Pairs:
         """Count the pairs."""
         return len(self.first)
 
-    def taken(self, which: NDArray[np.int64], first: NDArray[np.int64], second: NDArray[np.int64]) -> Pairs:
+    def taken(
+        self, which: NDArray[np.int64], *, first: NDArray[np.int64], second: NDArray[np.int64]
+    ) -> Pairs:
         """Take out some pairs, by their numbers, and give their photos other numbers."""
         lengths = np.diff(self.start)[which]
         inside = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)

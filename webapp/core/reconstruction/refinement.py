@@ -33,7 +33,7 @@ _TRUSTED_MATCHES = 5.0
 """A pair with this many matches counts as much as its trust says; others by the root of their number."""
 
 
-def refine(pairs: Pairs, position: Array, rotation: Array, *, scale_px: float) -> tuple[Array, Array]:
+def refine(pairs: Pairs, position: Array, *, rotation: Array, scale_px: float) -> tuple[Array, Array]:
     """Correct orientations by all matches.
 
     Parameters
