@@ -12,6 +12,7 @@ from webapp.store import mission_objects, missions
 from webapp.store.mission_objects import SORTS, Page
 from webapp.store.missions import MOST_SIGHTINGS
 from webapp.store.schema_missions import MissionObject, ObjectSighting
+from webapp.web import converters
 from webapp.web.context import library, open_mission
 
 blueprint = APIBlueprint(
@@ -20,6 +21,7 @@ blueprint = APIBlueprint(
     url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/objects",
     tag="Missions",
 )
+blueprint.record(converters.set_up)
 
 _MOST = 10_000
 
@@ -116,7 +118,7 @@ def listed(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-@blueprint.get("/<object_id>")
+@blueprint.get("/<text:object_id>", merge_slashes=False)
 @blueprint.output(ObjectHistory)
 def one(mission_id: int, object_id: str) -> dict[str, Any]:
     """Tell of an object, with its sightings."""

@@ -17,7 +17,7 @@ from webapp.store import mission_out, mission_shares, missions, tracks
 from webapp.store.schema import MapRecord
 from webapp.tasks import add_mission_photo, satellite_display
 from webapp.tasks.satellite_display import Shown
-from webapp.web import shared_mission
+from webapp.web import converters, shared_mission
 from webapp.web.access import public
 from webapp.web.api_mission_objects import ObjectHistory, ObjectOut
 from webapp.web.api_tracks import LineOut, LineQuery, ProfileOut, ProfileQuery, line_json, profile_json
@@ -28,6 +28,7 @@ from webapp.web.openapi import file_answer
 blueprint = APIBlueprint(
     "api_shared_missions", __name__, url_prefix="/api/v1/shared-missions/<token>", tag="Shared"
 )
+blueprint.record(converters.set_up)
 
 _TRACK = "<int(max=2147483647):track_id>"
 _SHA = "<string(length=64):sha256>"
@@ -125,7 +126,7 @@ def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
         return {"objects": [shared_mission.object_of(opened, row) for row in rows]}
 
 
-@blueprint.get("/objects/<object_id>")
+@blueprint.get("/objects/<text:object_id>", merge_slashes=False)
 @public
 @blueprint.output(ObjectHistory)
 def one_object(token: str, object_id: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from urllib.parse import quote
 
 import pytest
 
@@ -248,3 +249,10 @@ def test_of_very_many_sightings_the_last_are_told(send, client, mission, monkeyp
     found = client.get(f"/api/v1/missions/{mission}/objects/car-1").json
     assert found["count"] == 12
     assert [seen["time_s"] for seen in found["sightings"]] == [7, 8, 9, 10, 11]
+
+
+@pytest.mark.parametrize("id", ["/camera/detections 3", "a//b", "50 %", "?x#y", "auto č. 1"])
+def test_objects_have_any_ids(send, client, mission, id):
+    send([CAR | {"id": id}])
+    answer = client.get(f"/api/v1/missions/{mission}/objects/{quote(id, safe='')}")
+    assert (answer.status_code, answer.json["id"]) == (200, id)
