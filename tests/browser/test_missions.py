@@ -238,6 +238,31 @@ def test_a_track_from_a_file(page, tmp_path):
     expect(by_id(page, "mission").filter(has_text="morning walk")).to_contain_text("90 poses")
 
 
+def test_a_track_without_times_shows_no_speed(page, tmp_path):
+    points = "".join(
+        f'<trkpt lat="{pose(n)["lat"]}" lon="{pose(n)["lon"]}"><ele>{200 + n}</ele></trkpt>'
+        for n in range(0, 180, 2)
+    )
+    head = '<gpx version="1.1" creator="test" xmlns="http://www.topografix.com/GPX/1/1">'
+    track = tmp_path / "drawn route.gpx"
+    track.write_text(f"{head}<trk><trkseg>{points}</trkseg></trk></gpx>", encoding="utf-8")
+    page.goto("/missions")
+    by_id(page, "import-track").click()
+    by_id(page, "track-file").set_input_files(track)
+    by_id(page, "import-start").click()
+    page.wait_for_url(re.compile(r"/missions/\d+$"), timeout=120_000)
+    expect(by_id(page, "track")).to_contain_text("none known")
+    wait_for_pixels(page, lambda count: count >= 300)
+    facts = page.locator("#profile-facts")
+    expect(facts).to_contain_text("Climb")
+    assert not re.search("km/h|m/s|Duration", facts.inner_text() + by_id(page, "track").inner_text())
+    expect(page.locator("[data-quantity=speed]")).to_be_disabled()
+    colours = by_id(page, "colour-by")
+    for mode in ("time", "speed"):
+        colours.select_option(mode)
+        wait_for_pixels(page, lambda count: count >= 300)
+
+
 def test_a_file_that_is_no_track_is_told(page, context, tmp_path):
     context.watch.expect(422)
     track = tmp_path / "walk.gpx"
@@ -282,6 +307,9 @@ def test_new_mission_renamed_and_into_the_bin(page):
     page.wait_for_url("**/missions")
     page.goto("/missions/bin")
     expect(by_id(page, "mission").filter(has_text="Second try")).to_be_visible()
+    page.get_by_role("button", name="Delete Second try for good").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete for good").click()
+    expect(by_id(page, "mission").filter(has_text="Second try")).to_have_count(0)
 
 
 @pytest.mark.parametrize("look", [{}, PHONE], ids=["wide-light", "phone-dark"])
