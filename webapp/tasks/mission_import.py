@@ -251,8 +251,7 @@ def _tracks(
         return {(source, track): id for source, track, id in known["tracks"]}
     made = {}
     for (source, track), timed in found.items():
-        title = f"{PurePath(name).stem} {track}".strip()[:_MAX_NAME]
-        free = _free(session, mission, source, title=title)
+        free = _free(session, mission, source, title=read_track.title(name, track))
         row = tracks.get_or_create(session, mission.id, source=source, name=free)
         row.timed, made[(source, track)] = timed, row.id
     told = [[source, track, id] for (source, track), id in made.items()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 
@@ -39,6 +39,7 @@ _SUFFIX: dict[Kind, str] = {"ros1": ".bag", "ros2-sqlite": ".db3", "ros2-mcap": 
 _MOST_S = 1e11
 """In the year 5138: larger numbers are no seconds since 1970."""
 _MAX_NAME = 100
+_MAX_TITLE = 200
 BAD_TIME = "poses or objects at times that are none"
 NO_START = "poses in the robot's own frame: the mission needs a start position and heading for them"
 
@@ -198,6 +199,19 @@ def topics(path: Path) -> list[Topic]:
         return rosbagtrack.topics(path, suffix=_SUFFIX[kind])
 
 
+def title(file: str, track: str) -> str:
+    """Name a track in a mission after the file that it came from, and what it is called there.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file, with its ending.
+    track : str
+        May be empty.
+    """
+    return _one_line(f"{PurePath(file).stem} {track}", most=_MAX_TITLE)
+
+
 def stream(
     path: Path, *, wishes: Wishes, findings: Findings, progress: Progress | None = None
 ) -> Iterator[TrackPart | tuple[Sighting, ...]]:
@@ -330,10 +344,10 @@ def _tidy(seen: Sighting) -> Sighting:
     )
 
 
-def _one_line(text: str) -> str:
+def _one_line(text: str, *, most: int = _MAX_NAME) -> str:
     """Give a name without what cannot be shown; `?` for one that has nothing else."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
-    return " ".join(printable.split())[:_MAX_NAME].strip() or "?"
+    return " ".join(printable.split())[:most].strip() or "?"
 
 
 def _pieces(path: Path, kind: Kind, wishes: Wishes, *, findings: Findings) -> Iterator[Piece]:

@@ -88,15 +88,15 @@ def run(
     wishes = Wishes(start=start, min_move=MinMove(0.0), topics=topics)
     found = read_track.run(path, wishes=wishes, progress=progress)
     kept = {id(track): Thinner(min_move).keep(track.poses.latlon) for track in found.tracks}
-    parts = [_poses(track, kept[id(track)]) for track in found.tracks]
+    parts = [_poses(track, kept[id(track)], file=path.name) for track in found.tracks]
     events = list(heapq.merge(*parts, _objects(found.sightings), key=lambda event: event.time_s))
     skipped = sum(int(np.count_nonzero(~mask)) for mask in kept.values())
-    return Replay(events, found.skipped, skipped, [*_rests(found.tracks, kept)])
+    return Replay(events, found.skipped, skipped, [*_rests(found.tracks, kept, file=path.name)])
 
 
-def _poses(track: ReadTrack, kept: np.ndarray) -> Iterator[Event]:
+def _poses(track: ReadTrack, kept: np.ndarray, *, file: str) -> Iterator[Event]:
     """Make a record of each pose that is kept (n,) bool, with the number of those left out before it."""
-    usual = {"type": "pose", "source": track.source} | ({"track": track.name} if track.name else {})
+    usual = {"type": "pose", "source": track.source, "track": read_track.title(file, track.name)}
     poses, before = track.poses, -1
     for place in np.flatnonzero(kept).tolist():
         lat, lon = poses.latlon[place].tolist()
@@ -115,11 +115,13 @@ def _poses(track: ReadTrack, kept: np.ndarray) -> Iterator[Event]:
         yield Event(time_s, record)
 
 
-def _rests(found: Sequence[ReadTrack], kept: Mapping[int, np.ndarray]) -> Iterator[dict[str, Any]]:
+def _rests(
+    found: Sequence[ReadTrack], kept: Mapping[int, np.ndarray], *, file: str
+) -> Iterator[dict[str, Any]]:
     for track in found:
         skipped = len(track.poses) - 1 - int(np.flatnonzero(kept[id(track)])[-1])
         if skipped:
-            told = {"source": track.source, "track": track.name}
+            told = {"source": track.source, "track": read_track.title(file, track.name)}
             yield {**told, "skipped": skipped, "travelled_m": track.distance_m}
 
 
