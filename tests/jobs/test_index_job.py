@@ -32,7 +32,7 @@ def test_index(library, quick, queue, seen, row):
     job = seen(id)
     assert (job["state"], job["error"]) == ("done", None)
     assert (job["result"]["photos"], job["result"]["computed"], job["result"]["failed"]) == (4, 4, [])
-    assert job["done"] == job["total"] == 8
+    assert job["done"] == job["total"] == 12  # described, compared with the others, tried
     assert list(library.map_folder("row").glob("derived/**/manifest.json"))
     again = queue("index", map_id=row)
     Worker(library, quick).run(once=True)

@@ -23,7 +23,7 @@ def run(context: Context) -> dict[str, Any]:
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
     limit: int | None = context.arguments.get("limit")
-    context.progress.plan(min(placed, MOST_PHOTOS), 2 * min(placed, limit or placed))
+    context.progress.plan(0, min(placed, MOST_PHOTOS), 2 * min(placed, limit or placed))
     context.progress.note("preparing the map")
     localizer = prepare.run(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
     done = evaluate.run_self(

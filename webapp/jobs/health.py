@@ -17,6 +17,6 @@ def run(context: Context) -> dict[str, Any]:
     library_export.run(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
-    context.progress.plan(min(placed, MOST_PHOTOS), 2 * min(placed, map_health.LIMIT))
+    context.progress.plan(0, min(placed, MOST_PHOTOS), 2 * min(placed, map_health.LIMIT))
     found = map_health.run(library.cfg(record.slug), settings=context.settings, progress=context.progress)
     return dict(Counter(photo["state"] for photo in found["photos"]))

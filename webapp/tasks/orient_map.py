@@ -47,7 +47,9 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
     """
     key = f"{opened.map_hash} {map_fov_deg}"
     stored = newest(opened)
-    if stored is None or stored.key != key:
+    if stored is not None and stored.key == key:
+        progress.size(0)
+    else:
         pairs = _pairs(opened, map_fov_deg=map_fov_deg, progress=progress)
         progress.note("working out how the photos were held")
         indexed = opened.indexed

@@ -16,6 +16,7 @@ from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.multiview import Pose, View, locate
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
 from webapp.core.localize.shortlist import Shortlisted
+from webapp.core.reconstruction.types import USABLE_TRUST
 
 _PLACES = 6
 
@@ -126,7 +127,8 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
         The best first, any two at least twice the place radius apart; at most six.
     """
     places: list[Place] = []
-    for place in (*_by_orientations(indexed, checked), *_by_bearings(indexed, checked)):
+    others = [v for v in checked if not _oriented(indexed, v)]
+    for place in (*_by_orientations(indexed, checked), *_by_bearings(indexed, checked, others=others)):
         if not _taken(places, place.position, indexed):
             places.append(place)
     where = indexed.position[[v.matched.photo for v in checked]]
@@ -171,9 +173,14 @@ def _spread(pose: Pose, radius: float) -> float:
     return math.hypot(by_matches, by_score, _SPREAD_LEFT * radius)
 
 
-def _by_bearings(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
-    """Places from the bearings alone, where orientations are not known; the best score first."""
-    usable = sorted((v for v in checked if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
+def _oriented(indexed: IndexedMap, verified: Verified) -> bool:
+    known = indexed.orientations
+    return known is not None and bool(known.trust[verified.matched.photo] >= USABLE_TRUST)
+
+
+def _by_bearings(indexed: IndexedMap, checked: list[Verified], *, others: list[Verified]) -> list[Place]:
+    """Places from the bearings of `others` alone, whose orientations are not known; the best score first."""
+    usable = sorted((v for v in others if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
     places = []
     for fix in resect(
         _bearings(indexed, usable),
