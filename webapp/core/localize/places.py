@@ -36,7 +36,7 @@ _SPREAD, _SPREAD_AT = 0.5, 0.3
 _MATCHES_ERR_TOGETHER = 6.0
 """Factor on the uncertainty that the matches state, because they do not err independently."""
 
-_SPREAD_LEFT = 0.15
+_SPREAD_LEFT = 0.2
 """Uncertainty of the best position, in place radii: the map's own positions are not better."""
 
 MIN_ORIENTED = 2
