@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.drawn import DRAWN
 
 PHONE = {
     "viewport": {"width": 390, "height": 844},
@@ -28,22 +29,6 @@ SECOND = {
     "lat": PLACE[0] + 2e-4,
     "confidence": 0.4,
 }
-DRAWN = """
-() => {
-  const canvas = document.querySelector("#map-canvas canvas");
-  if (!canvas?.width) return 0;
-  const { width, height } = canvas;
-  const copy = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
-  copy.drawImage(canvas, 0, 0);
-  const { data } = copy.getImageData(0, 0, width, height);
-  let count = 0;
-  for (let n = 0; n < data.length; n += 4) {
-    if (data[n] < 60 && data[n + 1] > 90 && data[n + 2] > 150 && data[n + 3] > 200) count += 1;
-  }
-  return count;
-}
-"""
-"""How many pixels have the full colour of GPS tracks: what is later than the moment is faint."""
 
 
 def pose(n, **more):
