@@ -1,0 +1,42 @@
+"""A compass heading weighs hypotheses by their own headings."""
+
+import pytest
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.compass import with_heading
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
+
+COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
+
+
+def place(rank, probability, heading):
+    kind = "photo" if heading is None else "position"
+    return Hypothesis(rank, kind, MapPixel(100.0 * rank, 0.0), probability, 5.0, heading, (rank,), 30, 40)
+
+
+def answer(*places):
+    return Answer(tuple(places), 1.0 - sum(p.probability for p in places), 0.0, None, COUNTS)
+
+
+def test_the_one_that_looks_that_way_comes_first():
+    weighed = with_heading(answer(place(1, 0.5, 180.0), place(2, 0.4, 355.0)), 5.0)
+    assert [h.experiences for h in weighed.hypotheses] == [(2,), (1,)]
+    assert [h.rank for h in weighed.hypotheses] == [1, 2]
+    assert weighed.hypotheses[0].probability > 0.9
+    total = sum(h.probability for h in weighed.hypotheses) + weighed.off_map_probability
+    assert total == pytest.approx(1.0)
+
+
+def test_disagreement_makes_off_the_map_more_probable():
+    alone = answer(place(1, 0.8, 180.0))
+    assert with_heading(alone, 0.0).off_map_probability > 2 * alone.off_map_probability
+    assert with_heading(alone, 180.0).off_map_probability < alone.off_map_probability
+
+
+def test_a_compass_can_be_wrong():
+    assert with_heading(answer(place(1, 0.99, 180.0)), 0.0).hypotheses[0].probability > 0.85
+
+
+def test_no_heading_no_opinion():
+    alone = answer(place(1, 0.6, None))
+    assert with_heading(alone, 77.0).hypotheses[0].probability == pytest.approx(0.6)

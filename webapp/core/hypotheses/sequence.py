@@ -1,0 +1,281 @@
+"""One belief from the frames of a sequence, each frame's answer after that of the frame before.
+
+A Gaussian-sum filter (Alspach and Sorenson, "Nonlinear Bayesian estimation using Gaussian sum
+approximations", 1972) over places. The camera is on one of several tracks, each a Gaussian over position and
+velocity with a weight, or it is lost: off the map, or at a place that no frame has named. A frame's answer is
+read as a likelihood: its hypotheses as Gaussians of their radius, and its "not on this map" as the chance
+that none of them is right, which spares tracks that the frame does not see. From being lost new tracks are
+born, so that a robot that was carried elsewhere is found again after some frames, and one odd frame is not
+believed. The filter is causal: it never looks at later frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.hypotheses.tracks import Track, alike, born, corrected, merge, moved
+
+Array = NDArray[np.float64]
+
+SPEED = 1.0
+"""Usual way from a frame to the next at most, place radii: else frames have little in common."""
+
+_KIDNAPPED = 0.01
+"""Chance, each frame, that the camera is elsewhere than motion can explain: carried, cut, or walked off."""
+
+_TEMPER = 0.5
+"""Power of a frame's likelihood after the first frame: neighbouring frames see the same and err together."""
+
+_LEAST_MISS = 0.02
+"""No frame is so sure of its hypotheses that none could be right."""
+
+_NEXT_DOOR, _DOOR = 0.5, 2.0
+"""Of wrong answers on the map so many name a place near the right one; spread of that, place radii."""
+
+_UNKNOWN_MISS = 0.5
+"""The same of methods that do not tell it."""
+
+_INSIDE_68 = math.sqrt(-2.0 * math.log(1.0 - 0.68))
+"""Radius that holds 68 % of a round Gaussian over its spread."""
+
+_ERR_TOGETHER = 0.5
+"""Least 68 % radius, place radii: so much neighbouring frames are off by together, which none can tell."""
+
+_BESIDE = 0.5
+"""Spread of queries about the photos of the map, place radii: one spacing of these."""
+
+_ANYWHERE = 0.02
+"""Share of queries that are not taken about photos of the map, but anywhere."""
+
+_TRACKS, _LEAST_WEIGHT = 40, 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What is known of map and camera.
+
+    Attributes
+    ----------
+    place_radius_px : float
+    photos : (n, 2) float64
+        Distinct positions of the map's photos.
+    area_px2 : float
+        Where the camera can be at all.
+    speed_px : float
+        About how far the camera comes from a frame to the next, map pixels.
+    """
+
+    place_radius_px: float
+    photos: Array
+    area_px2: float
+    speed_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """Where the camera is, after some frames.
+
+    Attributes
+    ----------
+    tracks : tuple of Track
+    lost : float
+        Probability that it is on none of them; with their weights it adds up to 1.
+    frames : int
+        How many it has seen.
+    """
+
+    tracks: tuple[Track, ...] = ()
+    lost: float = 1.0
+    frames: int = 0
+
+
+def motion_of(position: Array, *, place_radius_px: float, speed_px: float | None = None) -> Motion:
+    """Describe the motion over a map.
+
+    Parameters
+    ----------
+    position : (p, 2) float64
+        Of the map's photos, map pixels.
+    place_radius_px : float
+    speed_px : float, optional
+        Usual way from a frame to the next; without it, the place radius.
+    """
+    # Squares of a place radius that hold photos: a map is a path more often than it is a rectangle.
+    squares = np.unique(np.floor(position / place_radius_px), axis=0)
+    area = max(len(squares), 1) * place_radius_px**2
+    speed = SPEED * place_radius_px if speed_px is None else speed_px
+    return Motion(place_radius_px, np.unique(position, axis=0), area, speed)
+
+
+def follow(
+    belief: Belief, answer: Answer, *, motion: Motion, top: int, steps: float = 1.0
+) -> tuple[Belief, Answer]:
+    """Take in the answer about the next frame.
+
+    Parameters
+    ----------
+    belief : Belief
+        `Belief()` before the first frame.
+    answer : Answer
+        About this frame alone.
+    motion : Motion
+    top : int
+        At most so many hypotheses.
+    steps : float
+        Time since the frame before, in usual frame intervals.
+
+    Returns
+    -------
+    belief : Belief
+    answer : Answer
+        About this frame, by it and all before. Statistics and seconds are the frame's own.
+    """
+    predicted = _predict(belief, motion, steps)
+    temper = 1.0 if belief.frames == 0 else _TEMPER
+    updated = _tidy(_update(predicted, answer, motion=motion, temper=temper))
+    return updated, _answer(updated, answer, motion=motion, top=top)
+
+
+def _predict(belief: Belief, motion: Motion, steps: float) -> Belief:
+    stay = (1.0 - _KIDNAPPED) ** steps
+    tracks = [
+        replace(moved(t, speed_px=motion.speed_px, steps=steps), weight=stay * t.weight)
+        for t in belief.tracks
+    ]
+    return Belief(tuple(tracks), 1.0 - stay * (1.0 - belief.lost), belief.frames)
+
+
+def _update(belief: Belief, answer: Answer, *, motion: Motion, temper: float) -> Belief:
+    """Weigh each course with each hypothesis, and with none of them.
+
+    The likelihood of a position is, over that of knowing nothing, the sum of the hypotheses' Gaussians over
+    the density of positions, and the chance that none is right; to the power `temper`, term by term.
+    """
+    hypotheses, miss = _read(answer)
+    if not hypotheses:  # a dark or blurred frame says nothing
+        return replace(belief, frames=belief.frames + 1)
+    # Half of what may be is on the map, as for the photos that the probabilities were calibrated on.
+    density = 0.5 / motion.area_px2
+    missed = miss**temper
+    wide = (_DOOR * motion.place_radius_px) ** 2
+    astray = (miss * (1.0 - _NEXT_DOOR)) ** temper
+    tracks = [replace(track, weight=track.weight * astray) for track in belief.tracks]
+    for hypothesis in hypotheses:
+        variance = _variance(hypothesis, motion)
+        mass = _mass(hypothesis.probability, variance, density=density, temper=temper)
+        fresh = belief.lost * mass * density
+        tracks.append(born(hypothesis, weight=fresh, variance=variance, speed_px=motion.speed_px))
+        near = _NEXT_DOOR * miss * hypothesis.probability / sum(h.probability for h in hypotheses)
+        loose = _mass(near, wide, density=density, temper=temper)
+        for track in belief.tracks:
+            tracks.append(corrected(track, hypothesis, mass=mass, variance=variance / temper))
+            tracks.append(corrected(track, hypothesis, mass=loose, variance=wide / temper))
+    total = belief.lost * missed + sum(track.weight for track in tracks)
+    return Belief(
+        tuple(replace(track, weight=track.weight / total) for track in tracks),
+        belief.lost * missed / total,
+        belief.frames + 1,
+    )
+
+
+def _mass(probability: float, variance: float, *, density: float, temper: float) -> float:
+    """Integrate a Gaussian likelihood, relative to `density`, to the power `temper`; map pixels squared."""
+    peak = probability / (2.0 * math.pi * variance * density)
+    return float(peak**temper * 2.0 * math.pi * variance / temper)
+
+
+def _read(answer: Answer) -> tuple[list[Hypothesis], float]:
+    """Tell hypotheses and the probability that none is right, which add up to 1."""
+    given = [h for h in answer.hypotheses if h.probability > 0.0]
+    told, off = sum(h.probability for h in given), answer.off_map_probability
+    if not told:
+        return [], 1.0
+    right = told * (1.0 - _UNKNOWN_MISS) / (told + answer.other_probability) if off is None else told
+    right = min(right, 1.0 - _LEAST_MISS)
+    return [replace(h, probability=h.probability * right / told) for h in given], 1.0 - right
+
+
+def _variance(hypothesis: Hypothesis, motion: Motion) -> float:
+    radius = motion.place_radius_px if hypothesis.radius_px is None else hypothesis.radius_px
+    return (max(radius, _ERR_TOGETHER * motion.place_radius_px) / _INSIDE_68) ** 2
+
+
+def _tidy(belief: Belief) -> Belief:
+    """Merge tracks that are alike, the heaviest first, and drop those that hardly weigh."""
+    left = sorted((t for t in belief.tracks if t.weight >= _LEAST_WEIGHT), key=lambda t: -t.weight)
+    merged = []
+    while left:
+        lead = left[0]
+        merged.append(merge([t for t in left if alike(lead, t)]))
+        left = [t for t in left if not alike(lead, t)]
+    kept = sorted(merged, key=lambda t: -t.weight)[:_TRACKS]
+    return replace(belief, tracks=tuple(kept), lost=max(0.0, 1.0 - sum(t.weight for t in kept)))
+
+
+def _answer(belief: Belief, frame: Answer, *, motion: Motion, top: int) -> Answer:
+    """Tell the belief as an answer about the frame."""
+    radius = motion.place_radius_px
+    left, places = list(belief.tracks), []
+    while left:
+        lead = left[0].position
+        near = [t for t in left if math.dist(t.position, lead) <= radius]
+        left = [t for t in left if math.dist(t.position, lead) > radius]
+        places.append(_place(near, motion))
+    ranked = sorted(places, key=lambda h: -h.probability)[:top]
+    listed = sum(h.probability for h in ranked)
+    known = frame.off_map_probability is not None
+    lost = min(belief.lost, 1.0 - listed)
+    first = set(ranked[0].experiences) if ranked else set()
+    return replace(
+        frame,
+        hypotheses=tuple(replace(h, rank=rank) for rank, h in enumerate(ranked, 1)),
+        off_map_probability=lost if known else None,
+        other_probability=max(0.0, 1.0 - listed - (lost if known else 0.0)),
+        no_pose=None if ranked else frame.no_pose,
+        evidence=tuple(sorted(frame.evidence, key=lambda e: e.experience not in first)),
+    )
+
+
+def _place(near: Sequence[Track], motion: Motion) -> Hypothesis:
+    """Make one hypothesis of tracks within one place, the heaviest first."""
+    whole = merge(near)
+    spread = (_ERR_TOGETHER * motion.place_radius_px / _INSIDE_68) ** 2
+    position, variance = _beside(whole.position, whole.covariance[0] + spread, motion)
+    inside = 1.0 - math.exp(-0.5 * motion.place_radius_px**2 / variance)
+    of_frame = whole.hypothesis
+    return replace(
+        of_frame,
+        kind="position",
+        position=position,
+        probability=whole.weight * inside,
+        # Of what lies inside, as ever: given that the place is right.
+        radius_px=math.sqrt(-2.0 * variance * math.log(1.0 - 0.68 * inside)),
+        heading_deg=of_frame.heading_deg if whole.seen else None,
+        inliers=of_frame.inliers if whole.seen else None,
+        matches=of_frame.matches if whole.seen else 0,
+    )
+
+
+def _beside(position: MapPixel, variance: float, motion: Motion) -> tuple[MapPixel, float]:
+    """Weigh a position with where cameras have been, by Bayes' rule; returns the mean and the variance.
+
+    The prior is a Gaussian about each photo of the map, and a little of everywhere. Along a row of photos
+    these cancel out; from beside it the position is drawn towards it, from far off it is not.
+    """
+    at, prior = np.array(position), (_BESIDE * motion.place_radius_px) ** 2
+    off, wide = motion.photos - at, variance + prior
+    near = np.exp(-0.5 * (off**2).sum(1) / wide) / (2.0 * math.pi * wide)
+    near *= (1.0 - _ANYWHERE) / len(off)
+    share = near / (near.sum() + _ANYWHERE / motion.area_px2)
+    drawn = variance / wide * off
+    step = share @ drawn
+    among = (share @ (drawn**2).sum(1) - (step**2).sum()) / 2.0
+    left = variance * (1.0 - share.sum() * variance / wide)
+    return MapPixel(*map(float, at + step)), float(left + among)

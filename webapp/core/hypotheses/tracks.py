@@ -1,0 +1,157 @@
+"""Courses that a camera may be on: Gaussians over position and velocity, with weights.
+
+Both axes have the same covariance and are independent, so that a track has three numbers of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.model import Hypothesis
+
+_MEMORY = 100.0
+"""Frames after which a velocity is forgotten; in each it changes by about a seventh of the usual speed."""
+
+_ALIKE = 1.0
+"""Tracks nearer to each other than this, in spreads, are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One course that the camera may be on.
+
+    Attributes
+    ----------
+    weight : float
+        Probability.
+    x, y : (float, float)
+        Position and velocity, map pixels and map pixels a frame.
+    covariance : (3,) float
+        Of position, of position with velocity, of velocity: the same along both axes.
+    hypothesis : Hypothesis
+        The last one of a frame that spoke for it.
+    seen : bool
+        Whether that was in the last frame.
+    """
+
+    weight: float
+    x: tuple[float, float]
+    y: tuple[float, float]
+    covariance: tuple[float, float, float]
+    hypothesis: Hypothesis
+    seen: bool
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the position along an axis, map pixels."""
+        return math.sqrt(self.covariance[0])
+
+    @property
+    def position(self) -> MapPixel:
+        """Where it is."""
+        return MapPixel(self.x[0], self.y[0])
+
+
+def born(hypothesis: Hypothesis, *, weight: float, variance: float, speed_px: float) -> Track:
+    """Begin a track at a hypothesis; its velocity is not known."""
+    x, y = hypothesis.position
+    covariance = (variance, 0.0, speed_px**2 / 2.0)
+    return Track(weight, (float(x), 0.0), (float(y), 0.0), covariance, hypothesis, seen=True)
+
+
+def moved(track: Track, *, speed_px: float, steps: float) -> Track:
+    """Move on by some frames.
+
+    The velocity is an Ornstein-Uhlenbeck process: near-constant, and bounded however long the gap.
+
+    Parameters
+    ----------
+    track : Track
+    speed_px : float
+        Root mean square of the speed, map pixels a frame.
+    steps : float
+    """
+    rate = 1.0 / _MEMORY
+    fade = math.exp(-rate * steps)
+    reach = (1.0 - fade) / rate
+    variance = speed_px**2 / 2.0
+    wander = variance / rate**2 * (2.0 * rate * steps - 3.0 + 4.0 * fade - fade**2)
+    pp, pv, vv = track.covariance
+    covariance = (
+        pp + 2.0 * reach * pv + reach**2 * vv + wander,
+        fade * (pv + reach * vv) + variance / rate * (1.0 - fade) ** 2,
+        fade**2 * vv + variance * (1.0 - fade**2),
+    )
+    x, y = ((p + reach * v, fade * v) for p, v in (track.x, track.y))
+    return replace(track, x=x, y=y, covariance=covariance, seen=False)
+
+
+def corrected(track: Track, hypothesis: Hypothesis, *, mass: float, variance: float) -> Track:
+    """Take in a hypothesis by Kalman's update.
+
+    Parameters
+    ----------
+    track : Track
+    hypothesis : Hypothesis
+    mass : float
+        Integral of its likelihood, map pixels squared; the weight is multiplied by how far it was foreseen.
+    variance : float
+        Of its position along an axis, map pixels squared.
+    """
+    pp, pv, vv = track.covariance
+    total = pp + variance
+    off = [at - state[0] for at, state in zip(hypothesis.position, (track.x, track.y), strict=True)]
+    foreseen = math.exp(-0.5 * (off[0] ** 2 + off[1] ** 2) / total) / (2.0 * math.pi * total)
+    gain, turn = pp / total, pv / total
+    x, y = ((s[0] + gain * o, s[1] + turn * o) for s, o in zip((track.x, track.y), off, strict=True))
+    covariance = (pp * (1.0 - gain), pv * (1.0 - gain), vv - turn * pv)
+    return Track(track.weight * mass * foreseen, x, y, covariance, hypothesis, seen=True)
+
+
+def alike(a: Track, b: Track) -> bool:
+    """Tell whether two tracks are one; the first is the heavier one."""
+    return _distance(a, b) <= _ALIKE
+
+
+def merge(tracks: Sequence[Track]) -> Track:
+    """Make one of several, the heaviest first.
+
+    Mean and covariance are those of the sum; what speaks for the heaviest that was seen speaks for all.
+    """
+    if len(tracks) == 1:
+        return tracks[0]
+    weight = sum(t.weight for t in tracks)
+    share = np.array([t.weight / weight for t in tracks])
+    state = np.array([(t.x, t.y) for t in tracks])  # (n, axis, position or velocity)
+    mean = np.einsum("n,nas->as", share, state)
+    off = state - mean
+    spread = np.einsum("n,nas,nau->su", share, off, off) / 2.0
+    covariance = share @ np.array([t.covariance for t in tracks])
+    lead = next((t for t in tracks if t.seen), tracks[0])
+    return Track(
+        weight,
+        (float(mean[0, 0]), float(mean[0, 1])),
+        (float(mean[1, 0]), float(mean[1, 1])),
+        (
+            float(covariance[0] + spread[0, 0]),
+            float(covariance[1] + spread[0, 1]),
+            float(covariance[2] + spread[1, 1]),
+        ),
+        lead.hypothesis,
+        lead.seen,
+    )
+
+
+def _distance(a: Track, b: Track) -> float:
+    """Tell how far apart two tracks are, in spreads of the first, the heavier one."""
+    pp, pv, vv = a.covariance
+    squared = 0.0
+    for p, q in ((a.x, b.x), (a.y, b.y)):
+        d, e = q[0] - p[0], q[1] - p[1]
+        squared += (vv * d * d - 2.0 * pv * d * e + pp * e * e) / (pp * vv - pv * pv)
+    return math.sqrt(max(squared, 0.0))
