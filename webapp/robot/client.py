@@ -6,13 +6,14 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
 
 from webapp.errors import ExpMapError
 from webapp.robot.backoff import Backoff
+from webapp.robot.fixes import Fix, FixFields, ask_where
 from webapp.robot.identity import Identity
 from webapp.robot.journal import as_text
 from webapp.robot.moves import Moves
@@ -26,39 +27,12 @@ from webapp.robot.records import (
     pose_record,
 )
 from webapp.robot.spool import Spool
+from webapp.robot.status import RobotStatus
 from webapp.robot.uplink import Uplink
 from webapp.robot.uploader import Step, Uploader
 
 _log = logging.getLogger(__name__)
 _PATIENCE_S = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class RobotStatus:
-    """How far a client is.
-
-    Attributes
-    ----------
-    written : int
-        Records since the spool was begun.
-    waiting : int
-        Of them, how many the server has not acknowledged.
-    photos : int
-        Photos that wait.
-    online : bool or None
-        Whether the last request was answered; None before the first one.
-    problem : str
-        Why the last upload did not go on; empty where it did.
-    refused : ExpMapError or None
-        What the server has against all of it: a token that it does not know, a mission that is gone.
-    """
-
-    written: int
-    waiting: int
-    photos: int
-    online: bool | None
-    problem: str
-    refused: ExpMapError | None
 
 
 class RobotClient:
@@ -103,6 +77,7 @@ class RobotClient:
         self._options = options or RobotOptions()
         self._moves: dict[tuple[str, str], Moves] = {}
         Moves(self._options.min_move)  # says at once if it is no distance
+        self._server = (url, token)
         uplink = Uplink(url, token, timeout_s=self._options.timeout_s)
         self._spool = Spool(Path(spool), identity=Identity("", mission, url, about), options=self._options)
         if self._spool.torn:
@@ -237,6 +212,31 @@ class RobotClient:
                     source, name=name or Path(file).name, time=when, object_id=object_id
                 ).sha256
         return self._spool.add_photo(file, name=name or "photo", time=when, object_id=object_id).sha256
+
+    def fix(
+        self, file: Path | str | BinaryIO, *, time_s: float | None = None, **more: Unpack[FixFields]
+    ) -> Fix:
+        """Ask where a photo was taken, and wait for the answer; the server keeps both with the mission.
+
+        Nothing of it goes through the spool: without a network there is no answer.
+
+        Parameters
+        ----------
+        file : Path, str or binary file
+        time_s : float, optional
+            When it was taken: seconds since 1970, UTC; now where it is not given.
+        **more : FixFields
+            `near`, `heading_deg`, `fov_deg`, `timeout_s`.
+
+        Raises
+        ------
+        NotReady
+            The server does not answer, or not now.
+        ExpMapError
+            What the server has against it: this is no photo, the mission is on no map.
+        """
+        when = time.time() if time_s is None else time_s
+        return ask_where(self._server, self._spool.identity.mission, file=file, time_s=when, **more)
 
     def send(self, record: dict[str, Any]) -> bool:
         """Take a record in the form in which it is sent: `{"type": "pose", "lat": 50.0755, "lon": 14.4378}`.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import email.utils
 import http.client
+import io
 import json
 import secrets
 import time
@@ -34,6 +35,8 @@ _ERRORS: dict[int, type[ExpMapError]] = {
     409: Conflict,
     410: NotFound,
     422: InputError,
+    429: NotReady,
+    503: NotReady,
 }
 
 
@@ -146,13 +149,15 @@ class Uplink:
         head = json.dumps({"sender": sender, "first": first})[:-1].encode("utf-8")
         return self._post_json(path, b'%s, "records": [%s]}' % (head, b",".join(texts)))
 
-    def post_file(self, path: str, file: Path, *, name: str, fields: dict[str, str]) -> Answer | NoAnswer:
+    def post_file(
+        self, path: str, file: Path | bytes, *, name: str, fields: dict[str, str]
+    ) -> Answer | NoAnswer:
         """Send a file as a form, block by block.
 
         Parameters
         ----------
         path : str
-        file : Path
+        file : Path or bytes
         name : str
             Of the file, for people.
         fields : dict of str to str
@@ -160,9 +165,10 @@ class Uplink:
         """
         boundary = secrets.token_hex(16)
         head, tail = _form(boundary, name, fields)
+        size = len(file) if isinstance(file, bytes) else file.stat().st_size
         headers = {
             "Content-Type": f"multipart/form-data; boundary={boundary}",
-            "Content-Length": str(len(head) + file.stat().st_size + len(tail)),
+            "Content-Length": str(len(head) + size + len(tail)),
         }
         return self._ask("POST", path, headers=headers, body=lambda: _blocks(file, head, tail=tail))
 
@@ -237,9 +243,9 @@ def _form(boundary: str, name: str, fields: dict[str, str]) -> tuple[bytes, byte
     return "".join(parts).encode("utf-8"), f"\r\n--{boundary}--\r\n".encode()
 
 
-def _blocks(file: Path, head: bytes, *, tail: bytes) -> Iterator[bytes]:
+def _blocks(file: Path | bytes, head: bytes, *, tail: bytes) -> Iterator[bytes]:
     yield head
-    with file.open("rb") as source:
+    with io.BytesIO(file) if isinstance(file, bytes) else file.open("rb") as source:
         while block := source.read(_BLOCK):
             yield block
     yield tail

@@ -150,7 +150,13 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
         near=near,
         heading_deg=given.get("heading_deg"),
     )
-    told = mission_fix.fix_json(ask(record, question), time_s=photo.time_s)
+    try:
+        asked = ask(record, question)
+    except UsageError as error:
+        if error.where == "hint_radius_px":
+            error.where = "hint_radius_m"  # as it is called here
+        raise
+    told = mission_fix.fix_json(asked, time_s=photo.time_s)
     with library().database.write() as session:
         mission_fix.keep(session, mission.id, sha256=photo.sha256, fix=told)
     return {"photo": photo.sha256, **told}
