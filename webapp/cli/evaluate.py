@@ -12,13 +12,20 @@ import click
 from webapp.cli import exitcodes
 from webapp.cli.build_text import tell_failed
 from webapp.cli.evaluation_text import summary_table
-from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
+from webapp.cli.options import (
+    MAP_FILE,
+    check_sequence,
+    fov_options,
+    index_options,
+    open_options,
+    sequence_options,
+)
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import UsageError
 from webapp.render import evaluation_folder
 from webapp.settings import from_environment
 from webapp.tasks import evaluate as task
-from webapp.tasks import prepare
+from webapp.tasks import localize_sequence, prepare
 from webapp.tasks.evaluation_types import EvaluateOptions, Evaluation
 
 _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -43,6 +50,7 @@ _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--seed", type=int, default=0, show_default=True, metavar="N", help="Of the bootstrap intervals."
 )
+@sequence_options
 @index_options
 @fov_options
 def evaluate(
@@ -54,6 +62,8 @@ def evaluate(
     output: Path | None,
     as_json: bool,
     seed: int,
+    sequence: bool,
+    speed: float | None,
     **chosen: Any,
 ) -> None:
     """Measure the answers on photos whose places are known.
@@ -65,14 +75,19 @@ def evaluate(
         raise UsageError("give either QUERIES.csv or --self", where="evaluate")
     if hide_within is not None and not of_itself:
         raise UsageError("goes with --self only", where="--hide-within")
+    if sequence and of_itself:
+        raise UsageError("goes with QUERIES.csv only", where="--sequence")
+    check_sequence(sequence, {"--speed": speed is not None})
     settings = from_environment()
-    options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within)
+    options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within, sequence=sequence)
     folder = map_file.parent
     with terminal_progress("queries") as progress:
         localizer = prepare.run(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
         tell_failed(localizer.opened.built)
+        if sequence:
+            localizer = localize_sequence.of(localizer, speed_px=speed)
         progress.note("queries")
         if queries is None:
             done = task.run_self(localizer, map_folder=folder, options=options, progress=progress)

@@ -14,15 +14,23 @@ from PIL import Image
 from webapp.cli import exitcodes
 from webapp.cli.answer_text import answer_text
 from webapp.cli.build_text import tell_failed
-from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
+from webapp.cli.options import (
+    MAP_FILE,
+    check_sequence,
+    fov_options,
+    index_options,
+    open_options,
+    sequence_options,
+)
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import Answer
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import from_environment
-from webapp.tasks import prepare
+from webapp.tasks import localize_sequence, prepare
 from webapp.tasks.localize_photo import PhotoLocalizer
+from webapp.tasks.localize_sequence import SequenceLocalizer
 
 _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
@@ -37,6 +45,8 @@ _PICTURE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array, an object a photo.")
 @click.option("--matches", type=_PICTURE, metavar="OUT.png", help="Draw the query beside the best photo.")
 @click.option("--picture", type=_PICTURE, metavar="OUT.png", help="Draw the hypotheses on the map.")
+@sequence_options
+@click.option("--by-time", is_flag=True, help="With --sequence: order the photos by their EXIF time.")
 @index_options
 @fov_options
 def localize(
@@ -46,6 +56,9 @@ def localize(
     as_json: bool,
     matches: Path | None,
     picture: Path | None,
+    sequence: bool,
+    speed: float | None,
+    by_time: bool,
     **chosen: Any,
 ) -> None:
     """Say where photos were taken: ranked places with probabilities, or "not on this map".
@@ -54,12 +67,18 @@ def localize(
     """
     for option, path in (("--matches", matches), ("--picture", picture)):
         _refuse_unwritable(path, option)
+    check_sequence(sequence, {"--speed": speed is not None, "--by-time": by_time})
     settings = from_environment()
+    steps: dict[Path, float] = {}
+    if by_time:
+        photos, steps = localize_sequence.by_time(photos, limits=settings.photo)
     with terminal_progress("photos") as progress:
         localizer = prepare.run(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
     tell_failed(localizer.opened.built)
+    if sequence:
+        localizer = localize_sequence.of(localizer, speed_px=speed, steps=steps)
     output = _Output(localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1)
     forms, failed = [], False
     for number, photo in enumerate(photos, 1):
@@ -106,7 +125,11 @@ class _Output:
     def form(self, photo: Path, answer: Answer) -> dict[str, Any]:
         the_map = self.localizer.map
         source = AnswerSource(
-            self.localizer.method, self.localizer.features, the_map.georeference, the_map.revision
+            self.localizer.method,
+            self.localizer.features,
+            the_map.georeference,
+            the_map.revision,
+            sequence=isinstance(self.localizer, SequenceLocalizer),
         )
         return answer_to_json(answer, query=str(photo), source=source)
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
+from webapp.errors import UsageError
 from webapp.tasks.open_map import OpenOptions
 
 Command = Callable[..., Any]
@@ -80,6 +81,38 @@ _FOV_OPTIONS = [
         type=click.FloatRange(0.0, min_open=True),
         metavar="PX",
         help="An answer so near is right.  [default: twice the spacing of the map's photos]",
+    ),
+]
+
+
+def sequence_options(command: Command) -> Command:
+    """Add what makes a sequence of photos."""
+    for option in reversed(_SEQUENCE_OPTIONS):
+        command = option(command)
+    return command
+
+
+def check_sequence(sequence: bool, needing: dict[str, bool]) -> None:
+    """Refuse options that were given and mean nothing without --sequence.
+
+    Raises
+    ------
+    UsageError
+    """
+    for option, given in needing.items():
+        if given and not sequence:
+            raise UsageError("goes with --sequence only", where=option)
+
+
+_SEQUENCE_OPTIONS = [
+    click.option(
+        "--sequence", is_flag=True, help="The photos are frames of one sequence: those before count, too."
+    ),
+    click.option(
+        "--speed",
+        type=click.FloatRange(0.0, min_open=True),
+        metavar="PX",
+        help="With --sequence: usual way from a frame to the next.  [default: what --right-within is]",
     ),
 ]
 

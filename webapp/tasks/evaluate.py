@@ -144,12 +144,19 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
         Plain values only; what is unknown is None.
     """
     subject, summary = evaluation.subject, evaluation.summary
-    source = AnswerSource(subject.method, subject.features, subject.map.georeference, subject.map.revision)
+    source = AnswerSource(
+        subject.method,
+        subject.features,
+        subject.map.georeference,
+        subject.map.revision,
+        sequence=subject.sequence,
+    )
     return {
         "method": subject.method,
         "features": subject.features,
         "scheme": evaluation.scheme,
         "hide_within_px": evaluation.hide_within_px,
+        "sequence": subject.sequence,
         "map_photos": len(subject.map.experiences),
         "map_revision": subject.map.revision,
         "queries": summary.queries,
@@ -234,6 +241,7 @@ def _evaluation(
         build_seconds=localizer.build_seconds,
         calibration_seconds=localizer.calibration_seconds,
         index_bytes=localizer.index_bytes,
+        sequence=options.sequence,
     )
     rng = np.random.default_rng(options.seed)
     return Evaluation(

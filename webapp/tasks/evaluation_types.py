@@ -75,6 +75,9 @@ class EvaluateOptions:
     hide_within_px: float | None = None
     """For queries from the map itself: photos so near are hidden too; 0 hides those at the same position."""
 
+    sequence: bool = False
+    """The queries are frames of a sequence: the localizer joins each with those before."""
+
 
 @dataclass(frozen=True, slots=True)
 class Subject:
@@ -86,6 +89,8 @@ class Subject:
         What the paths of the map's photos are relative to.
     method, features, map, map_hash, place_radius_px, build_seconds, calibration_seconds, index_bytes
         As `Localizer` has them.
+    sequence : bool
+        As `EvaluateOptions` has it.
     """
 
     map_folder: Path
@@ -97,6 +102,7 @@ class Subject:
     build_seconds: float | None
     calibration_seconds: float | None
     index_bytes: int
+    sequence: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,6 +63,7 @@ class Located(Schema):
     statistics = Nested(StatisticsOut)
     seconds = Nested(SecondsOut)
     map_revision = Integer()
+    sequence = Boolean(metadata={"description": "True, where the frames before this one count, too."})
 
 
 class AnswerOut(Located):

@@ -6,11 +6,12 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, File, Float, Integer, List, String
-from apiflask.validators import Length, OneOf, Range
+from apiflask.validators import Length, OneOf, Range, Regexp
 from flask import current_app, request
 from flask.blueprints import BlueprintSetupState
 from werkzeug.datastructures import FileStorage
@@ -22,7 +23,7 @@ from webapp.errors import IndexDamaged, NotReady, UsageError
 from webapp.files.partfile import check_space, discard, receive
 from webapp.store import jobs, maps, queries
 from webapp.store.schema import MapRecord
-from webapp.tasks import localize_upload, show_query
+from webapp.tasks import follow_sequence, localize_upload, show_query
 from webapp.tasks.add_photo import tidy_name
 from webapp.tasks.adopt_query import link_or_copy
 from webapp.tasks.library_export import INDEX_JOB
@@ -65,6 +66,13 @@ class QuestionIn(Schema):
     hint_radius_px = Float(validate=Range(0, min_inclusive=False))
     heading_deg = Float(
         metadata={"description": "About where the camera looked, clockwise from north, by a compass."}
+    )
+    sequence = String(
+        validate=Regexp(r"^[A-Za-z0-9_-]{1,64}$"),
+        metadata={
+            "description": "Chosen by you, the same one for all frames of a sequence, asked in their order: "
+            "the frames before count, too. Forgotten ten minutes after the last frame."
+        },
     )
     query = Integer(metadata={"description": "Ask again about the photo of this answer, instead of a file."})
     keep = Boolean(load_default=True, metadata={"description": "Remember photo and answer."})
@@ -127,7 +135,7 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
     way = Way(given["method"], given["features"])
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
     with received(record, files, again=given.get("query")) as photos:
-        question = replace(_question(photos, way, given), key=key)
+        question = replace(_question(photos, way, given), key=key, sequence=_sequence(record, given))
         asked = ask(record, question)
         id = None
         if given["keep"]:
@@ -224,6 +232,13 @@ def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Ques
         near=near,
         heading_deg=given.get("heading_deg"),
     )
+
+
+def _sequence(record: MapRecord, given: dict[str, Any]) -> Path | None:
+    id = given.get("sequence")
+    if id is None:
+        return None
+    return follow_sequence.file_of(library(), account_id=account().id, map_id=record.id, id=id)
 
 
 def ask(record: MapRecord, question: Question) -> Asked:

@@ -1,5 +1,6 @@
 /**
  * The live camera: frames are localized one after another, never more than one under way, and the marker follows.
+ * They are one sequence for the server: each counts for those after it.
  * Nothing of it is kept; the last picture can be.
  */
 
@@ -41,6 +42,7 @@ export class LiveCamera {
     this.session.setQuery(null);
     history.replaceState(null, "", location.pathname);
     this.last = null;
+    this.sequence = crypto.randomUUID();
     this.session.setLive(true);
     this._button();
     this.video.srcObject = this.stream;
@@ -70,7 +72,7 @@ export class LiveCamera {
       let pause = PAUSE_MS;
       try {
         const frame = document.hidden ? null : await this._frame();
-        const answer = frame && (await this.server.ask([frame], { ...this.options.values(), keep: false }));
+        const answer = frame && (await this.server.ask([frame], { ...this.options.values(), keep: false, sequence: this.sequence }));
         if (this.stream !== stream) return;
         if (answer) this._follow(answer, frame);
       } catch (error) {

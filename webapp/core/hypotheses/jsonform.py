@@ -24,12 +24,15 @@ class AnswerSource:
     georeference : Georeference or None
         Of the map.
     map_revision : int
+    sequence : bool
+        The photo was one of a sequence, and those before it count, too.
     """
 
     method: str
     features: str
     georeference: Georeference | None
     map_revision: int
+    sequence: bool = False
 
 
 def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[str, Any]:
@@ -59,6 +62,7 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "statistics": asdict(answer.statistics),
         "seconds": {stage: answer.seconds.get(stage) for stage in STAGES},
         "map_revision": source.map_revision,
+        **({"sequence": True} if source.sequence else {}),
     }
 
 

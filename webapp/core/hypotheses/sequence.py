@@ -56,6 +56,9 @@ _ANYWHERE = 0.02
 
 _TRACKS, _LEAST_WEIGHT = 40, 1e-4
 
+_NOTHING = 1e-12
+"""A hypothesis is less probable than this only in name."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
@@ -193,7 +196,7 @@ def _mass(probability: float, variance: float, *, density: float, temper: float)
 
 def _read(answer: Answer) -> tuple[list[Hypothesis], float]:
     """Tell hypotheses and the probability that none is right, which add up to 1."""
-    given = [h for h in answer.hypotheses if h.probability > 0.0]
+    given = [h for h in answer.hypotheses if h.probability > _NOTHING]
     told, off = sum(h.probability for h in given), answer.off_map_probability
     if not told:
         return [], 1.0
