@@ -11,9 +11,10 @@ from threading import BoundedSemaphore
 from typing import Any
 
 from webapp.core.hypotheses import joint
+from webapp.core.hypotheses.compass import with_heading
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
-from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.model import Experience
 from webapp.errors import NotFound, UsageError
 from webapp.files.partfile import move_in, told_as
 from webapp.files.photo import read_facts
@@ -21,9 +22,10 @@ from webapp.settings import Settings
 from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, QueryRecord
-from webapp.tasks import show_query
+from webapp.tasks import follow_sequence, show_query
 from webapp.tasks.add_photo import suffix_of, tidy_name
 from webapp.tasks.localize_photo import PhotoLocalizer
+from webapp.tasks.localize_sequence import FRAME_TOP
 from webapp.tasks.ready_maps import ReadyMap, ReadyMaps, Way
 
 MOST_PHOTOS = 8
@@ -69,7 +71,9 @@ class Question:
     near : Near or None
         Photos of the map outside this circle are left out.
     heading_deg : float or None
-        Photos of the map that look the other way are left out.
+        Photos of the map that look the other way are left out, and hypotheses weighed by it.
+    sequence : Path or None
+        What is known of the sequence that this is the next frame of; written anew.
     key : str or None
         By which who asks knows this question: its answer is kept once, however often it is sent.
     """
@@ -80,6 +84,7 @@ class Question:
     fov_deg: float | None = None
     near: Near | None = None
     heading_deg: float | None = None
+    sequence: Path | None = None
     key: str | None = None
 
 
@@ -123,15 +128,26 @@ def run(ready_maps: ReadyMaps, map_id: int, *, question: Question, settings: Set
             read_facts(photo.path, limits=settings.photo)
     ready = ready_maps.get(map_id, question.way)
     localizer = replace(ready.localizer, fov_deg=question.fov_deg)
-    hide = _hidden(localizer.map, question)
+    hide = hidden(localizer, question)
+    top = question.top if question.sequence is None else max(question.top, FRAME_TOP)
     with _AT_ONCE:
-        answers = [_localize(localizer, photo, top=question.top, hide=hide) for photo in question.photos]
-    answer = joint.join(answers, place_radius_px=localizer.place_radius_px, top=question.top)
-    the_map = localizer.map
-    source = AnswerSource(localizer.method, localizer.features, the_map.georeference, ready.revision)
+        answers = [_localize(localizer, photo, top=top, hide=hide) for photo in question.photos]
+    if question.heading_deg is not None:
+        answers = [with_heading(answer, question.heading_deg) for answer in answers]
+    answer = joint.join(answers, place_radius_px=localizer.place_radius_px, top=top)
+    best = joint.surest(answers, answer)
+    if question.sequence is not None:
+        answer = follow_sequence.run(question.sequence, answer, localizer=localizer, top=question.top)
+    source = AnswerSource(
+        localizer.method,
+        localizer.features,
+        localizer.map.georeference,
+        ready.revision,
+        sequence=question.sequence is not None,
+    )
     name = ", ".join(photo.name for photo in question.photos)
     form = answer_to_json(answer, query=name, source=source)
-    return Asked(form, answer.evidence, joint.surest(answers, answer), ready)
+    return Asked(form, answer.evidence, best, ready)
 
 
 def remember(
@@ -193,7 +209,7 @@ def _localize(localizer: PhotoLocalizer, photo: Sent, *, top: int, hide: frozens
         return localizer.localize(photo.path, top=top, hide=hide)
 
 
-def _hidden(the_map: Map, question: Question) -> frozenset[int]:
+def hidden(localizer: PhotoLocalizer, question: Question) -> frozenset[int]:
     """Tell which photos of the map the hints rule out.
 
     Raises
@@ -201,24 +217,34 @@ def _hidden(the_map: Map, question: Question) -> frozenset[int]:
     UsageError
         All of them.
     """
-    seen = [e for e in the_map.experiences if _is_near(e, question.near) and _looks(e, question.heading_deg)]
+    experiences, wanted = localizer.map.experiences, question.heading_deg
+    headings = {} if wanted is None else _headings(localizer)
+    seen = [e for e in experiences if _is_near(e, question.near) and _looks(headings.get(e.id), wanted)]
     if not seen:
         raise UsageError(
             "no photo of the map is where the hints say",
             where="hint_radius_px" if question.near else "heading_deg",
             hint="make the circle larger, or leave the hint out",
         )
-    return frozenset(e.id for e in the_map.experiences) - {e.id for e in seen}
+    return frozenset(e.id for e in experiences) - {e.id for e in seen}
+
+
+def _headings(localizer: PhotoLocalizer) -> dict[int, float]:
+    """Where photos of the map looked: as they say themselves, else as was worked out from what they see."""
+    indexed = localizer.opened.indexed
+    computed = zip(indexed.ids.tolist(), indexed.headings_deg().tolist(), strict=True)
+    own = {e.id: e.heading_deg for e in localizer.map.experiences if e.heading_deg is not None}
+    return {id: deg for id, deg in computed if not math.isnan(deg)} | own
 
 
 def _is_near(experience: Experience, near: Near | None) -> bool:
     return near is None or math.dist(experience.position, (near.x, near.y)) <= near.radius
 
 
-def _looks(experience: Experience, heading_deg: float | None) -> bool:
-    if heading_deg is None or experience.heading_deg is None:
+def _looks(looked_deg: float | None, heading_deg: float | None) -> bool:
+    if heading_deg is None or looked_deg is None:
         return True
-    return abs(math.remainder(experience.heading_deg - heading_deg, 360.0)) <= _OTHER_WAY_DEG
+    return abs(math.remainder(looked_deg - heading_deg, 360.0)) <= _OTHER_WAY_DEG
 
 
 def _options(question: Question) -> dict[str, Any]:
@@ -229,6 +255,7 @@ def _options(question: Question) -> dict[str, Any]:
         "fov": question.fov_deg,
         "hint": None if near is None else {"x_px": near.x, "y_px": near.y, "radius_px": near.radius},
         "heading_deg": question.heading_deg,
+        "sequence": question.sequence is not None,
     }
 
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Features
 from webapp.core.index.segment import Segment
 from webapp.core.index.types import DescriptorSearch
-from webapp.core.reconstruction.types import Orientations
+from webapp.core.reconstruction import so3
+from webapp.core.reconstruction.types import USABLE_TRUST, Orientations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +74,13 @@ class IndexedMap:
     def keypoint_xy(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
         """Look up where the keypoints of descriptor rows, any shape, are in their photos; (..., 2)."""
         return self._gather(row, [s.xy for s in self.segments])
+
+    def headings_deg(self) -> NDArray[np.float64]:
+        """Tell where the photos looked, as far as they were oriented: (p,), NaN where not known."""
+        if self.orientations is None:
+            return np.full(len(self.ids), np.nan)
+        known = self.orientations.trust >= USABLE_TRUST
+        return np.where(known, np.degrees(so3.heading(self.orientations.rotation)) % 360.0, np.nan)
 
     @staticmethod
     def _gather(row: NDArray[np.int64], arrays: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:

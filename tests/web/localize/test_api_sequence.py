@@ -1,0 +1,72 @@
+"""Frames that come one by one are one sequence, whoever answers; hints of compass headings."""
+
+import os
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from webapp.core.reconstruction import so3
+from webapp.core.reconstruction.types import Orientations
+from webapp.settings import Settings
+from webapp.store import members
+from webapp.tasks import follow_sequence, localize_upload
+from webapp.tasks.localize_upload import Question
+from webapp.tasks.ready_maps import ReadyMaps, Way
+
+
+def files(library):
+    return list((library.inner / "sequences").glob("*.json"))
+
+
+def first(answer):
+    return answer.get_json()["hypotheses"][0]
+
+
+def test_frames_before_count(client, sample, ask, queries, library):
+    options = {"sequence": "walk-1", "keep": "false"}
+    alone = ask(client, queries / "query_01.jpg", keep="false").get_json()
+    answers = [ask(client, queries / "query_01.jpg", **options) for _ in range(3)]
+    assert all(a.get_json()["sequence"] is True for a in answers)
+    assert "sequence" not in alone
+    assert len(files(library)) == 1
+    gone = ask(client, queries / "off_map.jpg", **options)
+    assert abs(first(gone)["x_px"] - first(answers[-1])["x_px"]) < 40
+    assert first(gone)["probability"] > 0.1
+
+
+def test_sequences_are_their_own(client, sample, ask, queries, library, sign_in, new_account, record):
+    ana = new_account("Ana")
+    with library.database.write() as session:
+        members.set_role(session, session.merge(record()), account=ana, role="viewer")
+    for browser, id in ((client, "a"), (client, "b"), (sign_in(ana), "a")):
+        assert ask(browser, queries / "query_01.jpg", sequence=id).status_code == 200
+    assert len(files(library)) == 3
+
+
+def test_old_ones_are_forgotten(client, sample, ask, queries, library):
+    ask(client, queries / "query_01.jpg", sequence="a")
+    (old,) = files(library)
+    past = time.time() - follow_sequence.KEPT_S - 1
+    os.utime(old, (past, past))
+    ask(client, queries / "query_01.jpg", sequence="b")
+    assert old not in files(library) and len(files(library)) == 1
+
+
+@pytest.mark.parametrize("id", ["", "../a", "x" * 65])
+def test_odd_names_are_refused(client, sample, ask, queries, library, id):
+    assert ask(client, queries / "query_01.jpg", sequence=id).status_code == 422
+    assert not (library.inner / "sequences").exists()
+
+
+def test_photos_that_tell_no_heading_have_the_one_that_was_worked_out(library, sample):
+    localizer = ReadyMaps(library, Settings()).get(sample, Way()).localizer
+    indexed, experiences = localizer.opened.indexed, localizer.map.experiences
+    turned = np.radians(np.where(np.arange(len(experiences)) % 2, 90.0, 270.0))
+    trust = np.where(np.arange(len(experiences)) < 4, 0.0, 9.0)
+    known = Orientations(so3.level(turned), np.zeros(len(turned)), trust)
+    object.__setattr__(indexed, "orientations", known)
+    object.__setattr__(localizer.map, "experiences", tuple(replace(e, heading_deg=None) for e in experiences))
+    hidden = localize_upload.hidden(localizer, Question((), heading_deg=90.0))
+    assert hidden == {int(id) for id in indexed.ids[4::2]}
