@@ -10,8 +10,8 @@ PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobil
 
 
 @pytest.fixture
-def shared(api):
-    """A mission under way; gives how to send more, and its share."""
+def shared(api, small_photos):
+    """A mission under way with two photos; gives how to send more, and its share."""
     id = api.ask("POST", "/missions", data={"name": "Round the yard"})["id"]
     told = {"next": 0}
 
@@ -20,6 +20,9 @@ def shared(api):
         told.update(api.ask("POST", f"/missions/{id}/batches", data=data))
 
     send(*(pose(n) for n in range(40)), seen("a1", "car"))
+    for path in small_photos[:2]:
+        photo = {"name": path.name, "mimeType": "image/jpeg", "buffer": path.read_bytes()}
+        api.ask("POST", f"/missions/{id}/photos", multipart={"file": photo, "time": str(BEGIN)})
     share = api.ask("POST", f"/missions/{id}/shares", data={"photos": True})
     return send, share, lambda: api.ask("DELETE", f"/missions/{id}/shares/{share['id']}")
 
@@ -49,6 +52,11 @@ def test_visitors_follow_a_mission_until_the_link_is_taken_back(visitor, shared)
     expect(visitor.get_by_test_id("object")).to_have_count(1)
     send(*(pose(n) for n in range(40, 55)), seen("b2", "person"))
     expect(visitor.get_by_test_id("object")).to_have_count(2)
+    visitor.get_by_role("tab", name="Photos").click()
+    photos = visitor.locator("#photos li")
+    expect(photos).to_have_count(2)
+    expect(photos.first).to_contain_text("Photo 1")
+    photos.first.get_by_role("button").click()
     visitor.get_by_role("tab", name="Tracks").click()
     expect(visitor.get_by_test_id("track")).to_contain_text("55")
     assert axe.findings(visitor) == []

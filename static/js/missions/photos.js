@@ -42,7 +42,12 @@ export function showPhotos(store, look) {
 function render(store, photos, look) {
   byId("photos-none").hidden = photos.length > 0;
   byId("tab-photos-count").textContent = photos.length || "";
-  byId("photos").replaceChildren(...photos.map((photo) => row(store, photo, look)));
+  byId("photos").replaceChildren(...photos.map((photo, n) => row(store, named(photo, n), look)));
+}
+
+/** Visitors are told neither the name of the file nor what its EXIF says. */
+function named(photo, n) {
+  return { ...photo, name: photo.name ?? t("Photo {id}", { id: n + 1 }), time_s: photo.time_s ?? photo.fix?.time ?? null };
 }
 
 function row(store, photo, look) {

@@ -4,7 +4,7 @@ import { h } from "../dom.js";
 import { byId, eachFrame, whenCalm } from "../editor/page.js";
 import { t } from "../i18n.js";
 import { toastError } from "../toast.js";
-import { sourceColour } from "./colours.js";
+import { nthColour, sourceColour } from "./colours.js";
 import { Inks } from "./inks.js";
 import { lengthText, SHORTEST_S, spanText, speedText } from "./words.js";
 
@@ -37,7 +37,7 @@ export class Profile {
     this._listen();
     store.on("missions shown", () => this._load());
     store.on("poses", this._later);
-    store.on("moment grown", this._draw);
+    store.on("moment grown mode", this._draw);
     new ResizeObserver(this._draw).observe(this.canvas);
     this._load();
   }
@@ -119,8 +119,10 @@ export class Profile {
     const y = (value) => height - PAD.bottom - ((value - low) / (high - low)) * (height - PAD.top - PAD.bottom);
     const ink = this._inks.all;
     frame(pen, { width, bottom: y(low), top: y(high), colour: ink.line });
+    const missions = [...store.missions.keys()];
+    const colour = ({ mission, track }) => (store.mode === "mission" ? nthColour(missions.indexOf(mission.id)) : sourceColour(track.source));
     for (const one of series.toReversed()) {
-      curve(pen, one.told[column], { x: place(one), y, colour: sourceColour(one.track.source), fill: series.length === 1 && y(low) });
+      curve(pen, one.told[column], { x: place(one), y, colour: colour(one), fill: series.length === 1 && y(low) });
     }
     pen.font = "12px system-ui, sans-serif";
     pen.textBaseline = "top";
