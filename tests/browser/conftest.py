@@ -3,8 +3,10 @@
 import json
 import os
 import shutil
+import threading
 import time
 from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -139,6 +141,35 @@ def small_photos(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) 
             photo.resize((160, 120)).save(folder / path.name, quality=85)
         paths.append(folder / path.name)
     return paths
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[Callable[[str], str]]:
+    """Serve a page from another site; gives its address once it is told what it shows."""
+    pages: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(
+                f'<!doctype html><title>x</title><link rel="icon" href="data:,">{pages[-1]}'.encode()
+            )
+
+        def log_message(self, *_args: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+
+    def serve(body: str) -> str:
+        pages.append(body)
+        return f"http://localhost:{server.server_port}"
+
+    yield serve
+    server.shutdown()
+    server.server_close()
 
 
 @pytest.fixture

@@ -1,8 +1,5 @@
 """A secret link, as its owner makes it and a visitor opens it, until it is taken back."""
 
-import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-
 import pytest
 from playwright.sync_api import expect
 
@@ -33,35 +30,6 @@ def make_link(page, sample_map):
         return address
 
     return make
-
-
-@pytest.fixture
-def elsewhere():
-    """Serve a page from another site; gives its address once it is told what it shows."""
-    pages = []
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(
-                f'<!doctype html><title>x</title><link rel="icon" href="data:,">{pages[-1]}'.encode()
-            )
-
-        def log_message(self, *_args):
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-
-    def serve(body):
-        pages.append(body)
-        return f"http://localhost:{server.server_port}"
-
-    yield serve
-    server.shutdown()
-    server.server_close()
 
 
 def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_folder, api, sample_map):

@@ -77,6 +77,19 @@ def test_an_embedded_mission_opens_as_a_page(visitor, shared):
     expect(opened.value.get_by_test_id("track")).to_have_count(1)
 
 
+def test_another_site_shows_a_mission_in_a_frame(visitor, shared, elsewhere):
+    _, share, _ = shared
+    site = elsewhere(share["embed"])
+    visitor.context.watch.allow(site)
+    visitor.goto(f"{site}/")
+    frame = visitor.frame_locator("iframe")
+    expect(frame.locator("#map-canvas canvas")).to_be_visible()
+    expect(frame.get_by_test_id("track")).to_contain_text("40")
+    tabs = frame.get_by_role("tablist").first
+    assert tabs.evaluate("one => one.scrollWidth <= one.clientWidth")
+    assert visitor.context.cookies() == []
+
+
 def test_a_shared_mission_fits_a_phone(open_context, shared):
     _, share, _ = shared
     page = open_context(**PHONE).new_page()

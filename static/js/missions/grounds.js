@@ -30,7 +30,7 @@ export function chooseGround(store, view, { services, fit }) {
     const choices = offered();
     select.replaceChildren(...choices.map(([name, label]) => new Option(label, name)));
     select.closest("[data-part]").hidden = choices.length < 2;
-    const kept = localStorage.getItem(KEPT);
+    const kept = remembered();
     const name = made || (choices.some(([one]) => one === kept) && kept !== "image" ? kept : choices[0][0]);
     select.value = name;
     if (made || (name !== "image" && !placeOf(store))) return;
@@ -39,12 +39,30 @@ export function chooseGround(store, view, { services, fit }) {
     fit();
   };
   select.addEventListener("change", () => {
-    localStorage.setItem(KEPT, select.value);
     made = select.value;
+    remember(made);
     view.setGround(make(made));
   });
   store.on("missions grown", settle);
   settle();
+}
+
+/** Browsers keep nothing for a page in another site's frame, and say so with an error. */
+function remembered() {
+  try {
+    return localStorage.getItem(KEPT);
+  } catch (error) {
+    if (error.name !== "SecurityError") throw error;
+    return null;
+  }
+}
+
+function remember(name) {
+  try {
+    localStorage.setItem(KEPT, name);
+  } catch (error) {
+    if (error.name !== "SecurityError") throw error;
+  }
 }
 
 /** Whether the mission's map has an image that knows where it is, and what there is to see begins on it. */
