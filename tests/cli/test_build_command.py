@@ -73,7 +73,7 @@ def test_the_index_goes_where_it_is_asked(expmap, cfg, tmp_path):
         (["--matcher", "hamming"], "matcher hamming cannot compare the float descriptors of sift"),
         (["--method", "vote", "--matcher", "ivf"], "does not work with method vote"),
         (["--extractor", "orb-wta4", "--matcher", "hamming"], "come in pairs"),
-        (["--detector", "surf"], "unknown detector 'surf'"),
+        (["--detector", "brief"], "unknown detector 'brief'"),
     ],
 )
 def test_what_cannot_work_is_refused_before_anything_is_computed(expmap, cfg, options, says):
