@@ -3,7 +3,8 @@
 The other program is called as `PROGRAM MAP.cfg QUERIES.csv [--features SIFT|ORB] [--limit N]` and prints one
 JSON object with within_10px ... and match_seconds_p50; the thesis method in plain OpenCV is such a one.
 
-    python benchmarks/side_by_side.py MAP.cfg QUERIES.csv --baseline PROGRAM.py [--orb-limit 30] [--json OUT]
+    python benchmarks/side_by_side.py MAP.cfg QUERIES.csv --baseline PROGRAM.py [--orb-limit 30]
+        [--only SIFT] [--json OUT]
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ def main() -> None:
     """Run everything and print the table."""
     arguments = _arguments()
     rows: list[dict[str, Any]] = []
-    for features, limit in (("SIFT", arguments.limit), ("ORB", arguments.orb_limit)):
+    limits = {"SIFT": arguments.limit, "ORB": arguments.orb_limit}
+    for features in arguments.only or limits:
+        limit = limits[features]
         limited = ["--limit", str(limit)] if limit else []
         where = [str(arguments.map), str(arguments.queries)]
         if arguments.baseline:
@@ -57,6 +60,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--baseline", type=Path, help="the other program")
     parser.add_argument("--limit", type=int, default=0, help="queries with SIFT; 0 for all")
     parser.add_argument("--orb-limit", type=int, default=0, help="queries with ORB; 0 for all")
+    parser.add_argument(
+        "--only", action="append", choices=["SIFT", "ORB"], help="these features; may be repeated"
+    )
     parser.add_argument("--json", type=Path, help="write all figures there")
     arguments, options = parser.parse_known_args()
     arguments.options = options
