@@ -58,6 +58,8 @@ def published(shared_models) -> bytes:
 def test_any_size_of_photo_gives_keypoints_inside_it(invented, shape):
     gray = np.random.default_rng(2).integers(0, 256, shape, dtype=np.uint8)
     found = extract(gray, CHOICE, keypoints=300, network=invented)
+    again = extract(gray, CHOICE, keypoints=300, network=invented)
+    assert (found.descriptors == again.descriptors).all()
     n = len(found)
     assert 0 < n <= 300
     assert found.descriptors.shape == (n, 64)

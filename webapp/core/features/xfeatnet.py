@@ -19,6 +19,9 @@ from webapp.threads import OnePerThread
 MULTIPLE = 32
 """Width and height of what goes through the network are multiples of this."""
 
+LEAST_SIDE = 64
+"""With less, OpenCV's convolutions of the coarsest level, one value wide, read memory that nobody wrote."""
+
 CELL = 8
 """Pixels of a cell: the outputs have one value for each."""
 
@@ -78,7 +81,7 @@ class XFeatNetwork:
         Parameters
         ----------
         image : (h, w) float32
-            Zero mean and unit variance; sides are multiples of `MULTIPLE`.
+            Zero mean and unit variance; sides are multiples of `MULTIPLE`, at least `LEAST_SIDE`.
 
         Returns
         -------
