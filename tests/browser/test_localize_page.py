@@ -177,8 +177,9 @@ def test_a_confirmed_photo_becomes_an_experience_and_is_indexed_alone(page, copi
     built = [
         job for job in api.wait_for_jobs(copied_map) if job["id"] not in before and job["kind"] == "index"
     ]
-    assert [job["result"]["computed"] for job in built] == [1]
-    assert built[0]["result"]["photos"] == len(api.positions(copied_map))
+    # A job that was about to begin may have been queued once more: it finds nothing left to compute.
+    assert sum(job["result"]["computed"] for job in built) == 1
+    assert max(job["result"]["photos"] for job in built) == len(api.positions(copied_map))
     page.get_by_role("tab", name="History").click()
     expect(page.locator("#history li").first.get_by_title("In the map")).to_be_visible()
     (id,) = [photo["id"] for photo in api.state(copied_map)["photos"] if photo["name"] == name]
