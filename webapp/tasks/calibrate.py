@@ -100,8 +100,7 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's calibration may be; the last one is written."""
-    name = f"calibration-{opened.method}-{opened.choice.matcher}.json"
-    return opened.folder.folder / name, opened.writable / name
+    return opened.beside(f"calibration-{opened.method}-{opened.choice.matcher}.json")
 
 
 def newest(opened: OpenMap) -> StoredCalibration | None:

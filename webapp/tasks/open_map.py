@@ -102,6 +102,10 @@ class OpenMap:
     indexed: IndexedMap
     built: BuildReport | None
 
+    def beside(self, name: str) -> tuple[Path, Path]:
+        """Name the files in which something that is computed from the index may be; the last is written."""
+        return self.folder.folder / name, self.writable / name
+
     @property
     def contents(self) -> list[str]:
         """SHA-256 of each experience's photo, in the map's order; empty where the index has none of it."""

@@ -61,8 +61,7 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's orientations may be; the last one is written."""
-    name = f"orientations-{opened.choice.matcher}.arrays"
-    return opened.folder.folder / name, opened.writable / name
+    return opened.beside(f"orientations-{opened.choice.matcher}.arrays")
 
 
 def newest(opened: OpenMap) -> StoredOrientations | None:

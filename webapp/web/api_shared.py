@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import mimetypes
 from pathlib import Path, PurePosixPath
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Dict, File, Integer, List, Nested, String
-from flask import Response, current_app, request, send_file
+from flask import Response, current_app, request
 from flask.blueprints import BlueprintSetupState
 from limits import RateLimitItemPerMinute
 from limits.storage import MemoryStorage
@@ -21,13 +20,13 @@ from webapp.store import shares
 from webapp.store.shares import Opened
 from webapp.tasks import localize_upload, satellite_display, show_photo, show_query
 from webapp.tasks.localize_upload import Question
-from webapp.tasks.satellite_display import Shown
 from webapp.web import shared_state
 from webapp.web.access import public
 from webapp.web.answer_schemas import Located
 from webapp.web.api_localize import ready_maps, received
 from webapp.web.context import library, settings
 from webapp.web.openapi import file_answer
+from webapp.web.shared_files import sent, shown
 
 blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<token>", tag="Shared")
 
@@ -90,7 +89,7 @@ def image(token: str) -> Response:
     """Get the image of the map."""
     opened = _opened(token)
     give = satellite_display.whole if opened.share.originals else satellite_display.copy
-    return _shown(give(library(), opened.map, settings=settings()))
+    return shown(give(library(), opened.map, settings=settings()))
 
 
 @blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")
@@ -98,7 +97,7 @@ def image(token: str) -> Response:
 @blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def tile(token: str, *, z: int, x: int, y: int) -> Response:
     """Get a tile of a large image."""
-    return _shown(satellite_display.tile(library(), _opened(token).map, z=z, x=x, y=y))
+    return shown(satellite_display.tile(library(), _opened(token).map, z=z, x=x, y=y))
 
 
 @blueprint.get(f"/photos/{_ID}/thumb")
@@ -202,29 +201,17 @@ def _photo_preview(token: str, id: int, kind: Kind) -> Response:
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return _sent(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of(photo)}")
+    return sent(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of(photo)}")
 
 
 def _query_preview(token: str, kind: Kind) -> Response:
     query = shared_state.query(_opened(token))
     path = show_query.preview(library(), query, kind=kind, settings=settings())
-    return _sent(path, etag=path.name)
+    return sent(path, etag=path.name)
 
 
 def _file(path: Path, name: str) -> Response:
-    response = _sent(path, etag=path.name)
+    response = sent(path, etag=path.name)
     last = PurePosixPath(name.replace("\\", "/")).name
     response.headers.set("Content-Disposition", "attachment", filename=last or path.name)
-    return response
-
-
-def _shown(shown: Shown) -> Response:
-    return _sent(shown.path, etag=shown.key, kind=shown.mime)
-
-
-def _sent(path: Path, *, etag: str, kind: str | None = None) -> Response:
-    """Send a file; browsers ask again each time: a share that was taken back shows nothing any more."""
-    kind = kind or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    response = send_file(path, mimetype=kind, etag=etag, conditional=True)
-    response.headers["Cache-Control"] = "private, no-cache"
     return response

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import mimetypes
-from pathlib import Path
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Integer, List, Nested, String
 from apiflask.validators import Range
-from flask import Response, send_file
+from flask import Response
 
 from webapp.errors import NotFound
 from webapp.files.preview import Kind
 from webapp.store import mission_out, mission_shares, missions, tracks
 from webapp.store.schema import MapRecord
 from webapp.tasks import add_mission_photo, satellite_display
-from webapp.tasks.satellite_display import Shown
 from webapp.web import converters, shared_mission
 from webapp.web.access import public
 from webapp.web.api_mission_objects import ObjectHistory, ObjectOut
@@ -24,6 +21,7 @@ from webapp.web.api_tracks import LineOut, LineQuery, ProfileOut, ProfileQuery, 
 from webapp.web.context import library, settings
 from webapp.web.mission_schemas import MissionSatelliteOut, TrackOut
 from webapp.web.openapi import file_answer
+from webapp.web.shared_files import sent, shown
 
 blueprint = APIBlueprint(
     "api_shared_missions", __name__, url_prefix="/api/v1/shared-missions/<token>", tag="Shared"
@@ -170,7 +168,7 @@ def photo_preview(token: str, sha256: str) -> Response:
 @blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
 def image(token: str) -> Response:
     """Get the image of the mission's map."""
-    return _shown(satellite_display.copy(library(), _map(token), settings=settings()))
+    return shown(satellite_display.copy(library(), _map(token), settings=settings()))
 
 
 @blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")
@@ -178,7 +176,7 @@ def image(token: str) -> Response:
 @blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def tile(token: str, *, z: int, x: int, y: int) -> Response:
     """Get a tile of a large image."""
-    return _shown(satellite_display.tile(library(), _map(token), z=z, x=x, y=y))
+    return shown(satellite_display.tile(library(), _map(token), z=z, x=x, y=y))
 
 
 def _map(token: str) -> MapRecord:
@@ -193,16 +191,4 @@ def _photo(token: str, sha256: str, kind: Kind) -> Response:
     with library().database.read() as session:
         photo = shared_mission.photo(session, mission_shares.opened(session, token), sha256=sha256)
     path = add_mission_photo.preview_of(library(), photo, kind=kind, settings=settings())
-    return _sent(path, etag=f"{sha256}-{kind}")
-
-
-def _shown(shown: Shown) -> Response:
-    return _sent(shown.path, etag=shown.key, kind=shown.mime)
-
-
-def _sent(path: Path, *, etag: str, kind: str | None = None) -> Response:
-    """Send a file; browsers ask again each time: a share that was taken back shows nothing any more."""
-    kind = kind or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    response = send_file(path, mimetype=kind, etag=etag, conditional=True)
-    response.headers["Cache-Control"] = "private, no-cache"
-    return response
+    return sent(path, etag=f"{sha256}-{kind}")

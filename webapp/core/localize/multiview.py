@@ -295,12 +295,9 @@ def _equations(
     jacobian = np.concatenate([found.by_turn, found.by_step], axis=2)
     weighted = np.swapaxes(jacobian * strength[..., None], 1, 2)
     matrix, vector = weighted @ jacobian, -(weighted @ found.off[..., None])[..., 0]
-    none = np.zeros(len(rotation))
-    for axis, tilt in ((0, _ROLL_SPREAD), (2, _PITCH_SPREAD)):
-        v = rotation[:, axis, :]
-        row = np.stack([-v[:, 2], none, v[:, 0], none, none, none], -1)
-        matrix += row[:, :, None] * row[:, None, :] / tilt**2
-        vector -= row * v[:, 1:2] / tilt**2
+    for (sine, row), tilt in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
+        matrix[:, :3, :3] += row[:, :, None] * row[:, None, :] / tilt**2
+        vector[:, :3] -= row * sine[:, None] / tilt**2
     matrix[:, 4, 4] += 1.0 / _HEIGHT_SPREAD**2
     vector[:, 4] -= (centre[:, 1] - level) / scene.radius / _HEIGHT_SPREAD**2
     return matrix, vector

@@ -186,12 +186,10 @@ def _add_tilts(
     matrix: NDArray[np.float64], vector: NDArray[np.float64], rotation: NDArray[np.float64]
 ) -> None:
     """Add that cameras are held about level, in roll more than in pitch."""
-    for axis, spread in ((0, _ROLL_SPREAD), (2, _PITCH_SPREAD)):
-        v = rotation[:, axis, :]
-        row = np.stack([-v[:, 2], np.zeros(len(v)), v[:, 0]], -1)
+    for (sine, row), spread in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
         strength = _TILT_WEIGHT / spread**2
         matrix += strength * row[:, :, None] * row[:, None, :]
-        vector -= strength * row * v[:, 1:2]
+        vector -= strength * row * sine[:, None]
 
 
 def _summed(where: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -139,12 +139,9 @@ class _Equations:
 
     def add_priors(self, rotation: Array, height: Array, *, height_spread: float) -> None:
         """Add that cameras are held about level and equally high; every photo is solvable then."""
-        none = np.zeros(len(rotation))
-        for axis, spread in ((0, _ROLL_SPREAD), (2, _PITCH_SPREAD)):
-            v = rotation[:, axis, :]
-            row = np.stack([-v[:, 2], none, v[:, 0], none], -1)
-            self.matrix[...] += row[:, :, None] * row[:, None, :] / spread**2
-            self.vector[...] -= row * v[:, 1:2] / spread**2
+        for (sine, row), spread in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
+            self.matrix[:, :3, :3] += row[:, :, None] * row[:, None, :] / spread**2
+            self.vector[:, :3] -= row * sine[:, None] / spread**2
         self.matrix[:, 3, 3] += 1.0 / height_spread**2
         self.vector[:, 3] -= height / height_spread**2
         self.matrix[...] += 1e-3 * np.eye(4)

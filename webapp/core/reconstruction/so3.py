@@ -66,6 +66,17 @@ def turned(rotation: Array, turn: Array) -> Array:
     return after
 
 
+def tilts(rotation: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Tell how far (n, 3, 3) camera-from-world rotations are from level: roll, then pitch.
+
+    Each is its sine (n,), and the derivative of that by turns of the world (n, 3).
+    """
+    right, forward = rotation[:, 0, :], rotation[:, 2, :]
+    none = np.zeros(len(rotation))
+    by_turn = [np.stack([-v[:, 2], none, v[:, 0]], -1) for v in (right, forward)]
+    return (right[:, 1], by_turn[0]), (forward[:, 1], by_turn[1])
+
+
 def shortened(step: Array, most: float) -> Array:
     """Cut (n, d) steps to a greatest length."""
     length: Array = np.sqrt((step**2).sum(1, keepdims=True))
