@@ -3,7 +3,7 @@
  * Drawn anew at every move: some thousand dots take a few milliseconds.
  */
 
-import { eachFrame } from "./page.js";
+import { CanvasLayer } from "../canvaslayer.js";
 import { latLngOf } from "./coords.js";
 
 const RADIUS = 6;
@@ -13,29 +13,18 @@ const GUESSED_FOV = 60;
 const NEAR = { mouse: 10, touch: 22 };
 
 /** A layer of Leaflet; `store` decides what it shows. */
-export const Dots = L.Layer.extend({
+export const Dots = CanvasLayer.extend({
   initialize(store) {
     this.store = store;
     this.colours = null;
     this.mark = null;
-    this._spots = [];
-    this._draw = eachFrame(() => this._map && this._paint());
+    this.begin();
     store.on("photos preview current selection placement satellite", this._draw);
   },
 
   onAdd(map) {
-    this._canvas = L.DomUtil.create("canvas", "ed-dots leaflet-zoom-animated");
-    map.getPane("overlayPane").append(this._canvas);
-    map.on("move zoom viewreset resize zoomend moveend", this._draw, this);
-    map.on("zoomanim", this._animate, this);
+    CanvasLayer.prototype.onAdd.call(this, map);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", this._draw);
-    this._draw();
-  },
-
-  onRemove(map) {
-    this._canvas.remove();
-    map.off("move zoom viewreset resize zoomend moveend", this._draw, this);
-    map.off("zoomanim", this._animate, this);
   },
 
   /** Colour photos by what is known of them. @param {?Map<number, string>} colours by id */
@@ -78,30 +67,9 @@ export const Dots = L.Layer.extend({
     return this._spots.filter(({ x, y }) => bounds.contains([x, y])).flatMap(({ ids }) => ids);
   },
 
-  _animate(event) {
-    const map = this._map;
-    const scale = map.getZoomScale(event.zoom);
-    const offset = map._latLngToNewLayerPoint(this._northWest, event.zoom, event.center);
-    L.DomUtil.setTransform(this._canvas, offset, scale);
-  },
-
-  _paint() {
-    const map = this._map;
-    const size = map.getSize();
-    const ratio = devicePixelRatio || 1;
-    const canvas = this._canvas;
-    if (canvas.width !== Math.round(size.x * ratio) || canvas.height !== Math.round(size.y * ratio)) {
-      canvas.width = Math.round(size.x * ratio);
-      canvas.height = Math.round(size.y * ratio);
-      canvas.style.width = `${size.x}px`;
-      canvas.style.height = `${size.y}px`;
-    }
-    this._northWest = map.getBounds().getNorthWest();
-    L.DomUtil.setTransform(canvas, map.containerPointToLayerPoint([0, 0]), 1);
-    this._pen = canvas.getContext("2d");
-    this._pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    this._pen.clearRect(0, 0, size.x, size.y);
-    this._ink = inks(canvas);
+  paint(pen, size) {
+    this._pen = pen;
+    this._ink = inks(this._canvas);
     this._handle = null;
     this._spots = this._place(size);
     if (this.store.satellite) this._all();

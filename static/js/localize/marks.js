@@ -3,8 +3,8 @@
  * probable, their radius and heading, the circle of a hint, and a place that was said by hand. One canvas.
  */
 
+import { CanvasLayer } from "../canvaslayer.js";
 import { latLngOf } from "../editor/coords.js";
-import { eachFrame } from "../editor/page.js";
 import { spotsOf } from "./spots.js";
 import { colours, shades } from "./words.js";
 
@@ -14,34 +14,18 @@ const MARKER = 12;
 const WEDGE = 42;
 const GUESSED_FOV = 60;
 const NEAR = { mouse: 16, touch: 26 };
-const EVENTS = "move zoom viewreset resize zoomend moveend";
 
 /** A layer of Leaflet. */
-export const Marks = L.Layer.extend({
+export const Marks = CanvasLayer.extend({
   /**
    * @param {import("../editor/store.js").Store} store
    * @param {import("./session.js").Session} session
    */
   initialize(store, session) {
-    Object.assign(this, { store, session, _spots: [] });
-    this.draft = null;
-    this._draw = eachFrame(() => this._map && this._paint());
+    Object.assign(this, { store, session, draft: null });
+    this.begin();
     store.on("photos placement satellite", this._draw);
     session.on("answer chosen hint spot", this._draw);
-  },
-
-  onAdd(map) {
-    this._canvas = L.DomUtil.create("canvas", "ed-dots leaflet-zoom-animated");
-    map.getPane("overlayPane").append(this._canvas);
-    map.on(EVENTS, this._draw, this);
-    map.on("zoomanim", this._animate, this);
-    this._draw();
-  },
-
-  onRemove(map) {
-    this._canvas.remove();
-    map.off(EVENTS, this._draw, this);
-    map.off("zoomanim", this._animate, this);
   },
 
   /** Show a circle that is just being drawn. @param {?Object} hint */
@@ -59,27 +43,9 @@ export const Marks = L.Layer.extend({
       .flatMap(({ ranks }) => ranks);
   },
 
-  _animate(event) {
-    const scale = this._map.getZoomScale(event.zoom);
-    const offset = this._map._latLngToNewLayerPoint(this._northWest, event.zoom, event.center);
-    L.DomUtil.setTransform(this._canvas, offset, scale);
-  },
-
-  _paint() {
-    const [map, canvas] = [this._map, this._canvas];
-    const size = map.getSize();
-    const ratio = devicePixelRatio || 1;
-    const [width, height] = [Math.round(size.x * ratio), Math.round(size.y * ratio)];
-    if (canvas.width !== width || canvas.height !== height) {
-      Object.assign(canvas, { width, height });
-      Object.assign(canvas.style, { width: `${size.x}px`, height: `${size.y}px` });
-    }
-    this._northWest = map.getBounds().getNorthWest();
-    L.DomUtil.setTransform(canvas, map.containerPointToLayerPoint([0, 0]), 1);
-    this._pen = canvas.getContext("2d");
-    this._pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    this._pen.clearRect(0, 0, size.x, size.y);
-    this._zoom = map.getZoomScale(map.getZoom(), 0);
+  paint(pen) {
+    this._pen = pen;
+    this._zoom = this._map.getZoomScale(this._map.getZoom(), 0);
     if (this.store.satellite) this._all();
   },
 
