@@ -1,95 +1,337 @@
-"""Measures the methods beside another program on the same map, in turn, and prints one table.
+"""Measures the methods beside another program on the same map: what each is worth, and what it costs.
+
+    python -m benchmarks.side_by_side MAP.cfg QUERIES.csv [--baseline PROGRAM.py] [--only SIFT]
+        [--methods verified] [--limit N] [--foreign FOLDER] [--fov DEGREES] [--built] [--json OUT] [more]
 
 The other program is called as `PROGRAM MAP.cfg QUERIES.csv [--features SIFT|ORB] [--limit N]` and prints one
 JSON object with within_10px ... and match_seconds_p50; the thesis method in plain OpenCV is such a one.
 
-    python benchmarks/side_by_side.py MAP.cfg QUERIES.csv --baseline PROGRAM.py [--orb-limit 30]
-        [--only SIFT] [--json OUT]
+Each kind of features is built from scratch into a temporary folder first, unless --built says to take the
+index beside the map. Options that are not listed here, such as --map-fov, go to each `expmap` command.
+
+- accuracy: share of all queries whose first hypothesis is so near; median and mean error, map pixels
+- honesty: with 95 % intervals; "foreign placed" are photos of the --foreign folders that got a place with a
+  probability of at least 0.5
+- cost of a query: milliseconds, medians but for p95; "/base" is over the baseline's median query; CPU is of
+  all cores together; KB/photo = (peak of a localizing process - the same on a map of one photo) / photos
+- build: seconds a photo of keypoints and index, by the clock and of all cores; then orienting and calibrating
+
+Other work on the machine makes all times worse: "load" is how much there was when the measuring began.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
-import subprocess
+import shutil
 import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-COLUMNS = {
-    "within_10px": "<=10 px",
-    "within_20px": "<=20 px",
-    "within_50px": "<=50 px",
-    "within_100px": "<=100 px",
-    "median_px": "median px",
-    "mean_px": "mean px",
-    "match_seconds_p50": "match s",
-    "total_seconds_p50": "query s",
-    "total_seconds_p95": "p95 s",
-    "peak_rss_mb": "peak MB",
-    "ece": "ECE",
-    "radius_coverage": "in radius",
+from benchmarks.figures import (
+    Row,
+    each,
+    per_photo_kb,
+    placed,
+    plain,
+    ratio,
+    stage_seconds,
+    strangers,
+    table,
+    with_interval,
+)
+from benchmarks.processes import ProgramFailed, Run, run
+
+MISSING_PART, SOME_FAILED = 4, 1
+"""Exit codes of `expmap`."""
+
+PHOTOS = {".jpg", ".jpeg", ".png", ".heic", ".webp", ".tif", ".tiff", ".bmp"}
+
+ACCURACY = {
+    "<=10 px": plain("within_10px"),
+    "<=20 px": plain("within_20px"),
+    "<=50 px": plain("within_50px"),
+    "<=100 px": plain("within_100px"),
+    "top 5 <=50": plain("top5_within_50px"),
+    "median px": plain("median_px", 1),
+    "mean px": plain("mean_px", 1),
+}
+HONESTY = {
+    "ECE": with_interval("ece"),
+    "in 68 % radius": with_interval("radius_coverage"),
+    "answered at 99 %": with_interval("answered_at_99_precision"),
+    "foreign placed": placed,
+    "largest p": plain("foreign_largest"),
+    "99 % of p": plain("foreign_q99"),
+}
+COST = {
+    "read ms": plain("stage_read", 1, times=1e3),
+    "extract": plain("stage_extract", 1, times=1e3),
+    "retrieve": plain("stage_retrieve", 1, times=1e3),
+    "verify": plain("stage_verify", 1, times=1e3),
+    "position": plain("stage_position", 1, times=1e3),
+    "total": plain("total_seconds_p50", 1, times=1e3),
+    "p95": plain("total_seconds_p95", 1, times=1e3),
+    "/base": plain("p50_over_baseline", 2),
+    "p95/base": plain("p95_over_baseline", 2),
+    "CPU": plain("cpu_seconds_per_query", 1, times=1e3),
+    "KB/photo": plain("memory_kb_per_photo", 1),
+    "disk KB": plain("disk_kb_per_photo", 1),
+    "load": plain("load", 1),
+}
+BUILD = {
+    "index s/photo": plain("build_seconds_per_photo", 4),
+    "CPU s/photo": plain("build_cpu_seconds_per_photo", 4),
+    "/base": plain("build_over_baseline", 2),
+    "CPU/base": plain("build_cpu_over_baseline", 2),
+    "orient s": plain("orientation_seconds", 1),
+    "calibrate s": plain("calibration_seconds", 1),
+    "load": plain("build_load", 1),
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What is measured on.
+
+    Attributes
+    ----------
+    map, queries, one_photo : Path
+        The map, the list, and the same map with one photo.
+    photos : int
+        Of the map.
+    asked, foreign : list of str
+        Photos that are localized: queries, and those that were taken elsewhere.
+    options : list of str
+        For every `expmap` command.
+    fov, foreign_fov : list of str
+        Options with the field of view of the queries and of photos from elsewhere.
+    """
+
+    map: Path
+    queries: Path
+    one_photo: Path
+    photos: int
+    asked: list[str]
+    foreign: list[str]
+    options: list[str]
+    fov: list[str]
+    foreign_fov: list[str]
+
+
 def main() -> None:
-    """Run everything and print the table."""
+    """Run everything and print the tables."""
     arguments = _arguments()
     rows: list[dict[str, Any]] = []
-    limits = {"SIFT": arguments.limit, "ORB": arguments.orb_limit}
-    for features in arguments.only or limits:
-        limit = limits[features]
-        limited = ["--limit", str(limit)] if limit else []
-        where = [str(arguments.map), str(arguments.queries)]
-        if arguments.baseline:
-            command = [sys.executable, str(arguments.baseline), *where, "--features", features, *limited]
-            rows.append({"name": f"baseline {features}", **_run(command)})
-        for method in ("vote", "verified"):
-            command = [sys.executable, "-m", "webapp.cli.main", "evaluate", *where, *limited]
-            command += ["--features", features, "--method", method, "--json", *arguments.options]
-            rows.append({"name": f"{method} {features}", **_same_names(_run(command))})
-    _print(rows)
+    with tempfile.TemporaryDirectory() as scratch:
+        for features in arguments.only or ["SIFT", "XFEAT"]:
+            limit = arguments.orb_limit if features == "ORB" else arguments.limit
+            subject = _subject(arguments, Path(scratch), limit=limit)
+            if arguments.baseline and features != "XFEAT":
+                rows.append(_baseline(arguments.baseline, subject, features=features, limit=limit))
+            try:
+                rows += _ours(subject, features, arguments, scratch=Path(scratch) / features)
+            except ProgramFailed as error:
+                if error.code != MISSING_PART:
+                    raise
+                print(f"{features} is not measured: {error.messages.strip()}", file=sys.stderr)
+    _compare(rows)
+    print(_text(rows))
     if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=2))
+        arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("map", type=Path)
-    parser.add_argument("queries", type=Path)
-    parser.add_argument("--baseline", type=Path, help="the other program")
-    parser.add_argument("--limit", type=int, default=0, help="queries with SIFT; 0 for all")
-    parser.add_argument("--orb-limit", type=int, default=0, help="queries with ORB; 0 for all")
-    parser.add_argument(
-        "--only", action="append", choices=["SIFT", "ORB"], help="these features; may be repeated"
+    add = parser.add_argument
+    add("map", type=Path)
+    add("queries", type=Path)
+    add("--baseline", type=Path, help="the other program")
+    add("--limit", type=int, default=0, help="queries, evenly spread; 0 for all")
+    add("--orb-limit", type=int, default=0, help="queries with ORB; 0 for all")
+    add("--only", action="append", choices=["SIFT", "XFEAT", "ORB"], help="these features; may be repeated")
+    add("--methods", default="vote,verified", help="names, with commas")
+    add(
+        "--foreign",
+        action="append",
+        type=Path,
+        default=[],
+        help="folder of photos from elsewhere; repeatable",
     )
-    parser.add_argument("--json", type=Path, help="write all figures there")
-    arguments, options = parser.parse_known_args()
-    arguments.options = options
+    add("--fov", help="field of view of the queries, degrees")
+    add("--foreign-fov", help="that of photos from elsewhere; else their EXIF, or a guess, decides")
+    add("--built", action="store_true", help="take the index beside the map; the build is not measured")
+    add("--cost-queries", type=int, default=100, help="photos for CPU seconds and memory, evenly spread")
+    add("--json", type=Path, help="write all figures there")
+    arguments, arguments.options = parser.parse_known_args()
     return arguments
 
 
-def _run(command: list[str]) -> dict[str, Any]:
-    print("running", *command[1:], file=sys.stderr, flush=True)
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr}")
-    figures: dict[str, Any] = json.loads(done.stdout)
-    figures.pop("per_query", None)
-    return figures
+def _subject(arguments: argparse.Namespace, scratch: Path, *, limit: int) -> Subject:
+    with arguments.queries.open(encoding="utf-8-sig", newline="") as file:
+        names = [line["path"] for line in csv.DictReader(file, delimiter=";")]
+    asked = [str(arguments.queries.resolve().parent / name) for name in names]
+    count = min(len(asked), limit or len(asked), arguments.cost_queries)
+    lines = arguments.map.read_text("utf-8-sig").splitlines()
+    return Subject(
+        map=arguments.map,
+        queries=arguments.queries,
+        one_photo=one_photo_map(arguments.map, scratch / "one"),
+        photos=sum(bool(line.strip()) for line in lines[1:]),
+        asked=[asked[i * len(asked) // count] for i in range(count)],
+        foreign=[str(path) for folder in arguments.foreign for path in photos_in(folder)],
+        options=arguments.options,
+        fov=["--fov", arguments.fov] if arguments.fov else [],
+        foreign_fov=["--fov", arguments.foreign_fov] if arguments.foreign_fov else [],
+    )
 
 
-def _same_names(figures: dict[str, Any]) -> dict[str, Any]:
-    figures["total_seconds_p50"] = figures["seconds_per_query_p50"]
-    figures["total_seconds_p95"] = figures["seconds_per_query_p95"]
-    return figures
+def photos_in(folder: Path) -> Iterator[Path]:
+    """Find the photos of a folder and of those in it, by their endings, in the order of their names."""
+    return (path for path in sorted(folder.rglob("*")) if path.suffix.lower() in PHOTOS)
 
 
-def _print(rows: list[dict[str, Any]]) -> None:
-    print(f"{'':<15}" + "".join(f"{title:>10}" for title in COLUMNS.values()))
+def one_photo_map(cfg: Path, folder: Path) -> Path:
+    """Copy a map with the first of its photos only; returns the new map file."""
+    image, first = cfg.read_text("utf-8-sig").splitlines()[:2]
+    for name in (image.split(";")[0].strip(), first.split(";")[1].strip()):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(cfg.parent / name, folder / name)
+    target = folder / "map.cfg"
+    target.write_text(f"{image}\n{first}\n", "utf-8")
+    return target
+
+
+def _baseline(program: Path, subject: Subject, *, features: str, limit: int) -> dict[str, Any]:
+    """Measure the other program: with one query (its build), with all, and on the map of one photo."""
+    call = [sys.executable, str(program)]
+    kind = ["--features", features]
+    where = [str(subject.map), str(subject.queries), *kind]
+    built = run([*call, *where, "--limit", "1"])
+    whole = run([*call, *where, *(["--limit", str(limit)] if limit else [])])
+    queries = subject.one_photo.with_name("queries.csv")
+    queries.write_text("\n".join(["path;x;y", *(f"{path};0;0" for path in subject.asked)]) + "\n", "utf-8")
+    small = run([*call, str(subject.one_photo), str(queries), *kind])
+    figures = whole.printed
+    seconds = built.printed.get("map_extract_s", 0.0) + built.printed.get("map_index_s", 0.0)
+    cpu = each(whole.cpu_seconds, built.cpu_seconds, more=figures["queries"] - 1)
+    return {
+        "name": f"baseline {features}",
+        **figures,
+        "stage_extract": figures.get("extract_seconds_p50"),
+        "stage_retrieve": figures.get("match_seconds_p50"),
+        "cpu_seconds_per_query": cpu,
+        "memory_kb_per_photo": per_photo_kb(whole.peak_rss_mb, small.peak_rss_mb, photos=subject.photos),
+        "build_seconds_per_photo": seconds / subject.photos or None,
+        "build_cpu_seconds_per_photo": built.cpu_seconds / subject.photos,
+        "load": whole.load,
+        "build_load": built.load,
+    }
+
+
+def _ours(
+    subject: Subject, features: str, arguments: argparse.Namespace, *, scratch: Path
+) -> list[dict[str, Any]]:
+    kind = ["--features", features, *subject.options]
+    build: dict[str, Any] = {}
+    if not arguments.built:
+        kind += ["--index", str(scratch / "index")]
+        index = _expmap("build", str(subject.map), *kind, "--method", "vote", "--json")
+        build = {
+            "build_seconds_per_photo": index.printed["seconds"] / subject.photos,
+            "build_cpu_seconds_per_photo": index.cpu_seconds / subject.photos,
+            "build_load": index.load,
+        }
+    rows = []
+    for method in arguments.methods.split(","):
+        options = [*kind, "--method", method]
+        if build and method == "verified":
+            built = _expmap("build", str(subject.map), *options, "--json").printed
+            build = {
+                **build,
+                **{f"{n}_seconds": built[f"{n}_seconds"] for n in ("orientation", "calibration")},
+            }
+        rows.append(
+            {
+                "name": f"{method} {features}",
+                **_asked(
+                    subject, options, limit=arguments.limit if features != "ORB" else arguments.orb_limit
+                ),
+                **_cost(subject, options, one_photo_index=scratch / "one"),
+                **(_foreign(subject, options) if subject.foreign else {}),
+                **build,
+            }
+        )
+    return rows
+
+
+def _asked(subject: Subject, options: list[str], *, limit: int) -> dict[str, Any]:
+    """Ask what the truth is known of."""
+    limited = ["--limit", str(limit)] if limit else []
+    done = _expmap(
+        "evaluate", str(subject.map), str(subject.queries), *limited, *subject.fov, *options, "--json"
+    )
+    figures: dict[str, Any] = done.printed
+    answers = [query["answer"] for query in figures.pop("per_query")]
+    return {
+        **figures,
+        **stage_seconds(answers),
+        "total_seconds_p50": figures["seconds_per_query_p50"],
+        "total_seconds_p95": figures["seconds_per_query_p95"],
+        "disk_kb_per_photo": figures["index_bytes"] / 1000.0 / subject.photos,
+        "load": done.load,
+    }
+
+
+def _cost(subject: Subject, options: list[str], *, one_photo_index: Path) -> dict[str, Any]:
+    """Measure CPU seconds and memory of processes that do nothing but localize."""
+    asked = [*subject.fov, *options, "--json"]
+    one = _expmap("localize", str(subject.map), subject.asked[0], *asked)
+    many = _expmap("localize", str(subject.map), *subject.asked, *asked)
+    elsewhere = ["--index", str(one_photo_index)]
+    _expmap("localize", str(subject.one_photo), subject.asked[0], *asked, *elsewhere)  # builds it
+    small = _expmap("localize", str(subject.one_photo), *subject.asked, *asked, *elsewhere)
+    return {
+        "cpu_seconds_per_query": each(many.cpu_seconds, one.cpu_seconds, more=len(subject.asked) - 1),
+        "memory_kb_per_photo": per_photo_kb(many.peak_rss_mb, small.peak_rss_mb, photos=subject.photos),
+        "localizing_peak_mb": many.peak_rss_mb,
+        "one_photo_peak_mb": small.peak_rss_mb,
+    }
+
+
+def _foreign(subject: Subject, options: list[str]) -> dict[str, Any]:
+    where = [*subject.foreign_fov, *options, "--json"]
+    return strangers(_expmap("localize", str(subject.map), *subject.foreign, *where).printed)
+
+
+def _expmap(command: str, *arguments: str) -> Run:
+    return run(
+        [sys.executable, "-m", "webapp.cli.main", command, *arguments],
+        accepted=(0, SOME_FAILED) if command == "localize" else (0,),
+    )
+
+
+def _compare(rows: list[dict[str, Any]]) -> None:
+    """Add the ratios to the first baseline."""
+    base: Row = next((row for row in rows if row["name"].startswith("baseline")), {})
+    ratios = {
+        "p50_over_baseline": ("total_seconds_p50", "total_seconds_p50"),
+        "p95_over_baseline": ("total_seconds_p95", "total_seconds_p50"),
+        "build_over_baseline": ("build_seconds_per_photo", "build_seconds_per_photo"),
+        "build_cpu_over_baseline": ("build_cpu_seconds_per_photo", "build_cpu_seconds_per_photo"),
+    }
     for row in rows:
-        cells = (row.get(key) for key in COLUMNS)
-        print(f"{row['name']:<15}" + "".join(f"{'-' if c is None else format(c, '.3f'):>10}" for c in cells))
+        for name, (key, base_key) in ratios.items():
+            row[name] = ratio(row.get(key), base.get(base_key))
+
+
+def _text(rows: list[dict[str, Any]]) -> str:
+    tables = {"accuracy": ACCURACY, "honesty": HONESTY, "cost of a query": COST, "build": BUILD}
+    return "\n\n".join(table(title, columns, rows) for title, columns in tables.items())
 
 
 if __name__ == "__main__":

@@ -35,7 +35,11 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     tell_failed(index)
     if as_json:
         raw = asdict(index) | {"folder": str(index.folder), "features": report.features}
-        click.echo(json.dumps(raw | {"calibration_seconds": report.calibration_seconds}))
+        seconds = {
+            "orientation_seconds": report.orientation_seconds,
+            "calibration_seconds": report.calibration_seconds,
+        }
+        click.echo(json.dumps(raw | seconds))
     else:
         click.echo(build_line(index, report.features))
     sys.exit(exitcodes.SOME_FAILED if index.failed else exitcodes.DONE)

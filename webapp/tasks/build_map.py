@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,12 +24,14 @@ class MapBuildReport:
     index : BuildReport
     features : str
         `auto` resolved.
-    calibration_seconds : float or None
-        None where the method has no calibration, or no photo could be used.
+    orientation_seconds, calibration_seconds : float or None
+        To work out how the photos were held, and to calibrate; None where the method does neither, or no
+        photo could be used. A calibration that still fits keeps the seconds that it took.
     """
 
     index: BuildReport
     features: str
+    orientation_seconds: float | None
     calibration_seconds: float | None
 
 
@@ -45,9 +48,11 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
     request = BuildRequest(cfg, the_map, folder, choice, options.jobs)
     report = build_index.run(request, settings=settings, progress=progress)
     if options.method == "vote" or not report.descriptors:
-        return MapBuildReport(report, choice.name, None)
+        return MapBuildReport(report, choice.name, None, None)
     resolved = replace(options, detector=choice.detector, extractor=choice.extractor, matcher=choice.matcher)
     opened = open_map.run(cfg, resolved, settings=settings, progress=progress)
+    started = time.perf_counter()
     opened = orient_map.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    orientation_seconds = time.perf_counter() - started
     stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
-    return MapBuildReport(report, choice.name, stored.seconds)
+    return MapBuildReport(report, choice.name, orientation_seconds, stored.seconds)

@@ -1,0 +1,130 @@
+"""Figures from what programs printed, and tables of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
+
+Row = Mapping[str, Any]
+Cell = Callable[[Row], str]
+
+
+def percentile(values: Sequence[float], percent: float) -> float | None:
+    """Percentile with linear interpolation between the sorted values; None of none."""
+    if not values:
+        return None
+    ordered = sorted(values)
+    place = (len(ordered) - 1) * percent / 100.0
+    low = math.floor(place)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (ordered[high] - ordered[low]) * (place - low)
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """95 % interval of a share (Wilson, JASA 22, 1927)."""
+    share, z2 = hits / count, 1.96**2
+    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
+    half = 1.96 * math.sqrt(share * (1 - share) / count + z2 / (4 * count**2)) / (1 + z2 / count)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def stage_seconds(answers: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Give the median seconds of each stage, as `stage_read` and so on.
+
+    Parameters
+    ----------
+    answers : sequence of mapping
+        As `localize --json` prints them; those with an error are left out.
+    """
+    times = [answer["seconds"] for answer in answers if "seconds" in answer]
+    known = {stage: [t[stage] for t in times if t.get(stage) is not None] for stage in STAGES}
+    return {f"stage_{stage}": percentile(seconds, 50) for stage, seconds in known.items()}
+
+
+def strangers(answers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Say how surely photos were placed that were taken elsewhere.
+
+    Parameters
+    ----------
+    answers : sequence of mapping
+        As `localize --json` prints them, of at least one photo that could be used.
+
+    Returns
+    -------
+    dict
+        How many photos; how many were placed with a probability of at least a half, their share and its 95 %
+        interval; largest probability and its 99 % quantile. A photo's probability is that of its most
+        probable place, 0 where it has none.
+    """
+    used = [answer for answer in answers if "error" not in answer]
+    sure = [max((h["probability"] for h in a["hypotheses"]), default=0.0) for a in used]
+    placed = sum(p >= 0.5 for p in sure)
+    return {
+        "foreign_photos": len(used),
+        "foreign_failed": len(answers) - len(used),
+        "foreign_placed": placed,
+        "foreign_share": placed / len(used),
+        "foreign_interval": list(wilson(placed, len(used))),
+        "foreign_largest": max(sure),
+        "foreign_q99": percentile(sure, 99),
+    }
+
+
+def per_photo_kb(peak_mb: float, one_photo_mb: float, *, photos: int) -> float:
+    """Memory that a map photo costs, 1000 bytes: the peak over that with a map of one photo."""
+    return (peak_mb - one_photo_mb) * 2**20 / 1000.0 / photos
+
+
+def each(large: float, small: float, *, more: int) -> float | None:
+    """Cost of one more query, from two runs of which one had so many more; None where none had."""
+    return (large - small) / more if more > 0 else None
+
+
+def ratio(value: float | None, base: float | None) -> float | None:
+    """Quotient, where both are known."""
+    return None if value is None or not base else value / base
+
+
+def plain(key: str, digits: int = 3, *, times: float = 1.0) -> Cell:
+    """Make a column of numbers."""
+    return lambda row: "-" if row.get(key) is None else f"{row[key] * times:.{digits}f}"
+
+
+def with_interval(key: str) -> Cell:
+    """Make a column of figures with their 95 % intervals, from `intervals_95`."""
+
+    def cell(row: Row) -> str:
+        if row.get(key) is None:
+            return "-"
+        interval = row.get("intervals_95", {}).get(key)
+        return f"{row[key]:.3f}" + ("" if interval is None else f" {_interval(interval)}")
+
+    return cell
+
+
+def placed(row: Row) -> str:
+    """Make the cell of photos from elsewhere that were placed."""
+    if row.get("foreign_photos") is None:
+        return "-"
+    share, interval = row["foreign_share"], _interval(row["foreign_interval"])
+    return f"{row['foreign_placed']}/{row['foreign_photos']} = {share:.3f} {interval}"
+
+
+def _interval(interval: Sequence[float]) -> str:
+    return "[{:.2f} {:.2f}]".format(*interval)
+
+
+def table(title: str, columns: Mapping[str, Cell], rows: Sequence[Row]) -> str:
+    """Lay rows out for people: the columns are as wide as they have to be."""
+    head = [title, *columns]
+    lines = [head, *([row["name"], *(cell(row) for cell in columns.values())] for row in rows)]
+    wide = [max(len(line[i]) for line in lines) for i in range(len(head))]
+    return "\n".join(
+        "  ".join(
+            text.rjust(w) if i else text.ljust(w) for i, (text, w) in enumerate(zip(line, wide, strict=True))
+        )
+        for line in lines
+    )
