@@ -1,5 +1,8 @@
 """What the environment sets, and what it cannot."""
 
+import platform
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -37,3 +40,21 @@ def test_processes_of_the_server_have_few_threads_and_small_heaps(monkeypatch):
     assert "OMP_NUM_THREADS" not in environment_for()
     monkeypatch.setenv("MALLOC_ARENA_MAX", "7")
     assert environment_for()["MALLOC_ARENA_MAX"] == "7"
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc can be told")
+def test_memory_that_is_kept_is_not_asked_for_again():
+    work = (
+        "import resource, numpy as np\n"
+        "from webapp.settings import keep_freed_memory\n"
+        "keep_freed_memory()\n"
+        "def use():\n"
+        "    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "    for _ in range(20):\n"
+        "        arrays = [np.ones(5 << 20, np.uint8) for _ in range(10)]\n"
+        "    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before\n"
+        "use()\n"
+        "print(use())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", work], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 100

@@ -14,7 +14,7 @@ from webapp.cli import exitcodes
 from webapp.cli.build_text import build_line, tell_failed
 from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
 from webapp.cli.progressbar import terminal_progress
-from webapp.settings import from_environment
+from webapp.settings import from_environment, keep_freed_memory
 from webapp.tasks import build_map
 
 
@@ -29,6 +29,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     Only photos that are new or changed are computed. It can be interrupted at any moment; the next build
     goes on where it stopped.
     """
+    keep_freed_memory()
     with terminal_progress("photos") as progress:
         report = build_map.run(map_file, open_options(chosen), settings=from_environment(), progress=progress)
     index = report.index

@@ -23,7 +23,7 @@ from webapp.cli.options import (
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import UsageError
 from webapp.render import evaluation_folder
-from webapp.settings import from_environment
+from webapp.settings import from_environment, keep_freed_memory
 from webapp.tasks import evaluate as task
 from webapp.tasks import localize_sequence, prepare
 from webapp.tasks.evaluation_types import EvaluateOptions, Evaluation
@@ -78,6 +78,7 @@ def evaluate(
     if sequence and of_itself:
         raise UsageError("goes with QUERIES.csv only", where="--sequence")
     check_sequence(sequence, {"--speed": speed is not None})
+    keep_freed_memory()
     settings = from_environment()
     options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within, sequence=sequence)
     folder = map_file.parent

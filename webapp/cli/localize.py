@@ -27,7 +27,7 @@ from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failur
 from webapp.core.hypotheses.model import Answer
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
-from webapp.settings import from_environment
+from webapp.settings import from_environment, keep_freed_memory
 from webapp.tasks import localize_sequence, prepare
 from webapp.tasks.localize_photo import PhotoLocalizer
 from webapp.tasks.localize_sequence import SequenceLocalizer
@@ -68,6 +68,7 @@ def localize(
     for option, path in (("--matches", matches), ("--picture", picture)):
         _refuse_unwritable(path, option)
     check_sequence(sequence, {"--speed": speed is not None, "--by-time": by_time})
+    keep_freed_memory()
     settings = from_environment()
     steps: dict[Path, float] = {}
     if by_time:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import math
 import multiprocessing
 import os
-import platform
 import signal
 import threading
 from dataclasses import dataclass, replace
@@ -25,13 +23,7 @@ from webapp.files.indexstore import IndexFolder
 from webapp.files.mapfolder import photo_path
 from webapp.files.models import network
 from webapp.files.photo import read_facts, read_file, read_gray
-from webapp.settings import Settings
-
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-"""Parameters of mallopt(3)."""
-
-_LARGEST_KEPT, _MOST_KEPT = 32 << 20, 512 << 20
-"""Bytes of one block, and of all."""
+from webapp.settings import Settings, keep_freed_memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +83,12 @@ class PhotoDone:
 def start_worker() -> None:
     """Prepare a worker process: one native thread, and an end with its parent, however that ends."""
     cv2.setNumThreads(1)
-    _keep_freed_memory()
+    keep_freed_memory()
     # Ctrl-C reaches all processes of a terminal, but it is the parent that decides how to stop.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _keep_freed_memory() -> None:
-    """Have glibc keep what OpenCV frees: to get it anew for each photo took a sixth of the time."""
-    if platform.libc_ver()[0] == "glibc":
-        libc = ctypes.CDLL(None)
-        libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST_KEPT)
-        libc.mallopt(_M_TRIM_THRESHOLD, _MOST_KEPT)
 
 
 def _end_with(sentinel: int) -> None:
