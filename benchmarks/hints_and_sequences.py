@@ -1,7 +1,10 @@
 """Measures what is gained by knowing more than one photo: hints, several photos of a spot, a sequence.
 
-The queries must be the frames of a walk, in their order. Hints are made from the truth: a circle whose middle
-is off by noise, and a compass that shows the direction of the walk with noise.
+Queries with one truth are photos of one spot. Where all truths differ, the queries must be the frames of a
+walk, in their order: then each with its neighbours stands for photos of one spot, the direction of the walk
+is what a compass shows, and the sequence is measured. Hints are made from the truth: a circle whose middle is
+off by up to half its radius, and a compass with noise. Wrong hints are measured, too: circles and headings of
+other queries.
 
     python benchmarks/hints_and_sequences.py MAP.cfg QUERIES.csv [--features sift] [--first N] [--json OUT]
 """
@@ -12,7 +15,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,24 +25,29 @@ import numpy as np
 from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses import joint
-from webapp.core.hypotheses.compass import with_heading
 from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.near import Near
+from webapp.core.hypotheses.paths import on_paths
 from webapp.core.hypotheses.sequence import Belief, follow
 from webapp.files.queries_csv import Query, read
 from webapp.progress import Progress
 from webapp.settings import from_environment
-from webapp.tasks import prepare
+from webapp.tasks import localize_hinted, prepare
+from webapp.tasks.localize_hinted import Hints
 from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.localize_sequence import FRAME_TOP, motion
-from webapp.tasks.localize_upload import Near, Question, hidden
+from webapp.tasks.localize_sequence import motion
 from webapp.tasks.open_map import OpenOptions
 
 TOP = 5
-HINT_RADIUS_PX, COMPASS_NOISE_DEG = 60.0, 15.0
+HINT_RADII, COMPASS_NOISE_DEG = 3.0, 15.0
+"""Radius of the circles, in place radii of the map; noise of the compass."""
+
 OF_ONE_SPOT = 3
 REACH = 3
 """Frames before and after that the direction of the walk is taken from."""
+
+SURE = 0.9
+"""A wrong answer with at least this probability is confidently wrong."""
 
 COLUMNS = (
     "within_10px",
@@ -49,6 +57,7 @@ COLUMNS = (
     "ece",
     "answered_at_99",
     "radius_coverage",
+    "surely_wrong",
 )
 
 
@@ -57,18 +66,19 @@ def main() -> None:
     arguments = _parser().parse_args()
     localizer = prepare.run(
         arguments.map,
-        OpenOptions(features=arguments.features, jobs=1),
+        OpenOptions(features=arguments.features, jobs=1, map_fov_deg=arguments.map_fov),
         settings=from_environment(),
         progress=Progress(),
         fov_deg=arguments.fov,
     )
     queries = read(arguments.queries)[: arguments.first]
     rows = {
-        name: _figures(queries, answers, localizer) for name, answers in _ways(localizer, queries).items()
+        name: _figures(asked, answers, localizer)
+        for name, (asked, answers) in _ways(localizer, queries).items()
     }
-    print(f"{'':<24}" + "".join(f"{column:>17}" for column in COLUMNS))
+    print(f"{'':<26}" + "".join(f"{column:>17}" for column in COLUMNS))
     for name, figures in rows.items():
-        print(f"{name:<24}" + "".join(f"{figures[column]:>17.3f}" for column in COLUMNS))
+        print(f"{name:<26}" + "".join(f"{figures[column]:>17.3f}" for column in COLUMNS))
     if arguments.json:
         arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
 
@@ -79,61 +89,87 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("queries", type=Path)
     parser.add_argument("--features", default="auto")
     parser.add_argument("--fov", type=float, help="of the queries, degrees")
+    parser.add_argument("--map-fov", type=float, help="of photos of the map that do not tell theirs, degrees")
     parser.add_argument("--first", type=int, help="only so many of the queries")
     parser.add_argument("--json", type=Path, help="write all figures there")
     return parser
 
 
-def _ways(localizer: PhotoLocalizer, queries: Sequence[Query]) -> dict[str, list[Answer]]:
+def _ways(
+    localizer: PhotoLocalizer, queries: Sequence[Query]
+) -> dict[str, tuple[Sequence[Query], list[Answer]]]:
+    """Answer in each way; gives the queries that each is about, and the answers."""
     rng = np.random.default_rng(0)
-    circles = [_circle(q.truth, rng) for q in queries]
-    compass = _directions([q.truth for q in queries]) + rng.normal(0.0, COMPASS_NOISE_DEG, len(queries))
-    alone = _ask(localizer, queries, lambda _: Question(()), name="single photos")
-    near = _ask(localizer, queries, lambda i: Question((), near=circles[i]), name="position hint")
-    turned = _ask(
-        localizer, queries, lambda i: Question((), heading_deg=float(compass[i])), name="compass hint"
-    )
+    paths = localizer.opened.indexed.paths
+    truths = [q.truth for q in queries]
+    walk = len(set(truths)) == len(truths)
+    circles = [Hints(_circle(t, HINT_RADII * localizer.place_radius_px, rng)) for t in truths]
+    shown = _directions(truths) + rng.normal(0.0, COMPASS_NOISE_DEG, len(queries))
+    compass = [Hints(heading_deg=float(degrees)) for degrees in shown]
+    alone = _look(localizer, queries, [Hints()] * len(queries), name="single photos")
+    elsewhere = [circles[(i + len(queries) // 2) % len(queries)] for i in range(len(queries))]
+    turned = [Hints(heading_deg=float(degrees) + 180.0) for degrees in shown]
+
+    def hinted(looks: Sequence[Answer], hints: Sequence[Hints]) -> tuple[Sequence[Query], list[Answer]]:
+        pairs = zip(looks, hints, strict=True)
+        return queries, [localize_hinted.join(localizer, [a], hints=h, top=TOP)[0] for a, h in pairs]
+
+    ways = {
+        "single photos, by itself": (queries, alone),
+        "single photos": (queries, [on_paths(answer, paths) for answer in alone]),
+        "position hint": hinted(_look(localizer, queries, circles, name="position hint"), circles),
+        "wrong position hint": hinted(
+            _look(localizer, queries, elsewhere, name="wrong position hint"), elsewhere
+        ),
+        **_spots(localizer, queries, alone, walk=walk),
+    }
+    if walk:
+        ways["compass hint"], ways["wrong compass hint"] = hinted(alone, compass), hinted(alone, turned)
+        ways["sequence"] = (queries, _followed(localizer, alone))
+    return ways
+
+
+def _look(
+    localizer: PhotoLocalizer, queries: Sequence[Query], hints: Sequence[Hints], *, name: str
+) -> list[Answer]:
+    print(name, file=sys.stderr, flush=True)
+    pairs = zip(queries, hints, strict=True)
+    return [replace(localize_hinted.look(localizer, q.path, hints=h), evidence=()) for q, h in pairs]
+
+
+def _followed(localizer: PhotoLocalizer, alone: Sequence[Answer]) -> list[Answer]:
     belief, followed = Belief(), []
     how = motion(localizer)
     for answer in alone:
         belief, joined = follow(belief, answer, motion=how, top=TOP)
         followed.append(joined)
-    return {
-        "single photos": alone,
-        "position hint": near,
-        "compass hint": turned,
-        f"{OF_ONE_SPOT} photos of one spot": _spots(alone, localizer.place_radius_px),
-        "sequence": followed,
-    }
+    return followed
 
 
-def _ask(
-    localizer: PhotoLocalizer, queries: Sequence[Query], question: Callable[[int], Question], *, name: str
-) -> list[Answer]:
-    print(name, file=sys.stderr, flush=True)
-    answers = []
-    for number, query in enumerate(queries):
-        asked = question(number)
-        answer = localizer.localize(query.path, top=FRAME_TOP, hide=hidden(localizer, asked))
-        if asked.heading_deg is not None:
-            answer = with_heading(answer, asked.heading_deg)
-        answers.append(replace(answer, evidence=()))
-    return answers
-
-
-def _circle(truth: MapPixel, rng: np.random.Generator) -> Near:
+def _circle(truth: MapPixel, radius: float, rng: np.random.Generator) -> Near:
     """A circle that holds the truth; its middle is off by up to half its radius."""
-    way, angle = HINT_RADIUS_PX / 2.0 * math.sqrt(rng.random()), 2.0 * math.pi * rng.random()
-    return Near(truth.x + way * math.cos(angle), truth.y + way * math.sin(angle), HINT_RADIUS_PX)
+    way, angle = radius / 2.0 * math.sqrt(rng.random()), 2.0 * math.pi * rng.random()
+    return Near(truth.x + way * math.cos(angle), truth.y + way * math.sin(angle), radius)
 
 
-def _spots(answers: Sequence[Answer], radius: float) -> list[Answer]:
-    """Join each answer with those of its neighbours."""
-    half = OF_ONE_SPOT // 2
-    return [
-        joint.join(answers[max(i - half, 0) : i + half + 1], place_radius_px=radius, top=TOP)
-        for i in range(len(answers))
+def _spots(
+    localizer: PhotoLocalizer, queries: Sequence[Query], answers: Sequence[Answer], *, walk: bool
+) -> dict[str, tuple[Sequence[Query], list[Answer]]]:
+    """Join the answers about photos of one spot: of a walk, each with those of its neighbours."""
+    count, half = len(queries), OF_ONE_SPOT // 2
+    if walk:
+        spots = [list(range(max(i - half, 0), min(i + half + 1, count))) for i in range(count)]
+        asked: list[Query] = list(queries)
+    else:
+        truths = dict.fromkeys(q.truth for q in queries)
+        spots = [[i for i, q in enumerate(queries) if q.truth == truth] for truth in truths]
+        asked = [queries[spot[0]] for spot in spots]
+    photos = max(len(spot) for spot in spots)
+    joined = [
+        localize_hinted.join(localizer, [answers[i] for i in spot], hints=Hints(), top=TOP)[0]
+        for spot in spots
     ]
+    return {f"{photos} photos of one spot": (asked, joined)}
 
 
 def _directions(truths: Sequence[MapPixel]) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -157,8 +193,16 @@ def _figures(
         "ece": summary.ece,
         "answered_at_99": summary.answered_at_99_precision,
         "radius_coverage": summary.radius_coverage,
+        "surely_wrong": float(np.mean([_surely_wrong(r, localizer.place_radius_px) for r in results])),
     }
     return {name: math.nan if value is None else value for name, value in values.items()}
+
+
+def _surely_wrong(result: QueryResult, radius: float) -> bool:
+    answer, error = result.answer, result.error_px
+    if answer is None or error is None:
+        return False
+    return answer.hypotheses[0].probability >= SURE and error > radius
 
 
 if __name__ == "__main__":

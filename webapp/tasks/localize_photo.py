@@ -9,7 +9,9 @@ from pathlib import Path
 from webapp.core.features.extract import extract
 from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.core.hypotheses.model import Answer, FieldOfView
-from webapp.core.localize import verified, vote
+from webapp.core.hypotheses.paths import on_paths
+from webapp.core.localize import vote
+from webapp.core.localize.verified import answered, find_places
 from webapp.core.mapmodel.model import Map
 from webapp.files.calibrationfile import StoredCalibration
 from webapp.files.models import network
@@ -53,6 +55,30 @@ class PhotoLocalizer:
         PhotoError
             The photo cannot be used.
         """
+        return on_paths(self.look(photo_path, top=top, hide=hide), self.opened.indexed.paths)
+
+    def look(
+        self,
+        photo_path: Path,
+        *,
+        top: int,
+        hide: frozenset[int] = frozenset(),
+        closer: frozenset[int] = frozenset(),
+    ) -> Answer:
+        """Tell what one photo says by itself, before anything that is known of where photos are taken.
+
+        Parameters
+        ----------
+        photo_path : Path
+        top : int
+        hide : frozenset of int
+        closer : frozenset of int
+            Experience ids to look at more closely; the method `vote` looks at all of them in any case.
+
+        Raises
+        ------
+        PhotoError
+        """
         clock = [time.perf_counter()]
         limits, options = self.settings.photo, self.settings.extract
         gray = read_gray(photo_path, limits=limits, max_side=options.max_side_px)
@@ -70,14 +96,10 @@ class PhotoLocalizer:
         if fov is None:
             answer = vote.localize(self.opened.indexed, features, top=top, hide=hide)
         else:
-            answer = verified.localize(
-                self.opened.indexed,
-                features,
-                fov_deg=fov.degrees,
-                calibration=self.calibration.calibration if self.calibration else DEFAULT,
-                top=top,
-                hide=hide,
-            )
+            indexed = self.opened.indexed
+            found = find_places(indexed, features, fov_deg=fov.degrees, hide=hide, closer=closer)
+            calibration = self.calibration.calibration if self.calibration else DEFAULT
+            answer = answered(indexed, found, calibration=calibration, top=top)
         clock.append(time.perf_counter())
         times = {"read": clock[1] - clock[0], "extract": clock[2] - clock[1], "total": clock[3] - clock[0]}
         if not answer.seconds:

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.sequence import Belief, Motion, follow, motion_of
+from webapp.core.hypotheses.sequence import Belief, Motion, follow, motion_on
 from webapp.errors import PhotoError, UsageError
 from webapp.files.photo import read_facts
 from webapp.settings import PhotoLimits
@@ -25,8 +25,7 @@ _LEAST_STEP = 0.5
 
 def motion(localizer: PhotoLocalizer, *, speed_px: float | None = None) -> Motion:
     """Describe the motion over the map of a localizer."""
-    indexed = localizer.opened.indexed
-    return motion_of(indexed.position, place_radius_px=indexed.place_radius_px, speed_px=speed_px)
+    return motion_on(localizer.opened.indexed.paths, speed_px=speed_px)
 
 
 @dataclass(slots=True)
@@ -60,7 +59,7 @@ class SequenceLocalizer(PhotoLocalizer):
         PhotoError
             The photo cannot be used; the sequence goes on without it.
         """
-        alone = PhotoLocalizer.localize(self, photo_path, top=FRAME_TOP, hide=hide)
+        alone = self.look(photo_path, top=FRAME_TOP, hide=hide)
         self._memory.belief, answer = follow(
             self._memory.belief,
             alone,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -10,11 +9,9 @@ from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any
 
-from webapp.core.hypotheses import joint
-from webapp.core.hypotheses.compass import with_heading
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
-from webapp.core.mapmodel.model import Experience
+from webapp.core.hypotheses.near import Near
 from webapp.errors import NotFound, UsageError
 from webapp.files.partfile import move_in, told_as
 from webapp.files.photo import read_facts
@@ -22,29 +19,17 @@ from webapp.settings import Settings
 from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, QueryRecord
-from webapp.tasks import follow_sequence, show_query
+from webapp.tasks import follow_sequence, localize_hinted, show_query
 from webapp.tasks.add_photo import suffix_of, tidy_name
+from webapp.tasks.localize_hinted import Hints
 from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.localize_sequence import FRAME_TOP
 from webapp.tasks.ready_maps import ReadyMap, ReadyMaps, Way
 
 MOST_PHOTOS = 8
 """Of one spot, in one question."""
 
-_OTHER_WAY_DEG = 100.0
-"""Photos that look so far away from a heading show nothing of what is seen in it."""
-
 _AT_ONCE = BoundedSemaphore(2)
 """More at the same time would only wait for each other, and each takes memory for its photo."""
-
-
-@dataclass(frozen=True, slots=True)
-class Near:
-    """About where the photo was taken: map pixels."""
-
-    x: float
-    y: float
-    radius: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +54,9 @@ class Question:
     fov_deg : float or None
         Horizontal field of view, instead of what EXIF says.
     near : Near or None
-        Photos of the map outside this circle are left out.
+        About where they were taken.
     heading_deg : float or None
-        Photos of the map that look the other way are left out, and hypotheses weighed by it.
+        Where the camera looked.
     sequence : Path or None
         What is known of the sequence that this is the next frame of; written anew.
     key : str or None
@@ -117,7 +102,7 @@ def run(ready_maps: ReadyMaps, map_id: int, *, question: Question, settings: Set
     PhotoError
         One of them cannot be used.
     UsageError
-        Hints that leave no photo of the map; too many photos.
+        A circle without a photo of the map; too many photos.
     NotReady, MapError, NotFound, IndexDamaged
         The map cannot answer.
     """
@@ -128,16 +113,14 @@ def run(ready_maps: ReadyMaps, map_id: int, *, question: Question, settings: Set
             read_facts(photo.path, limits=settings.photo)
     ready = ready_maps.get(map_id, question.way)
     localizer = replace(ready.localizer, fov_deg=question.fov_deg)
-    hide = hidden(localizer, question)
-    top = question.top if question.sequence is None else max(question.top, FRAME_TOP)
+    hints = Hints(question.near, question.heading_deg)
     with _AT_ONCE:
-        answers = [_localize(localizer, photo, top=top, hide=hide) for photo in question.photos]
-    if question.heading_deg is not None:
-        answers = [with_heading(answer, question.heading_deg) for answer in answers]
-    answer = joint.join(answers, place_radius_px=localizer.place_radius_px, top=top)
-    best = joint.surest(answers, answer)
-    if question.sequence is not None:
-        answer = follow_sequence.run(question.sequence, answer, localizer=localizer, top=question.top)
+        answers = [_look(localizer, photo, hints) for photo in question.photos]
+    if question.sequence is None:
+        answer, best = localize_hinted.join(localizer, answers, hints=hints, top=question.top)
+    else:
+        frame, best = localize_hinted.weigh(localizer, answers, hints=hints)
+        answer = follow_sequence.run(question.sequence, frame, localizer=localizer, top=question.top)
     source = AnswerSource(
         localizer.method,
         localizer.features,
@@ -204,47 +187,9 @@ def remember(
     return row.id
 
 
-def _localize(localizer: PhotoLocalizer, photo: Sent, *, top: int, hide: frozenset[int]) -> Answer:
+def _look(localizer: PhotoLocalizer, photo: Sent, hints: Hints) -> Answer:
     with told_as(photo.name, photo.path):
-        return localizer.localize(photo.path, top=top, hide=hide)
-
-
-def hidden(localizer: PhotoLocalizer, question: Question) -> frozenset[int]:
-    """Tell which photos of the map the hints rule out.
-
-    Raises
-    ------
-    UsageError
-        All of them.
-    """
-    experiences, wanted = localizer.map.experiences, question.heading_deg
-    headings = {} if wanted is None else _headings(localizer)
-    seen = [e for e in experiences if _is_near(e, question.near) and _looks(headings.get(e.id), wanted)]
-    if not seen:
-        raise UsageError(
-            "no photo of the map is where the hints say",
-            where="hint_radius_px" if question.near else "heading_deg",
-            hint="make the circle larger, or leave the hint out",
-        )
-    return frozenset(e.id for e in experiences) - {e.id for e in seen}
-
-
-def _headings(localizer: PhotoLocalizer) -> dict[int, float]:
-    """Where photos of the map looked: as they say themselves, else as was worked out from what they see."""
-    indexed = localizer.opened.indexed
-    computed = zip(indexed.ids.tolist(), indexed.headings_deg().tolist(), strict=True)
-    own = {e.id: e.heading_deg for e in localizer.map.experiences if e.heading_deg is not None}
-    return {id: deg for id, deg in computed if not math.isnan(deg)} | own
-
-
-def _is_near(experience: Experience, near: Near | None) -> bool:
-    return near is None or math.dist(experience.position, (near.x, near.y)) <= near.radius
-
-
-def _looks(looked_deg: float | None, heading_deg: float | None) -> bool:
-    if heading_deg is None or looked_deg is None:
-        return True
-    return abs(math.remainder(looked_deg - heading_deg, 360.0)) <= _OTHER_WAY_DEG
+        return localize_hinted.look(localizer, photo.path, hints=hints)
 
 
 def _options(question: Question) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from werkzeug.datastructures import FileStorage
 from webapp.core.features.table import BUNDLES, METHODS
 from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.near import Near
 from webapp.errors import IndexDamaged, NotReady, UsageError
 from webapp.files.partfile import check_space, discard, receive
 from webapp.store import jobs, maps, queries
@@ -28,7 +29,7 @@ from webapp.tasks.add_photo import tidy_name
 from webapp.tasks.adopt_query import link_or_copy
 from webapp.tasks.library_export import INDEX_JOB
 from webapp.tasks.library_map import georeference
-from webapp.tasks.localize_upload import MOST_PHOTOS, Asked, Near, Question, Sent
+from webapp.tasks.localize_upload import MOST_PHOTOS, Asked, Question, Sent
 from webapp.tasks.ready_maps import ReadyMaps, Way
 from webapp.web.answer_schemas import AnswerOut
 from webapp.web.context import account, library, open_map, settings

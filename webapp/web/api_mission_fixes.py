@@ -12,6 +12,7 @@ from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.types import LatLon
+from webapp.core.hypotheses.near import Near
 from webapp.errors import UsageError
 from webapp.render import track_picture
 from webapp.store import missions
@@ -20,7 +21,7 @@ from webapp.store.schema_missions import Mission
 from webapp.tasks import add_mission_photo, fuse_mission, mission_fix
 from webapp.tasks.add_mission_photo import About
 from webapp.tasks.library_map import georeference
-from webapp.tasks.localize_upload import Near, Question, Sent
+from webapp.tasks.localize_upload import Question, Sent
 from webapp.tasks.ready_maps import Way
 from webapp.web.answer_schemas import Located
 from webapp.web.api_localize import ask, received

@@ -1,6 +1,8 @@
 """A compass heading weighs hypotheses by their own headings."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.compass import with_heading
@@ -40,3 +42,25 @@ def test_a_compass_can_be_wrong():
 def test_no_heading_no_opinion():
     alone = answer(place(1, 0.6, None))
     assert with_heading(alone, 77.0).hypotheses[0].probability == pytest.approx(0.6)
+
+
+def test_a_photo_that_is_all_that_is_known_looks_about_where_the_query_does():
+    alone = answer(place(1, 0.4, None), place(2, 0.4, None))
+    weighed = with_heading(alone, 90.0, looked_deg={1: 270.0, 2: 80.0})
+    assert [h.experiences for h in weighed.hypotheses] == [(2,), (1,)]
+    assert (
+        weighed.hypotheses[0].probability
+        < with_heading(answer(place(1, 0.4, 270.0), place(2, 0.4, 80.0)), 90.0).hypotheses[0].probability
+    )
+
+
+@given(st.lists(st.tuples(st.floats(0.01, 1), st.floats(0, 360)), min_size=1, max_size=5), st.floats(0, 360))
+def test_it_adds_up_to_one(places, heading):
+    total = sum(p for p, _ in places) + 0.5
+    hypotheses = [place(n, p / total, deg) for n, (p, deg) in enumerate(places, 1)]
+    alone = Answer(tuple(hypotheses), 0.3 / total, 0.2 / total, None, COUNTS)
+    weighed = with_heading(alone, heading)
+    listed = [h.probability for h in weighed.hypotheses]
+    assert sum(listed) + weighed.off_map_probability + weighed.other_probability == pytest.approx(1.0)
+    assert weighed.other_probability / weighed.off_map_probability == pytest.approx(2 / 3)
+    assert listed == sorted(listed, reverse=True)

@@ -85,18 +85,34 @@ def test_the_field_of_view_can_be_given(client, sample, ask, queries):
     assert (answer["fov_deg"], answer["fov_source"]) == (70.0, "option")
 
 
-def test_hints_leave_photos_out(client, sample, ask, queries):
-    x, y = truth(queries, "query_01.jpg")
-    near = {"hint_x_px": x, "hint_y_px": y, "hint_radius_px": 200}
-    answer = ask(client, queries / "query_01.jpg", **near).get_json()
-    assert math.dist((answer["hypotheses"][0]["x_px"], answer["hypotheses"][0]["y_px"]), (x, y)) < 40
+def test_hints_weigh(client, sample, ask, queries):
+    name = "query_01.jpg"
+    x, y = truth(queries, name)
+    alone = ask(client, queries / name).get_json()
+    near = {"hint_x_px": x, "hint_y_px": y, "hint_radius_px": 100}
+    hinted = ask(client, queries / name, **near).get_json()
+    first = hinted["hypotheses"][0]
+    assert math.dist((first["x_px"], first["y_px"]), (x, y)) < 40
+    assert first["probability"] >= alone["hypotheses"][0]["probability"]
+    looked = alone["hypotheses"][0]["heading_deg"]
+    right, wrong = (
+        ask(client, queries / name, heading_deg=(looked + off) % 360).get_json()["off_map_probability"]
+        for off in (0, 180)
+    )
+    assert right < alone["off_map_probability"] < wrong
+
+
+def test_a_wrong_circle_is_not_believed(client, sample, ask, queries):
+    name = "query_01.jpg"
+    x, y = truth(queries, name)
     photos = client.get("/api/v1/maps/sample").get_json()["photos"]
-    at = {p["id"]: (p["x_px"], p["y_px"], p["heading_deg"]) for p in photos}
-    used = [id for h in answer["hypotheses"] for id in h["experiences"]]
-    assert all(math.dist(at[id][:2], (x, y)) <= 200 for id in used)
-    turned = ask(client, queries / "query_01.jpg", heading_deg=120).get_json()
-    used = [id for h in turned["hypotheses"] for id in h["experiences"]]
-    assert used and all(abs(math.remainder(at[id][2] - 120, 360)) <= 100 for id in used)
+    away = max(photos, key=lambda p: math.dist((p["x_px"], p["y_px"]), (x, y)))
+    wrong = {"hint_x_px": away["x_px"], "hint_y_px": away["y_px"], "hint_radius_px": 50}
+    answer = ask(client, queries / name, **wrong).get_json()
+    told = [(math.dist((h["x_px"], h["y_px"]), (x, y)), h["probability"]) for h in answer["hypotheses"]]
+    assert all(p < 0.5 for off, p in told if off > 60)
+    parts = sum(p for _, p in told) + answer["other_probability"] + answer["off_map_probability"]
+    assert parts == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.types import Orientations
 from webapp.settings import Settings
 from webapp.store import members
-from webapp.tasks import follow_sequence, localize_upload
-from webapp.tasks.localize_upload import Question
+from webapp.tasks import follow_sequence, localize_hinted
 from webapp.tasks.ready_maps import ReadyMaps, Way
 
 
@@ -68,5 +67,5 @@ def test_photos_that_tell_no_heading_have_the_one_that_was_worked_out(library, s
     known = Orientations(so3.level(turned), np.zeros(len(turned)), trust)
     object.__setattr__(indexed, "orientations", known)
     object.__setattr__(localizer.map, "experiences", tuple(replace(e, heading_deg=None) for e in experiences))
-    hidden = localize_upload.hidden(localizer, Question((), heading_deg=90.0))
-    assert hidden == {int(id) for id in indexed.ids[4::2]}
+    headings = localize_hinted.headings(localizer)
+    assert headings == {int(i): 90.0 if n % 2 else 270.0 for n, i in enumerate(indexed.ids) if n >= 4}

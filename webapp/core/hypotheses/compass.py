@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from types import MappingProxyType
 
-from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.hypotheses.weighing import weighed
 
 _SPREAD_DEG = 25.0
 """Of a hand-held compass beside steel and electronics, and of headings that were computed."""
+
+_OF_PHOTO_DEG = 40.0
+"""Spread of a query about the heading of a photo that it is matched with: both see the same thing."""
 
 _ASTRAY = 0.1
 """Share of compass readings that say nothing: disturbed, or of the phone and not of its camera."""
 
 
-def with_heading(answer: Answer, heading_deg: float) -> Answer:
+def with_heading(
+    answer: Answer, heading_deg: float, *, looked_deg: Mapping[int, float] = MappingProxyType({})
+) -> Answer:
     """Weigh the hypotheses of an answer with a compass heading, by Bayes' rule.
 
     The reading is normal about the true heading, and anything in a tenth of the cases. What has no heading,
@@ -25,33 +32,25 @@ def with_heading(answer: Answer, heading_deg: float) -> Answer:
     answer : Answer
     heading_deg : float
         Degrees clockwise from north.
+    looked_deg : mapping of int to float
+        Headings of the map's photos, by id, as far as they are known: they tell about where a hypothesis
+        looks that has no heading itself.
 
     Returns
     -------
     Answer
         Its probabilities add up to 1 again; ranked anew.
     """
-    weighed = [h.probability * _likelihood(h.heading_deg, heading_deg) for h in answer.hypotheses]
-    total = sum(weighed) + answer.other_probability + (answer.off_map_probability or 0.0)
-    if not total:
-        return answer
-    changed = [replace(h, probability=p / total) for h, p in zip(answer.hypotheses, weighed, strict=True)]
-    ranked = sorted(changed, key=lambda h: -h.probability)
-    first = set(ranked[0].experiences) if ranked else set()
-    off = answer.off_map_probability
-    return replace(
-        answer,
-        hypotheses=tuple(replace(h, rank=rank) for rank, h in enumerate(ranked, 1)),
-        other_probability=answer.other_probability / total,
-        off_map_probability=None if off is None else off / total,
-        evidence=tuple(sorted(answer.evidence, key=lambda e: e.experience not in first)),
-    )
+    return weighed(answer, [_likelihood(h, heading_deg, looked_deg) for h in answer.hypotheses])
 
 
-def _likelihood(heading_deg: float | None, compass_deg: float) -> float:
+def _likelihood(hypothesis: Hypothesis, compass_deg: float, looked_deg: Mapping[int, float]) -> float:
     """Density of the reading over that of a reading that may be anything."""
-    if heading_deg is None:
+    heading, spread = hypothesis.heading_deg, _SPREAD_DEG
+    if heading is None and hypothesis.experiences:
+        heading, spread = looked_deg.get(hypothesis.experiences[0]), math.hypot(_SPREAD_DEG, _OF_PHOTO_DEG)
+    if heading is None:
         return 1.0
-    off = math.remainder(heading_deg - compass_deg, 360.0)
-    density = math.exp(-0.5 * (off / _SPREAD_DEG) ** 2) / (math.sqrt(2.0 * math.pi) * _SPREAD_DEG)
+    off = math.remainder(heading - compass_deg, 360.0)
+    density = math.exp(-0.5 * (off / spread) ** 2) / (math.sqrt(2.0 * math.pi) * spread)
     return _ASTRAY + (1.0 - _ASTRAY) * 360.0 * density

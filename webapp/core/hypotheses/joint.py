@@ -1,9 +1,9 @@
 """One answer from several photos of one spot.
 
-Each photo's probabilities are a belief about the same place; the joint belief is their mean (a linear
-opinion pool: Stone, "The opinion pool", 1961). It adds up to 1, a place that several photos name rises above
-those that only one names, and it is never surer than the surest photo: photos of one spot err together, so
-that multiplying their odds would claim too much.
+Each photo's probabilities, over what was to be expected before, tell how far it speaks for each place:
+independent photos would multiply their odds (naive Bayes). Photos of one spot err together, so that for each
+place the photo that says most counts whole and each further one half. A photo that does not name a place
+speaks a little against it.
 """
 
 from __future__ import annotations
@@ -12,30 +12,43 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
+from webapp.core.hypotheses.paths import Paths
+from webapp.core.hypotheses.weighing import ranked, shortened, told
+
+_FURTHER = 0.5
+"""What each photo but the one that says most counts."""
+
+_NOT_NAMED = -0.5
+"""Log likelihood ratio of a place that a photo does not name: photos of mapped places are missed often."""
+
+_LEAST_RADIUS = 0.5
+"""No position is exact to more than this, place radii, against others that err together with it."""
 
 
 @dataclass(slots=True, eq=False)
 class _Spot:
-    """Hypotheses about one place, the most probable first."""
+    """Hypotheses about one place, the most probable first, each with the number of its photo."""
 
-    members: list[Hypothesis] = field(default_factory=list)
+    members: list[tuple[int, Hypothesis]] = field(default_factory=list)
 
     @property
     def lead(self) -> Hypothesis:
-        return self.members[0]
+        return self.members[0][1]
 
 
-def join(answers: Sequence[Answer], *, place_radius_px: float, top: int) -> Answer:
+def join(answers: Sequence[Answer], *, paths: Paths, top: int) -> Answer:
     """Join the answers about photos that were taken at one spot.
 
     Parameters
     ----------
     answers : sequence of Answer
         At least one, all by one method.
-    place_radius_px : float
-        Hypotheses nearer than this to a more probable one are about the same place.
+    paths : Paths
+        Of the map.
     top : int
         At most so many hypotheses.
 
@@ -46,23 +59,28 @@ def join(answers: Sequence[Answer], *, place_radius_px: float, top: int) -> Answ
         spot look in several directions.
     """
     if len(answers) == 1:
-        return answers[0]
-    count = len(answers)
-    spots = _spots([h for a in answers for h in a.hypotheses], place_radius_px)
-    joined = sorted((_joined(spot, count) for spot in spots), key=lambda h: -h.probability)
-    cut = sum(h.probability for h in joined[top:])
-    off = [a.off_map_probability for a in answers if a.off_map_probability is not None]
-    best = _surest(answers, joined)
-    return Answer(
-        hypotheses=tuple(replace(h, rank=rank) for rank, h in enumerate(joined[:top], 1)),
-        off_map_probability=sum(off) / count if len(off) == count else None,
-        other_probability=sum(a.other_probability for a in answers) / count + cut,
+        return shortened(answers[0], top)
+    read = [told(answer) for answer in answers]
+    spots = _spots([(n, h) for n, (given, _) in enumerate(read) for h in given], paths.place_radius_px)
+    missed = [miss for _, miss in read]
+    odds = np.array([_log_odds(spot, missed, expected=-math.log(paths.places)) for spot in spots])
+    most = max(float(odds.max(initial=0.0)), 0.0)
+    grown, none = np.exp(odds - most), math.exp(-most)
+    share = grown / (grown.sum() + none)
+    none /= float(grown.sum()) + none
+    known = [a.off_map_probability for a in answers if a.off_map_probability is not None]
+    joined = [_joined(spot, float(p), paths) for spot, p in zip(spots, share, strict=True)]
+    best = _surest(answers, sorted(joined, key=lambda h: -h.probability))
+    off = len(known) == len(answers)
+    whole = replace(
+        best,
+        off_map_probability=none if off else None,
+        other_probability=0.0 if off else none,
         no_pose=None if joined else answers[0].no_pose,
         statistics=_statistics([a.statistics for a in answers]),
-        evidence=best.evidence,
         seconds={stage: sum(a.seconds.get(stage, 0.0) for a in answers) for stage in answers[0].seconds},
-        fov=best.fov,
     )
+    return shortened(ranked(whole, joined), top)
 
 
 def surest(answers: Sequence[Answer], joint: Answer) -> int:
@@ -71,36 +89,53 @@ def surest(answers: Sequence[Answer], joint: Answer) -> int:
     return next(n for n, answer in enumerate(answers) if answer is best)
 
 
-def _spots(hypotheses: Sequence[Hypothesis], radius: float) -> list[_Spot]:
+def _spots(hypotheses: Sequence[tuple[int, Hypothesis]], radius: float) -> list[_Spot]:
     spots: list[_Spot] = []
-    for hypothesis in sorted(hypotheses, key=lambda h: -h.probability):
+    for number, hypothesis in sorted(hypotheses, key=lambda pair: -pair[1].probability):
         near = (s for s in spots if math.dist(s.lead.position, hypothesis.position) <= radius)
         spot = next(near, None)
         if spot is None:
             spot = _Spot()
             spots.append(spot)
-        spot.members.append(hypothesis)
+        spot.members.append((number, hypothesis))
     return spots
 
 
-def _joined(spot: _Spot, photos: int) -> Hypothesis:
-    """Average the positions that were computed, the precise ones more; else take the surest as it is."""
-    computed = [h for h in spot.members if h.kind == "position" and h.radius_px]
-    lead = max(computed, key=lambda h: h.probability, default=spot.lead)
-    position = lead.position
-    if computed:
-        weights = [h.probability / (h.radius_px or 1.0) ** 2 for h in computed]
-        mean = [
-            sum(w * h.position[axis] for w, h in zip(weights, computed, strict=True)) / sum(weights)
-            for axis in (0, 1)
-        ]
-        position = MapPixel(*mean)
+def _log_odds(spot: _Spot, missed: Sequence[float], *, expected: float) -> float:
+    """Compute log odds of a place, against that none is right.
+
+    Parameters
+    ----------
+    spot : _Spot
+    missed : sequence of float
+        Of each photo, the probability that none of its hypotheses is right.
+    expected : float
+        Log odds of a place before any photo.
+    """
+    says = []
+    for number, miss in enumerate(missed):
+        named = sum(h.probability for n, h in spot.members if n == number)
+        says.append(math.log(named / miss) - expected if named else _NOT_NAMED)
+    first, *further = sorted(says, reverse=True)
+    return expected + first + _FURTHER * sum(max(s, _NOT_NAMED) for s in further)
+
+
+def _joined(spot: _Spot, probability: float, paths: Paths) -> Hypothesis:
+    """Average the positions, by probability and precision; what speaks for the surest speaks for all."""
+    members = [h for _, h in spot.members]
+    computed = [h for h in members if h.kind == "position"] or members
+    least = _LEAST_RADIUS * paths.place_radius_px
+    squared = [(h.radius_px or paths.place_radius_px) ** 2 + least**2 for h in computed]
+    weight = [h.probability / s for h, s in zip(computed, squared, strict=True)]
+    mean = np.average([h.position for h in computed], axis=0, weights=weight)
+    radius = float(np.average([h.radius_px or 0.0 for h in computed], weights=weight))
     return replace(
-        lead,
-        position=position,
-        probability=sum(h.probability for h in spot.members) / photos,
-        experiences=tuple(dict.fromkeys(id for h in spot.members for id in h.experiences)),
-        matches=sum(h.matches for h in spot.members),
+        computed[0],
+        position=MapPixel(*mean.tolist()),
+        probability=probability,
+        radius_px=radius or None,
+        experiences=tuple(dict.fromkeys(id for h in members for id in h.experiences)),
+        matches=sum(h.matches for h in members),
     )
 
 

@@ -18,9 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.hypotheses.paths import INSIDE_68, Paths, drawn, paths_of
 from webapp.core.hypotheses.tracks import Track, alike, born, corrected, merge, moved
+from webapp.core.hypotheses.weighing import told
 
 Array = NDArray[np.float64]
 
@@ -33,31 +34,13 @@ _KIDNAPPED = 0.01
 _TEMPER = 0.5
 """Power of a frame's likelihood after the first frame: neighbouring frames see the same and err together."""
 
-_LEAST_MISS = 0.02
-"""No frame is so sure of its hypotheses that none could be right."""
-
 _NEXT_DOOR, _DOOR = 0.5, 2.0
 """Of wrong answers on the map so many name a place near the right one; spread of that, place radii."""
-
-_UNKNOWN_MISS = 0.5
-"""The same of methods that do not tell it."""
-
-_INSIDE_68 = math.sqrt(-2.0 * math.log(1.0 - 0.68))
-"""Radius that holds 68 % of a round Gaussian over its spread."""
 
 _ERR_TOGETHER = 0.5
 """Least 68 % radius, place radii: so much neighbouring frames are off by together, which none can tell."""
 
-_BESIDE = 0.5
-"""Spread of queries about the photos of the map, place radii: one spacing of these."""
-
-_ANYWHERE = 0.02
-"""Share of queries that are not taken about photos of the map, but anywhere."""
-
 _TRACKS, _LEAST_WEIGHT = 40, 1e-4
-
-_NOTHING = 1e-12
-"""A hypothesis is less probable than this only in name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,19 +49,18 @@ class Motion:
 
     Attributes
     ----------
-    place_radius_px : float
-    photos : (n, 2) float64
-        Distinct positions of the map's photos.
-    area_px2 : float
-        Where the camera can be at all.
+    paths : Paths
     speed_px : float
         About how far the camera comes from a frame to the next, map pixels.
     """
 
-    place_radius_px: float
-    photos: Array
-    area_px2: float
+    paths: Paths
     speed_px: float
+
+    @property
+    def place_radius_px(self) -> float:
+        """How far off a right hypothesis may be."""
+        return self.paths.place_radius_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +92,12 @@ def motion_of(position: Array, *, place_radius_px: float, speed_px: float | None
     speed_px : float, optional
         Usual way from a frame to the next; without it, the place radius.
     """
-    # Squares of a place radius that hold photos: a map is a path more often than it is a rectangle.
-    squares = np.unique(np.floor(position / place_radius_px), axis=0)
-    area = max(len(squares), 1) * place_radius_px**2
-    speed = SPEED * place_radius_px if speed_px is None else speed_px
-    return Motion(place_radius_px, np.unique(position, axis=0), area, speed)
+    return motion_on(paths_of(position, place_radius_px=place_radius_px), speed_px=speed_px)
+
+
+def motion_on(paths: Paths, *, speed_px: float | None = None) -> Motion:
+    """Describe the motion over a map whose paths are known; otherwise as `motion_of`."""
+    return Motion(paths, SPEED * paths.place_radius_px if speed_px is None else speed_px)
 
 
 def follow(
@@ -161,11 +144,11 @@ def _update(belief: Belief, answer: Answer, *, motion: Motion, temper: float) ->
     The likelihood of a position is, over that of knowing nothing, the sum of the hypotheses' Gaussians over
     the density of positions, and the chance that none is right; to the power `temper`, term by term.
     """
-    hypotheses, miss = _read(answer)
+    hypotheses, miss = told(answer)
     if not hypotheses:  # a dark or blurred frame says nothing
         return replace(belief, frames=belief.frames + 1)
     # Half of what may be is on the map, as for the photos that the probabilities were calibrated on.
-    density = 0.5 / motion.area_px2
+    density = 0.5 / motion.paths.area_px2
     missed = miss**temper
     wide = (_DOOR * motion.place_radius_px) ** 2
     astray = (miss * (1.0 - _NEXT_DOOR)) ** temper
@@ -194,20 +177,9 @@ def _mass(probability: float, variance: float, *, density: float, temper: float)
     return float(peak**temper * 2.0 * math.pi * variance / temper)
 
 
-def _read(answer: Answer) -> tuple[list[Hypothesis], float]:
-    """Tell hypotheses and the probability that none is right, which add up to 1."""
-    given = [h for h in answer.hypotheses if h.probability > _NOTHING]
-    told, off = sum(h.probability for h in given), answer.off_map_probability
-    if not told:
-        return [], 1.0
-    right = told * (1.0 - _UNKNOWN_MISS) / (told + answer.other_probability) if off is None else told
-    right = min(right, 1.0 - _LEAST_MISS)
-    return [replace(h, probability=h.probability * right / told) for h in given], 1.0 - right
-
-
 def _variance(hypothesis: Hypothesis, motion: Motion) -> float:
     radius = motion.place_radius_px if hypothesis.radius_px is None else hypothesis.radius_px
-    return (max(radius, _ERR_TOGETHER * motion.place_radius_px) / _INSIDE_68) ** 2
+    return (max(radius, _ERR_TOGETHER * motion.place_radius_px) / INSIDE_68) ** 2
 
 
 def _tidy(belief: Belief) -> Belief:
@@ -249,8 +221,8 @@ def _answer(belief: Belief, frame: Answer, *, motion: Motion, top: int) -> Answe
 def _place(near: Sequence[Track], motion: Motion) -> Hypothesis:
     """Make one hypothesis of tracks within one place, the heaviest first."""
     whole = merge(near)
-    spread = (_ERR_TOGETHER * motion.place_radius_px / _INSIDE_68) ** 2
-    position, variance = _beside(whole.position, whole.covariance[0] + spread, motion)
+    spread = (_ERR_TOGETHER * motion.place_radius_px / INSIDE_68) ** 2
+    position, variance = drawn(whole.position, whole.covariance[0] + spread, paths=motion.paths)
     inside = 1.0 - math.exp(-0.5 * motion.place_radius_px**2 / variance)
     of_frame = whole.hypothesis
     return replace(
@@ -264,21 +236,3 @@ def _place(near: Sequence[Track], motion: Motion) -> Hypothesis:
         inliers=of_frame.inliers if whole.seen else None,
         matches=of_frame.matches if whole.seen else 0,
     )
-
-
-def _beside(position: MapPixel, variance: float, motion: Motion) -> tuple[MapPixel, float]:
-    """Weigh a position with where cameras have been, by Bayes' rule; returns the mean and the variance.
-
-    The prior is a Gaussian about each photo of the map, and a little of everywhere. Along a row of photos
-    these cancel out; from beside it the position is drawn towards it, from far off it is not.
-    """
-    at, prior = np.array(position), (_BESIDE * motion.place_radius_px) ** 2
-    off, wide = motion.photos - at, variance + prior
-    near = np.exp(-0.5 * (off**2).sum(1) / wide) / (2.0 * math.pi * wide)
-    near *= (1.0 - _ANYWHERE) / len(off)
-    share = near / (near.sum() + _ANYWHERE / motion.area_px2)
-    drawn = variance / wide * off
-    step = share @ drawn
-    among = (share @ (drawn**2).sum(1) - (step**2).sum()) / 2.0
-    left = variance * (1.0 - share.sum() * variance / wide)
-    return MapPixel(*map(float, at + step)), float(left + among)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
+from webapp.core.hypotheses.paths import Paths, paths_of
 from webapp.core.index.segment import Segment
 from webapp.core.index.types import DescriptorSearch
 from webapp.core.reconstruction import so3
@@ -39,6 +40,8 @@ class IndexedMap:
         How the photos were held, where that is known.
     first_row : (e + 1,) int64
         Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
+    paths : Paths
+        Where the photos were taken; follows from their positions.
     """
 
     ids: NDArray[np.int64]
@@ -50,12 +53,15 @@ class IndexedMap:
     place_radius_px: float
     orientations: Orientations | None = None
     first_row: NDArray[np.int64] = field(init=False)
+    paths: Paths = field(init=False)
     _entry_of_photo: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
         lengths = [np.diff(s.first) for s in self.segments]
         first = np.concatenate([[0], np.cumsum(np.concatenate(lengths))]) if lengths else np.zeros(1)
         object.__setattr__(self, "first_row", first.astype(np.int64))
+        paths = paths_of(self.position, place_radius_px=self.place_radius_px)
+        object.__setattr__(self, "paths", paths)
         entry = np.full(len(self.ids), -1, np.int64)
         alive = np.flatnonzero(self.photo_of_entry >= 0)
         entry[self.photo_of_entry[alive]] = alive

@@ -124,7 +124,7 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
     Returns
     -------
     list of Place
-        The best first, any two at least twice the place radius apart; at most six.
+        The best first, any two at least twice the place radius apart; at most six, or one of two photos.
     """
     places: list[Place] = []
     others = [v for v in checked if not _oriented(indexed, v)]
@@ -136,7 +136,7 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
     for n in np.argsort(-support, kind="stable"):
         if not _taken(places, MapPixel(*map(float, where[n])), indexed):
             places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
-    return sorted(places, key=lambda p: -p.merit)[:_PLACES]
+    return sorted(places, key=lambda p: -p.merit)[: max(_PLACES, len(checked) // 2)]
 
 
 def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,11 @@ def localize(
     Answer
     """
     found = find_places(indexed, query, fov_deg=fov_deg, hide=hide)
+    return answered(indexed, found, calibration=calibration, top=top)
+
+
+def answered(indexed: IndexedMap, found: Found, *, calibration: Calibration, top: int) -> Answer:
+    """Give what was found its probabilities; otherwise as `localize`."""
     if not found.places:
         return found.answer
     probability, off_map = probabilities(found.evidence, calibration)
@@ -103,8 +108,24 @@ def localize(
     )
 
 
-def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: Collection[int] = ()) -> Found:
+def find_places(
+    indexed: IndexedMap,
+    query: Features,
+    *,
+    fov_deg: float,
+    hide: Collection[int] = (),
+    closer: Collection[int] = (),
+) -> Found:
     """Do all of `localize` but the probabilities.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    query : Features
+    fov_deg : float
+    hide : collection of int
+    closer : collection of int
+        Experience ids to look at more closely: the best of them are verified, too.
 
     Returns
     -------
@@ -115,6 +136,8 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
     found = consistent(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
     listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
+    if closer:
+        listed += _looked_at_closer(indexed, query, listed=listed, votes=votes, closer=closer)
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
     checked = in_threads(lambda m: _verify(indexed, m, camera), listed)
@@ -137,6 +160,27 @@ def find_places(indexed: IndexedMap, query: Features, *, fov_deg: float, hide: C
             seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
         ),
     )
+
+
+def _looked_at_closer(
+    indexed: IndexedMap,
+    query: Features,
+    *,
+    listed: list[Shortlisted],
+    votes: NDArray[np.float64],
+    closer: Collection[int],
+) -> list[Shortlisted]:
+    """List the best photos of `closer` that are not listed yet, matched as if there were no others.
+
+    Their votes are those of the whole map, so that they are compared with all other photos as ever.
+    """
+    there = np.isin(indexed.ids, np.fromiter(closer, np.int64, len(closer)))
+    there[[s.photo for s in listed]] = False
+    nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=indexed.ids[~there].tolist())
+    found = consistent(indexed, query, found=nearest)
+    among = weighted_votes(found, len(indexed.ids))
+    further = shortlist(indexed, query, found=found, votes=among, most=_SHORTLIST)
+    return [replace(s, votes=float(votes[s.photo])) for s in further]
 
 
 def _verify(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> Verified:

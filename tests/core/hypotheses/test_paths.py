@@ -1,0 +1,47 @@
+"""Where cameras are: drawn across a path, never along it, and hardly among photos on all sides."""
+
+import numpy as np
+import pytest
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.paths import drawn, paths_of
+
+ALONG = np.arange(0.0, 2000.0, 10.0)
+ROW = paths_of(np.column_stack([ALONG, ALONG]), place_radius_px=28.0)
+FIELD = paths_of(
+    np.array([(x, y) for x in range(0, 1000, 10) for y in range(0, 1000, 10)], float), place_radius_px=20.0
+)
+
+
+def moved(position, variance, paths):
+    at, left = drawn(MapPixel(*position), variance, paths=paths)
+    return np.array(at) - position, left
+
+
+def test_what_is_beside_a_row_is_drawn_across_to_it():
+    step, left = moved((1010.0, 990.0), 100.0, ROW)
+    assert step[0] == pytest.approx(-step[1], abs=0.1)
+    assert -10.0 < step[0] < -3.0
+    assert left < 100.0
+
+
+def test_nothing_is_moved_along_a_row():
+    step, _ = moved((1003.0, 1003.0), 100.0, ROW)
+    assert np.abs(step).max() < 0.2
+
+
+def test_what_is_exact_stays():
+    step, _ = moved((1010.0, 990.0), 1.0, ROW)
+    assert np.abs(step).max() < 0.3
+
+
+@pytest.mark.parametrize("off", [80.0, 3000.0])
+def test_what_is_far_from_all_paths_stays(off):
+    step, left = moved((1000.0 + off, 1000.0 - off), 100.0, ROW)
+    assert np.abs(step).max() < 0.1
+    assert left == pytest.approx(100.0, rel=0.01)
+
+
+def test_photos_on_all_sides_move_little():
+    step, _ = moved((503.0, 497.0), 100.0, FIELD)
+    assert np.abs(step).max() < 0.3
