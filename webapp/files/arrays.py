@@ -9,15 +9,16 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged
 from webapp.files import atomic
+from webapp.files.filerows import FileRows, OpenFile
 
 _MAGIC = b"EXPMAP1\n"
 _ALIGN = 64
@@ -55,7 +56,9 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
     return digest
 
 
-def read_arrays(path: Path, *, mapped: bool = True) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def read_arrays(
+    path: Path, *, mapped: bool = True, in_file: Collection[str] = ()
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Open a file of `write_arrays`.
 
     Parameters
@@ -63,6 +66,9 @@ def read_arrays(path: Path, *, mapped: bool = True) -> tuple[dict[str, NDArray[A
     path : Path
     mapped : bool
         Whether the arrays are read-only memory maps, which keep the file open; else they are in memory.
+    in_file : collection of str
+        Arrays that are neither: a `FileRows` for each, which keeps the file open and nothing in memory. The
+        others are in memory then.
 
     Returns
     -------
@@ -83,6 +89,8 @@ def read_arrays(path: Path, *, mapped: bool = True) -> tuple[dict[str, NDArray[A
             header = json.loads(file.read(length))
         if path.stat().st_size != header["bytes"]:
             raise _damaged("it is cut off", path)
+        if in_file:
+            return _read_some(path, header["arrays"], in_file), dict(header["meta"])
         data = np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8)
         return {a["name"]: _view(data, a) for a in header["arrays"]}, dict(header["meta"])
     except OSError as error:
@@ -91,14 +99,33 @@ def read_arrays(path: Path, *, mapped: bool = True) -> tuple[dict[str, NDArray[A
         raise _damaged("its header is damaged", path) from error
 
 
+def _read_some(
+    path: Path, entries: list[dict[str, Any]], in_file: Collection[str]
+) -> dict[str, NDArray[Any]]:
+    """Read the arrays of a file into memory, and leave those of `in_file` where they are."""
+    file = OpenFile(path.open("rb", buffering=0))
+    arrays: dict[str, NDArray[Any]] = {}
+    for entry in entries:
+        offset, dtype, shape = _layout(entry)
+        rows = FileRows(file, offset, dtype=dtype, shape=shape)
+        # It can do what is asked of these arrays.
+        arrays[entry["name"]] = cast("NDArray[Any]", rows) if entry["name"] in in_file else rows[:]
+    return arrays
+
+
 def _damaged(what: str, path: Path) -> IndexDamaged:
     return IndexDamaged(what, where=str(path), hint=REPAIR)
 
 
-def _view(data: NDArray[np.uint8], entry: dict[str, Any]) -> NDArray[Any]:
+def _layout(entry: dict[str, Any]) -> tuple[int, np.dtype[Any], tuple[int, ...]]:
     dtype, shape, offset = np.dtype(entry["dtype"]), tuple(entry["shape"]), entry["offset"]
     if offset < 0 or any(side < 0 for side in shape):
         raise ValueError(entry)
+    return offset, dtype, shape
+
+
+def _view(data: NDArray[np.uint8], entry: dict[str, Any]) -> NDArray[Any]:
+    offset, dtype, shape = _layout(entry)
     size = dtype.itemsize * math.prod(shape)
     view: NDArray[Any] = data[offset : offset + size].view(dtype).reshape(shape)
     return view

@@ -42,14 +42,20 @@ def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
     return write_arrays(path, arrays, meta={"content": [e.content for e in entries]})
 
 
-def read_segment(path: Path, *, mapped: bool = True) -> Segment:
+_LARGE = ("xy", "size", "angle", "descriptors")
+
+
+def read_segment(path: Path, *, mapped: bool = True, in_file: bool = False) -> Segment:
     """Open a segment file, by memory map or, when it is small and there are many, into memory.
+
+    With `in_file`, what there is of each keypoint stays in the file and is read when it is asked for: pages
+    of a memory map would stay in memory.
 
     Raises
     ------
     IndexDamaged
     """
-    arrays, meta = read_arrays(path, mapped=mapped)
+    arrays, meta = read_arrays(path, mapped=mapped, in_file=_LARGE if in_file else ())
     try:
         segment = Segment(content=[str(c) for c in meta["content"]], **arrays)
     except (KeyError, TypeError) as error:

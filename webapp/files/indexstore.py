@@ -4,9 +4,10 @@
 
     derived/map/sift-1a2b3c4d/
         manifest.json               replaced by rename; names everything below
-        <codebook>.codebook         trained, empty search index
+        <codebook>.codebook         trained, empty search index, or what signatures are made with
         <segment>.features          keypoints and descriptors of some photos
-        <segment>-<codebook>.ivf    the same descriptors as codes of the codebook
+        <segment>-<codebook>.ivf    the same descriptors as codes of the codebook; or, in large maps:
+        <segment>-<codebook>.vlad   a signature of each photo
         spool/<content>.features    photos finished by a build that has not ended yet
         lock                        one writer at a time
 
@@ -21,7 +22,7 @@ import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import faiss
 
@@ -34,6 +35,9 @@ from webapp.settings import ExtractSettings
 
 FORMAT = 1
 """Raised when an older index can no longer be read."""
+
+Engine = Literal["ivf", "vlad"]
+"""What photos are found by: codes of all descriptors, or one signature a photo."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +91,8 @@ class Manifest:
         By experience id.
     build_seconds : float
         Of all builds that changed it.
+    engine : {"ivf", "vlad"}
+        What the codebook and the codes are of.
     """
 
     detector: str
@@ -97,6 +103,10 @@ class Manifest:
     segments: tuple[SegmentRecord, ...] = ()
     photos: dict[int, PhotoRecord] = field(default_factory=dict)
     build_seconds: float = 0.0
+    engine: Engine = "ivf"
+
+
+_OURS = frozenset({".features", ".ivf", ".vlad", ".codebook", ".tmp"})
 
 
 class IndexFolder:
@@ -116,9 +126,9 @@ class IndexFolder:
         """File of a segment's features."""
         return self.folder / f"{name}.features"
 
-    def codes_path(self, name: str, codebook: str) -> Path:
+    def codes_path(self, name: str, codebook: str, engine: Engine) -> Path:
         """File of a segment's codes."""
-        return self.folder / f"{name}-{codebook}.ivf"
+        return self.folder / f"{name}-{codebook}.{engine}"
 
     def codebook_path(self, name: str) -> Path:
         """File of a codebook."""
@@ -160,7 +170,11 @@ class IndexFolder:
         try:
             if raw["format"] != FORMAT:
                 raise self._damaged(f"has format {raw['format']}, this program reads format {FORMAT}")
+            engine = raw.get("engine", "ivf")  # which older programs did not tell
+            if engine not in get_args(Engine):
+                raise self._damaged(f"names the engine {engine!r}, which this program does not know")
             return Manifest(
+                engine=engine,
                 detector=raw["detector"],
                 extractor=raw["extractor"],
                 extract=ExtractSettings(**raw["extract"]),
@@ -190,10 +204,11 @@ class IndexFolder:
         """
         keep = {self.codebook_path(manifest.codebook)}
         for segment in manifest.segments:
-            keep |= {self.segment_path(segment.name), self.codes_path(segment.name, manifest.codebook)}
+            codes = self.codes_path(segment.name, manifest.codebook, manifest.engine)
+            keep |= {self.segment_path(segment.name), codes}
         try:
             for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
-                if path.suffix in {".features", ".ivf", ".codebook", ".tmp"} and path not in keep:
+                if path.suffix in _OURS and path not in keep:
                     with suppress(PermissionError):  # Windows keeps what a reader has open: next time then
                         path.unlink(missing_ok=True)
         except OSError as error:

@@ -23,6 +23,7 @@ from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import extract_photo, segments
+from webapp.tasks.coding import coding_of
 from webapp.tasks.extract_photo import PhotoDone, PhotoJob, size_and_time
 from webapp.threads import cores
 
@@ -105,11 +106,12 @@ def run(request: BuildRequest, *, settings: Settings, progress: Progress) -> Bui
     with writer_lock(request.folder):
         index.make_spool()
         before = _manifest(index, request, settings=settings, progress=progress)
-        old = segments.intact(index, before, kind=request.choice.kind)
-        if old != before:
+        coding = coding_of(index, request.choice.engine or before.engine, kind=request.choice.kind)
+        old = segments.intact(index, before, coding=coding)
+        if old != before and coding.engine == before.engine:
             progress.note("files of the index are missing or damaged: making them anew")
         photos, extracted = _photos(old, request, settings=settings, progress=progress)
-        new = segments.join(index, replace(old, photos=photos), kind=request.choice.kind, progress=progress)
+        new = segments.join(index, replace(old, photos=photos), coding=coding, progress=progress)
         if new != before:
             spent = before.build_seconds + time.perf_counter() - started
             index.write_manifest(replace(new, build_seconds=round(spent, 3)))

@@ -18,6 +18,8 @@ from webapp.core.index.bruteforce import BruteForce
 from webapp.core.index.flann import Flann
 from webapp.core.index.ivf import InvertedFile
 from webapp.core.index.segment import Segment
+from webapp.core.index.tiers import tier_for
+from webapp.core.index.twostage import TwoStage
 from webapp.core.index.types import DescriptorSearch
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.mapmodel.model import Experience, Map
@@ -26,6 +28,7 @@ from webapp.files.featurefile import read_segment
 from webapp.files.indexstore import IndexFolder, Manifest, read_search_index
 from webapp.files.mapfolder import read_map
 from webapp.files.models import network
+from webapp.files.vladfile import read_codebook, read_signatures
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import build_index
@@ -153,10 +156,11 @@ def run(
     choice = _choice(bases, options, settings=settings)
     network(choice.model, settings.models)  # what is missing is told before anything is built
     the_map = read_map(cfg) if the_map is None else the_map
+    choice = within_memory(choice, the_map, options, settings=settings)
     if not the_map.experiences:
         raise MapError("the map has no photos", where=str(cfg), hint="place photos on it first")
     folders = [IndexFolder(index_folder(b, choice, extract=settings.extract)) for b in bases]
-    folder, built = next((f for f in folders if _is_up_to_date(f, the_map, cfg)), None), None
+    folder, built = next((f for f in folders if _is_up_to_date(f, the_map, cfg, choice=choice)), None), None
     if folder is None and not options.build:
         folder = _as_it_is(folders, cfg=cfg)
     if folder is None:
@@ -166,7 +170,27 @@ def run(
         request = BuildRequest(cfg, the_map, folder.folder, choice, options.jobs)
         built = build_index.run(request, settings=settings, progress=progress)
     manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
+    choice = _as_built(choice, manifest)
     return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
+
+
+def within_memory(
+    choice: FeatureChoice, the_map: Map, options: OpenOptions, *, settings: Settings
+) -> FeatureChoice:
+    """Take the matcher that fits into memory, unless one was asked for.
+
+    It goes by the photos and the keypoints that they may have, which is known before anything is computed.
+    """
+    if options.matcher is not None or choice.engine is None:
+        return choice
+    rows = len(the_map.experiences) * settings.extract.keypoints
+    memory_mb = settings.retrieval.memory_mb
+    return replace(choice, matcher=tier_for(rows, width=choice.width, kind=choice.kind, memory_mb=memory_mb))
+
+
+def _as_built(choice: FeatureChoice, manifest: Manifest) -> FeatureChoice:
+    """Take the engine that the index has: where nothing is to be built, it can be another one."""
+    return choice if choice.engine is None else replace(choice, matcher=manifest.engine)
 
 
 def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> OpenMap:
@@ -213,9 +237,11 @@ def _choice(bases: Sequence[Path], options: OpenOptions, *, settings: Settings) 
     return options.choice()
 
 
-def _is_up_to_date(folder: IndexFolder, the_map: Map, cfg: Path) -> bool:
+def _is_up_to_date(folder: IndexFolder, the_map: Map, cfg: Path, *, choice: FeatureChoice) -> bool:
     manifest = folder.read_manifest()
-    return manifest is not None and _current(the_map, manifest, map_folder=cfg.parent)
+    if manifest is None or choice.engine not in (None, manifest.engine):
+        return False
+    return _current(the_map, manifest, map_folder=cfg.parent)
 
 
 def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
@@ -267,13 +293,15 @@ class _Loaded:
     """What is in the files of an index."""
 
     segments: Sequence[Segment]
-    search: DescriptorSearch
+    search: DescriptorSearch | TwoStage
 
 
 def _load(
     the_map: Map, folder: IndexFolder, *, manifest: Manifest, choice: FeatureChoice, options: OpenOptions
 ) -> IndexedMap:
-    segments = [read_segment(folder.segment_path(s.name)) for s in manifest.segments]
+    choice = _as_built(choice, manifest)
+    in_file = choice.matcher == "vlad"
+    segments = [read_segment(folder.segment_path(s.name), in_file=in_file) for s in manifest.segments]
     loaded = _Loaded(segments, _search(folder, manifest, segments, choice=choice))
     return _indexed(the_map, loaded, manifest=manifest, options=options)
 
@@ -301,10 +329,13 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
 
 def _search(
     folder: IndexFolder, manifest: Manifest, segments: list[Segment], *, choice: FeatureChoice
-) -> DescriptorSearch:
+) -> DescriptorSearch | TwoStage:
+    codes = [folder.codes_path(s.name, manifest.codebook, manifest.engine) for s in manifest.segments]
     if choice.matcher == "ivf":
-        paths = [folder.codes_path(s.name, manifest.codebook) for s in manifest.segments]
-        return InvertedFile([read_search_index(p, choice.kind) for p in paths])
+        return InvertedFile([read_search_index(p, choice.kind) for p in codes])
+    if choice.matcher == "vlad":
+        codebook = read_codebook(folder.codebook_path(manifest.codebook))
+        return TwoStage(codebook, [read_signatures(p, codebook) for p in codes], segments)
     descriptors = [s.descriptors for s in segments]
     if choice.matcher == "flann":
         return Flann(descriptors, choice.kind)

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from webapp.core.features.types import Kind
-from webapp.core.index import ivf
 from webapp.core.index.segment import PhotoEntry, Segment
 from webapp.errors import IndexDamaged
 from webapp.files.featurefile import read_segment, write_segment
-from webapp.files.indexstore import (
-    IndexFolder,
-    Manifest,
-    SegmentRecord,
-    read_search_index,
-    write_search_index,
-)
+from webapp.files.indexstore import IndexFolder, Manifest, SegmentRecord
 from webapp.progress import Progress
+from webapp.tasks.coding import Coding
 
 PHOTOS_PER_SEGMENT = 1000
 """Bounds the memory of a build: so many photos are joined at once."""
@@ -36,25 +27,24 @@ _MOST_DEAD = 0.3
 _RETRAIN_GROWTH = 4
 """A codebook trained on a map this many times smaller no longer divides it well."""
 
-_ENCODED_AT_ONCE = 65_536
 
-
-def intact(index: IndexFolder, manifest: Manifest, *, kind: Kind) -> Manifest:
+def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifest:
     """Leave out of a manifest what its files no longer hold: `join` makes it anew.
 
     Parameters
     ----------
     index : IndexFolder
     manifest : Manifest
-    kind : {"float", "binary"}
+    coding : Coding
+        Of the engine that the index should have.
 
     Returns
     -------
     Manifest
         The same one where no file is missing or damaged.
     """
-    codebook = manifest.codebook
-    if codebook and not _holds(index.codebook_path(codebook), 0, kind=kind):
+    codebook = manifest.codebook if manifest.engine == coding.engine else ""
+    if codebook and not coding.holds(None, codebook=codebook):
         codebook = ""
     kept: list[SegmentRecord] = []
     held: set[str] = set()
@@ -63,22 +53,13 @@ def intact(index: IndexFolder, manifest: Manifest, *, kind: Kind) -> Manifest:
             held.update(read_segment(index.segment_path(record.name)).content)
         except IndexDamaged:
             continue
-        codes = index.codes_path(record.name, codebook)
-        whole = codebook and _holds(codes, record.descriptors, kind=kind)
+        whole = codebook and coding.holds(record, codebook=codebook)
         kept.append(record if whole else replace(record, codes=""))
     photos = {i: p for i, p in manifest.photos.items() if not p.content or p.content in held}
-    return replace(manifest, segments=tuple(kept), photos=photos, codebook=codebook)
+    return replace(manifest, segments=tuple(kept), photos=photos, codebook=codebook, engine=coding.engine)
 
 
-def _holds(path: Path, rows: int, *, kind: Kind) -> bool:
-    """Tell whether a search index is there, with so many rows."""
-    try:
-        return bool(read_search_index(path, kind).ntotal == rows)
-    except IndexDamaged:
-        return False
-
-
-def join(index: IndexFolder, manifest: Manifest, *, kind: Kind, progress: Progress) -> Manifest:
+def join(index: IndexFolder, manifest: Manifest, *, coding: Coding, progress: Progress) -> Manifest:
     """Make segments and codes of all photos that the manifest names.
 
     Parameters
@@ -86,7 +67,7 @@ def join(index: IndexFolder, manifest: Manifest, *, kind: Kind, progress: Progre
     index : IndexFolder
     manifest : Manifest
         The photos as they should be; segments and codebook as they are.
-    kind : {"float", "binary"}
+    coding : Coding
     progress : Progress
 
     Returns
@@ -111,13 +92,13 @@ def join(index: IndexFolder, manifest: Manifest, *, kind: Kind, progress: Progre
         return replace(manifest, segments=tuple(kept), codebook="", trained_for=0)
     if not manifest.codebook or total > _RETRAIN_GROWTH * manifest.trained_for:
         progress.note("training")
-        codebook = _train(index, kept, total=total, kind=kind)
+        codebook = coding.train(kept, total=total)
         kept = [replace(s, codes="") for s in kept]
         manifest = replace(manifest, codebook=codebook, trained_for=total)
     coded = []
     for segment in kept:
         progress.check()
-        codes = segment.codes or _encode(index, segment.name, codebook=manifest.codebook, kind=kind)
+        codes = segment.codes or coding.encode(segment.name, codebook=manifest.codebook)
         coded.append(replace(segment, codes=codes))
     return replace(manifest, segments=tuple(coded))
 
@@ -162,31 +143,3 @@ class _Source:
             return segment.entry(photo)
         # Not mapped: a map keeps its file open, and a process may not have a thousand files open.
         return read_segment(self._index.spool_path(content), mapped=False).entry(0)
-
-
-def _train(index: IndexFolder, segments: Collection[SegmentRecord], *, total: int, kind: Kind) -> str:
-    sample = np.concatenate(list(_sample(index, segments, total=total)))
-    return write_search_index(index.codebook_path("{hash}"), ivf.train(sample, total, kind=kind), kind=kind)
-
-
-def _sample(
-    index: IndexFolder, segments: Collection[SegmentRecord], *, total: int
-) -> Iterator[NDArray[np.uint8]]:
-    """Draw the training sample: an equal share of each photo, chosen by the photo's content alone."""
-    share = min(1.0, ivf.SAMPLE_PER_CELL * ivf.cells_for(total) / total)
-    for record in segments:
-        segment = read_segment(index.segment_path(record.name))
-        for photo, content in enumerate(segment.content):
-            descriptors = segment.entry(photo).features.descriptors
-            rng = np.random.default_rng(int(content[:16], 16))
-            # Rounded up, so that a sample is never too small and no photo with features is left out.
-            count = min(len(descriptors), int(np.ceil(share * len(descriptors))))
-            yield descriptors[np.sort(rng.choice(len(descriptors), count, replace=False))]
-
-
-def _encode(index: IndexFolder, segment: str, *, codebook: str, kind: Kind) -> str:
-    codes = read_search_index(index.codebook_path(codebook), kind, mapped=False)
-    descriptors = read_segment(index.segment_path(segment)).descriptors
-    for start in range(0, len(descriptors), _ENCODED_AT_ONCE):
-        ivf.encode(codes, np.asarray(descriptors[start : start + _ENCODED_AT_ONCE]))
-    return write_search_index(index.codes_path(segment, codebook), codes, kind=kind)

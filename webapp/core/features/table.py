@@ -48,6 +48,9 @@ MATCHERS: dict[str, MatcherEntry] = {
     "hamming": MatcherEntry(("binary",), METHODS, "brute force, number of different bits"),
     "hamming2": MatcherEntry(("binary",), METHODS, "brute force, number of different pairs of bits"),
     "ivf": MatcherEntry(_BOTH, ("verified",), "approximate: inverted file, memory-mapped from the index"),
+    "vlad": MatcherEntry(
+        ("float",), ("verified",), "two stages: aggregated vectors name photos, which are compared exactly"
+    ),
 }
 
 _OTHER_NAMES = {
@@ -105,6 +108,18 @@ class FeatureChoice:
     def kind(self) -> Kind:
         """How the descriptors are compared."""
         return EXTRACTORS[self.extractor]().kind
+
+    @property
+    def engine(self) -> Literal["ivf", "vlad"] | None:
+        """What the index must hold; None for matchers that go by the descriptors themselves."""
+        if self.matcher == "ivf":
+            return "ivf"
+        return "vlad" if self.matcher == "vlad" else None
+
+    @property
+    def width(self) -> int:
+        """Bytes of a descriptor."""
+        return EXTRACTORS[self.extractor]().width
 
     @property
     def oriented(self) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Kind
+from webapp.core.index.tiers import keeps_whole
 from webapp.core.index.types import Neighbours, nearest_of, nothing_found
 
 SAMPLE_PER_CELL = 40
@@ -22,9 +23,6 @@ SAMPLE_PER_CELL = 40
 
 _CELLS_OVER_ROOT = 4.0
 _MOST_CELLS = 65_536
-_COMPRESS_FROM = 20_000
-"""Below this many descriptors they are kept whole: a product quantizer would not pay."""
-
 _PROBES = 4
 _PROBES_WHEN_SMALL = 16
 _FEW_CELLS = 256
@@ -60,9 +58,10 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
         binary = faiss.index_binary_factory(8 * width, f"BIVF{cells}")
         binary.train(np.ascontiguousarray(sample))
         return binary
-    codes = f"PQ{width // 2}x4fs" if descriptors >= _COMPRESS_FROM else "SQ8_direct"
+    whole = keeps_whole(descriptors, kind=kind)
+    codes = "SQ8_direct" if whole else f"PQ{width // 2}x4fs"
     index: Any = faiss.index_factory(width, f"IVF{cells},{codes}")
-    if descriptors < _COMPRESS_FROM:
+    if whole:
         index.by_residual = False  # a byte holds a descriptor, but not its difference to a cell's centre
     index.cp.seed = 1
     index.cp.min_points_per_centroid = 1

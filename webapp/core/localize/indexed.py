@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Features
 from webapp.core.hypotheses.paths import Paths, paths_of
 from webapp.core.index.segment import Segment
+from webapp.core.index.twostage import TwoStage
 from webapp.core.index.types import DescriptorSearch
 from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.types import USABLE_TRUST, Orientations
@@ -32,7 +33,7 @@ class IndexedMap:
     segments : sequence of Segment
     photo_of_entry : (e,) int64
         For each photo of each segment, in order, its number in `ids`; -1 when it is no longer in the map.
-    search : DescriptorSearch
+    search : DescriptorSearch or TwoStage
         Over the rows of all segments, in order.
     place_radius_px : float
         How far an answer may be off and still be right.
@@ -49,7 +50,7 @@ class IndexedMap:
     fov_deg: NDArray[np.float64]
     segments: Sequence[Segment]
     photo_of_entry: NDArray[np.int64]
-    search: DescriptorSearch
+    search: DescriptorSearch | TwoStage
     place_radius_px: float
     orientations: Orientations | None = None
     first_row: NDArray[np.int64] = field(init=False)
@@ -163,16 +164,21 @@ def candidates(
     Candidates
     """
     hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64, len(hide)))
+    search = indexed.search
+    if isinstance(search, TwoStage):
+        visible = (indexed.photo_of_entry >= 0) & ~hidden[indexed.photo_of_entry]
+        found = search.search_among(descriptors, k, visible=visible)
+        return Candidates(found.distance, found.row, indexed.photo_of_row(found.row))
     whole = not hidden.any() and bool((indexed.photo_of_entry >= 0).all())
     wanted = k if whole else k + _SPARE
-    answer = _visible(indexed, descriptors, hidden=hidden, k=k, looked_up=wanted)
+    answer = _visible(indexed, descriptors, search=search, hidden=hidden, k=k, looked_up=wanted)
     # Photos that are not to be seen can fill the list of a descriptor: then more are looked up for it.
     while not whole and wanted < _MOST_NEIGHBOURS:
         short = np.flatnonzero(answer.more & (answer.photo[:, -1] < 0))
         if not len(short):
             break
         wanted = min(4 * wanted, _MOST_NEIGHBOURS)
-        longer = _visible(indexed, descriptors[short], hidden=hidden, k=k, looked_up=wanted)
+        longer = _visible(indexed, descriptors[short], search=search, hidden=hidden, k=k, looked_up=wanted)
         answer.distance[short] = longer.distance
         answer.row[short] = longer.row
         answer.photo[short] = longer.photo
@@ -193,12 +199,13 @@ def _visible(
     indexed: IndexedMap,
     descriptors: NDArray[np.uint8],
     *,
+    search: DescriptorSearch,
     hidden: NDArray[np.bool_],
     k: int,
     looked_up: int,
 ) -> _Visible:
     """Take the first k of `looked_up` neighbours that are in photos of the map that are not `hidden`."""
-    found = indexed.search.search(descriptors, looked_up)
+    found = search.search(descriptors, looked_up)
     photo = indexed.photo_of_row(found.row)
     photo = np.where((photo >= 0) & hidden[photo], -1, photo)
     order = np.argsort(photo < 0, axis=1, kind="stable")[:, :k]

@@ -1,0 +1,118 @@
+"""Maps that are found by signatures: built, changed, damaged, stopped; and when that is chosen."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from webapp.core.features.table import choose
+from webapp.errors import Cancelled, UsageError
+from webapp.files.indexstore import IndexFolder
+from webapp.progress import Progress
+from webapp.settings import RetrievalSettings
+from webapp.tasks import build_map, coding, open_map
+from webapp.tasks.localize_photo import PhotoLocalizer
+from webapp.tasks.open_map import OpenMap, OpenOptions
+
+
+@pytest.fixture
+def opening(quick):
+    """Open a map, building what is missing."""
+
+    def run(cfg: Path, *, memory_mb: float = 500.0, **options: object) -> OpenMap:
+        asked = OpenOptions(features="sift", jobs=1, **options)
+        settings = replace(quick, retrieval=RetrievalSettings(memory_mb))
+        return open_map.run(cfg, asked, settings=settings, progress=Progress())
+
+    return run
+
+
+@pytest.fixture
+def first_named(quick):
+    """Tell the id of the photo that is found first."""
+
+    def run(opened: OpenMap, photo: Path) -> int:
+        answer = PhotoLocalizer(opened, quick, fov_deg=60.0).localize(photo, top=1)
+        return answer.hypotheses[0].experiences[0]
+
+    return run
+
+
+def test_photos_are_found_after_adding_and_removing(
+    tmp_path, make_map, opening, described, edit, first_named, save_photo
+):
+    cfg = make_map(tmp_path, 8)
+    photos = tmp_path / "photos"
+    opened = opening(cfg, matcher="vlad")
+    assert opened.manifest.engine == opened.choice.matcher == "vlad"
+    assert [first_named(opened, photos / f"{i}.jpg") for i in range(8)] == list(range(8))
+    assert not list(opened.folder.folder.glob("*.ivf"))
+    described.clear()
+    edit(cfg, lambda lines: lines.pop(3))
+    save_photo(photos / "new.jpg", 77)
+    edit(cfg, lambda lines: lines.append("70;photos/new.jpg;9;9"))
+    again = opening(cfg, matcher="vlad")
+    assert described == ["new.jpg"]
+    assert again.manifest.codebook == opened.manifest.codebook
+    assert first_named(again, photos / "new.jpg") == 70
+    assert first_named(again, photos / "5.jpg") == 5
+    assert (again.indexed.photo_of_entry == -1).sum() == 1
+    assert first_named(again, photos / "2.jpg") != 2
+
+
+def test_the_way_of_searching_can_change_and_nothing_is_described_again(
+    tmp_path, make_map, opening, described, first_named
+):
+    cfg = make_map(tmp_path, 6)
+    assert opening(cfg).manifest.engine == "ivf"
+    described.clear()
+    small = opening(cfg, memory_mb=0.001)  # too little for the descriptors
+    assert small.manifest.engine == small.choice.matcher == "vlad"
+    assert first_named(small, tmp_path / "photos" / "4.jpg") == 4
+    assert {p.suffix for p in small.folder.folder.iterdir() if "-" in p.name} == {".vlad"}
+    # Where nothing is built, what is there is taken.
+    assert opening(cfg, build=False).choice.matcher == "vlad"
+    back = opening(cfg)
+    assert back.manifest.engine == back.choice.matcher == "ivf"
+    assert described == []
+    assert opening(cfg, method="vote").built is None  # goes by the descriptors themselves
+
+
+@pytest.mark.parametrize("damaged", ["*.vlad", "*.codebook"])
+def test_what_is_damaged_is_made_anew(tmp_path, make_map, opening, damaged, quick):
+    cfg = make_map(tmp_path, 5)
+    folder = opening(cfg, matcher="vlad").folder.folder
+    before = {p.name: p.read_bytes() for p in folder.glob("*.*") if p.suffix != ".json"}
+    (path,) = folder.glob(damaged)
+    path.write_bytes(path.read_bytes()[:-70])
+    manifest = IndexFolder(folder).read_manifest()
+    making = coding.coding_of(IndexFolder(folder), "vlad", kind="float")
+    assert not making.holds(manifest.segments[0], codebook=manifest.codebook)
+    asked = OpenOptions(features="sift", matcher="vlad", jobs=1)
+    build_map.run(cfg, asked, settings=quick, progress=Progress())
+    after = {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
+    assert before.items() <= after.items()
+
+
+def test_a_build_that_was_stopped_before_its_signatures_goes_on(
+    tmp_path, make_map, opening, described, first_named, monkeypatch
+):
+    cfg = make_map(tmp_path, 5)
+
+    def stop(*_):
+        raise Cancelled("stopped")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(coding, "write_signatures", stop)
+        with pytest.raises(Cancelled):
+            opening(cfg, matcher="vlad")
+    described.clear()
+    opened = opening(cfg, matcher="vlad")
+    assert described == []
+    assert first_named(opened, tmp_path / "photos" / "3.jpg") == 3
+
+
+def test_only_descriptors_of_numbers_have_signatures():
+    assert choose("verified", features="sift", matcher="vlad").engine == "vlad"
+    with pytest.raises(UsageError, match="binary"):
+        choose("verified", features="orb", matcher="vlad")

@@ -1,0 +1,43 @@
+"""Which way of searching fits into the memory that an index may take."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from webapp.core.features.types import Kind
+
+Tier = Literal["ivf", "vlad"]
+
+_BYTES_A_ROW = 20
+"""Of each keypoint: its number in the inverted lists (8), where it is and how it is turned (12)."""
+
+_WHOLE_BELOW = 20_000
+"""Below this many descriptors they are kept whole: a product quantizer would not pay."""
+
+
+def keeps_whole(descriptors: int, *, kind: Kind) -> bool:
+    """Tell whether an index of so many descriptors keeps them as they are: binary ones always."""
+    return kind == "binary" or descriptors < _WHOLE_BELOW
+
+
+def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
+    """Estimate what an inverted file with so many descriptors takes.
+
+    Parameters
+    ----------
+    descriptors : int
+    width : int
+        Bytes of a descriptor, of which a product quantizer leaves a quarter.
+    kind : {"float", "binary"}
+    """
+    kept = width if keeps_whole(descriptors, kind=kind) else width // 4
+    return descriptors * (kept + _BYTES_A_ROW)
+
+
+def tier_for(descriptors: int, *, width: int, kind: Kind, memory_mb: float) -> Tier:
+    """Choose the inverted file where it fits into so many megabytes (10^6 bytes), else signatures.
+
+    Binary descriptors have no signatures: for them it is always the inverted file.
+    """
+    fits = bytes_in_memory(descriptors, width=width, kind=kind) <= memory_mb * 1e6
+    return "ivf" if fits or kind == "binary" else "vlad"

@@ -1,0 +1,116 @@
+"""Search in two stages: signatures name some photos, whose descriptors are then compared exactly.
+
+For maps whose descriptors do not fit into memory: only the signatures stay there. The descriptors of the
+photos named are read when they are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.index import vlad
+from webapp.core.index.segment import Segment
+from webapp.core.index.types import Neighbours, nothing_found
+from webapp.core.index.vlad import Codebook
+from webapp.threads import in_threads
+
+_NAMED = 48
+"""Photos whose descriptors are looked at."""
+
+_STRONGEST = 500
+"""So many keypoints of each, the strongest, tell which of them are worth a full comparison."""
+
+_COMPARED = 24
+"""Photos that are compared with all their descriptors."""
+
+
+class TwoStage:
+    """Nearest neighbours among the photos that are most like the query, at most one in each.
+
+    Parameters
+    ----------
+    codebook : Codebook
+    signatures : sequence of (p, b) uint8
+        Of each segment's photos.
+    segments : sequence of Segment
+        Their descriptors may be in files.
+    """
+
+    def __init__(
+        self, codebook: Codebook, signatures: Sequence[NDArray[np.uint8]], segments: Sequence[Segment]
+    ) -> None:
+        self._codebook = codebook
+        self._signatures = signatures
+        self._segments = segments
+        self._first_entry = np.cumsum([0, *(len(s.content) for s in segments)])
+        self._first_row = np.cumsum([0, *(s.first[-1] for s in segments)])
+
+    def search_among(
+        self, descriptors: NDArray[np.uint8], k: int, *, visible: NDArray[np.bool_]
+    ) -> Neighbours:
+        """Find k near descriptors, each in another photo, for each of (n, d) uint8 descriptors.
+
+        Parameters
+        ----------
+        descriptors : (n, d) uint8
+            The strongest keypoint's first.
+        k : int
+        visible : (e,) bool
+            Which photos of all segments, in order, may be named.
+        """
+        if not len(descriptors) or not visible.any():
+            return nothing_found(len(descriptors), k)
+        named = vlad.most_alike(self._codebook, self._signatures, descriptors, visible=visible, most=_NAMED)
+        if len(named) > _COMPARED:
+            quick = self._compare(descriptors[:_STRONGEST], named, strongest=_STRONGEST)
+            named = named[np.argsort(-_votes(quick.distance), kind="stable")[:_COMPARED]]
+        found = self._compare(descriptors, named)
+        return _nearest(found, k)
+
+    def _compare(
+        self, query: NDArray[np.uint8], entries: NDArray[np.int64], *, strongest: int | None = None
+    ) -> Neighbours:
+        """Find the nearest descriptor of each photo, or of its strongest; a column each, in their order."""
+        values = query.astype(np.float32)
+        squared = (values**2).sum(axis=1)
+
+        def nearest(entry: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+            first, theirs = self._descriptors(entry, strongest)
+            if not len(theirs):
+                return np.full(len(query), np.inf, np.float32), np.full(len(query), -1)
+            known = theirs.astype(np.float32)
+            offset = (known**2).sum(axis=1) - 2.0 * (values @ known.T)
+            row = offset.argmin(axis=1)
+            distance = np.sqrt(np.maximum(squared + np.take_along_axis(offset, row[:, None], 1)[:, 0], 0.0))
+            return distance, row + first
+
+        distances, rows = zip(*in_threads(nearest, entries.tolist()), strict=True)
+        return Neighbours(np.column_stack(distances), np.column_stack(rows))
+
+    def _descriptors(self, entry: int, strongest: int | None) -> tuple[int, NDArray[np.uint8]]:
+        """Read a photo's descriptors, and tell the number of the first over all segments."""
+        number = int(np.searchsorted(self._first_entry, entry, side="right")) - 1
+        segment, photo = self._segments[number], entry - int(self._first_entry[number])
+        first, stop = int(segment.first[photo]), int(segment.first[photo + 1])
+        stop = stop if strongest is None else min(stop, first + strongest)
+        return first + int(self._first_row[number]), segment.descriptors[first:stop]
+
+
+def _votes(distance: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Sum up how much nearer each photo's (n, m) neighbours are than the usual one; (m,)."""
+    usual = np.median(distance, axis=1, keepdims=True)
+    return np.maximum(usual - distance, 0.0, where=np.isfinite(usual), out=np.zeros_like(distance)).sum(
+        axis=0
+    )
+
+
+def _nearest(found: Neighbours, k: int) -> Neighbours:
+    order = np.argsort(found.distance, axis=1, kind="stable")[:, :k]
+    answer = nothing_found(len(order), k)
+    have = order.shape[1]
+    answer.distance[:, :have] = np.take_along_axis(found.distance, order, 1)
+    answer.row[:, :have] = np.take_along_axis(found.row, order, 1)
+    return answer
