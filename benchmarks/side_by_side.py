@@ -13,7 +13,8 @@ index beside the map. Options that are not listed here, such as --map-fov, go to
 - honesty: with 95 % intervals; "foreign placed" are photos of the --foreign folders that got a place with a
   probability of at least 0.5
 - cost of a query: milliseconds, medians but for p95; "/base" is over the baseline's median query; CPU is of
-  all cores together; KB/photo = (peak of a localizing process - the same on a map of one photo) / photos
+  all cores together, and not known of the other program, whose build drowns it;
+  KB/photo = (peak of a localizing process - the same on a map of one photo) / photos
 - build: seconds a photo of keypoints and index, by the clock and of all cores; then orienting and calibrating
 
 Other work on the machine makes all times worse: "load" is how much there was when the measuring began.
@@ -218,13 +219,11 @@ def _baseline(program: Path, subject: Subject, *, features: str, limit: int) -> 
     small = run([*call, str(subject.one_photo), str(queries), *kind])
     figures = whole.printed
     seconds = built.printed.get("map_extract_s", 0.0) + built.printed.get("map_index_s", 0.0)
-    cpu = each(whole.cpu_seconds, built.cpu_seconds, more=figures["queries"] - 1)
     return {
         "name": f"baseline {features}",
         **figures,
         "stage_extract": figures.get("extract_seconds_p50"),
         "stage_retrieve": figures.get("match_seconds_p50"),
-        "cpu_seconds_per_query": cpu,
         "memory_kb_per_photo": per_photo_kb(whole.peak_rss_mb, small.peak_rss_mb, photos=subject.photos),
         "build_seconds_per_photo": seconds / subject.photos or None,
         "build_cpu_seconds_per_photo": built.cpu_seconds / subject.photos,
