@@ -28,7 +28,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.near import Near
 from webapp.core.hypotheses.paths import on_paths
-from webapp.core.hypotheses.sequence import Belief, follow
+from webapp.core.hypotheses.sequence import Belief, follow, smooth
 from webapp.files.queries_csv import Query, read
 from webapp.progress import Progress
 from webapp.settings import from_environment
@@ -126,6 +126,7 @@ def _ways(
     if walk:
         ways["compass hint"], ways["wrong compass hint"] = hinted(alone, compass), hinted(alone, turned)
         ways["sequence"] = (queries, _followed(localizer, alone))
+        ways["sequence, smoothed"] = (queries, smooth(alone, motion=motion(localizer), top=TOP))
     return ways
 
 

@@ -79,11 +79,36 @@ def test_photos_are_put_in_the_order_of_their_times(expmap, cfg, dated, tmp_path
     assert [Path(a["query"]).stem for a in json.loads(out)] == ["c", "b", "a", "d", "broken"]
 
 
+def test_later_frames_count_where_that_is_wanted(expmap, cfg, tmp_path):
+    photos = [cfg.parent / "photos" / f"{i}.jpg" for i in range(4)]
+    broken = tmp_path / "broken.jpg"
+    broken.write_bytes(b"no photo")
+    given = ("--sequence", "--speed", 100, "--json")
+    _, out, _ = expmap("localize", cfg, *photos, *given)
+    code, smoothed, err = expmap("localize", cfg, *photos[:2], broken, *photos[2:], *given, "--smooth")
+    assert code == 1 and "broken.jpg" in err
+    filtered, smoothed = json.loads(out), json.loads(smoothed)
+    assert "error" in smoothed.pop(2)
+    assert [a["query"] for a in smoothed] == [str(p) for p in photos]
+    assert all(a["sequence"] is True for a in smoothed)
+    first = [a[0]["hypotheses"][0]["probability"] for a in (filtered, smoothed)]
+    assert first[1] > first[0]
+
+
+def test_a_smoothed_sequence_is_evaluated(expmap, cfg):
+    queries = cfg.parent / "queries.csv"
+    code, out, _ = expmap("evaluate", cfg, queries, "--sequence", "--smooth", "--limit", 3, "--json")
+    figures = json.loads(out)
+    assert code == 0 and figures["sequence"] is True
+    assert [query["path"] for query in figures["per_query"]] == [f"photos/{i}.jpg" for i in (0, 2, 4)]
+
+
 @pytest.mark.parametrize(
     ("arguments", "where"),
     [
         (("localize", "photos/1.jpg", "--speed", 5), "--speed"),
         (("localize", "photos/1.jpg", "--by-time"), "--by-time"),
+        (("evaluate", "queries.csv", "--smooth"), "--smooth"),
         (("localize", "photos/1.jpg", "--sequence", "--by-time"), "--by-time"),
         (("evaluate", "queries.csv", "--speed", 5), "--speed"),
         (("evaluate", "--self", "--sequence"), "--sequence"),

@@ -22,10 +22,11 @@ from webapp.cli.options import (
 )
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import UsageError
+from webapp.files import queries_csv
 from webapp.render import evaluation_folder
 from webapp.settings import from_environment, keep_freed_memory
 from webapp.tasks import evaluate as task
-from webapp.tasks import localize_sequence, prepare
+from webapp.tasks import localize_sequence, prepare, smooth_sequence
 from webapp.tasks.evaluation_types import EvaluateOptions, Evaluation
 
 _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -64,6 +65,7 @@ def evaluate(
     seed: int,
     sequence: bool,
     speed: float | None,
+    smooth: bool,
     **chosen: Any,
 ) -> None:
     """Measure the answers on photos whose places are known.
@@ -77,7 +79,7 @@ def evaluate(
         raise UsageError("goes with --self only", where="--hide-within")
     if sequence and of_itself:
         raise UsageError("goes with QUERIES.csv only", where="--sequence")
-    check_sequence(sequence, {"--speed": speed is not None})
+    check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth})
     keep_freed_memory()
     settings = from_environment()
     options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within, sequence=sequence)
@@ -87,9 +89,12 @@ def evaluate(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
         tell_failed(localizer.opened.built)
-        if sequence:
-            localizer = localize_sequence.of(localizer, speed_px=speed)
         progress.note("queries")
+        if smooth and queries is not None:
+            frames = [query.path for query in queries_csv.select(queries_csv.read(queries), limit)]
+            localizer = smooth_sequence.run(localizer, frames, progress=progress, speed_px=speed)
+        elif sequence:
+            localizer = localize_sequence.of(localizer, speed_px=speed)
         if queries is None:
             done = task.run_self(localizer, map_folder=folder, options=options, progress=progress)
         else:

@@ -28,7 +28,7 @@ from webapp.core.hypotheses.model import Answer
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import from_environment, keep_freed_memory
-from webapp.tasks import localize_sequence, prepare
+from webapp.tasks import localize_sequence, prepare, smooth_sequence
 from webapp.tasks.localize_photo import PhotoLocalizer
 from webapp.tasks.localize_sequence import SequenceLocalizer
 
@@ -58,6 +58,7 @@ def localize(
     picture: Path | None,
     sequence: bool,
     speed: float | None,
+    smooth: bool,
     by_time: bool,
     **chosen: Any,
 ) -> None:
@@ -67,7 +68,7 @@ def localize(
     """
     for option, path in (("--matches", matches), ("--picture", picture)):
         _refuse_unwritable(path, option)
-    check_sequence(sequence, {"--speed": speed is not None, "--by-time": by_time})
+    check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth, "--by-time": by_time})
     keep_freed_memory()
     settings = from_environment()
     steps: dict[Path, float] = {}
@@ -77,8 +78,10 @@ def localize(
         localizer = prepare.run(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
+        if smooth:
+            localizer = smooth_sequence.run(localizer, photos, progress=progress, speed_px=speed, steps=steps)
     tell_failed(localizer.opened.built)
-    if sequence:
+    if sequence and not smooth:
         localizer = localize_sequence.of(localizer, speed_px=speed, steps=steps)
     output = _Output(localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1)
     forms, failed = [], False

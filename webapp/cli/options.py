@@ -114,6 +114,7 @@ _SEQUENCE_OPTIONS = [
         metavar="PX",
         help="With --sequence: usual way from a frame to the next.  [default: what --right-within is]",
     ),
+    click.option("--smooth", is_flag=True, help="With --sequence: the frames after it count, too."),
 ]
 
 

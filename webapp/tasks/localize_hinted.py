@@ -1,8 +1,7 @@
 """Says where photos of one spot were taken, with what is known besides: about where, and looking where.
 
 What is known never hides anything: it weighs what the photos say, as a prior (a circle) or as a likelihood (a
-compass). Photos of the map within the circle are looked at more closely, so that the right one is found also
-where others of the whole map look more alike.
+compass). Where all photos that look most alike are outside the circle, some within it are looked at, too.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ class PhotoLocalizer:
         top : int
         hide : frozenset of int
         closer : frozenset of int
-            Experience ids to look at more closely; the method `vote` looks at all of them in any case.
+            Experience ids that are looked at in any case; `vote` looks at all.
 
         Raises
         ------

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
-from webapp.core.hypotheses.sequence import Belief, follow, motion_of
+from webapp.core.hypotheses.sequence import Belief, follow, motion_of, smooth
 from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
 
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
@@ -87,6 +87,32 @@ def test_who_was_carried_elsewhere_is_found_within_a_few_frames(p):
     off = errors(answers[20:], line(1500, 8))
     assert (off <= RADIUS).argmax() <= 5
     assert (off[6:] <= RADIUS).all()
+
+
+def test_later_frames_help_too():
+    rng = np.random.default_rng(9)
+    truth = line(100, 100)
+    frames = simulated(truth, rng, right=0.7)
+    filtered, smoothed = walk(frames)[1], smooth(frames, motion=MOTION, top=5)
+    assert errors(smoothed, truth).max() <= RADIUS < errors(filtered, truth).max()
+    assert np.median(errors(smoothed, truth)) < np.median(errors(filtered, truth))
+    for joined in smoothed:
+        parts = sum(h.probability for h in joined.hypotheses) + joined.other_probability
+        assert parts + joined.off_map_probability == pytest.approx(1.0)
+
+
+def test_who_was_carried_elsewhere_is_known_to_be_there_at_once_when_all_frames_are_there():
+    before = [answer(place(100.0 + 10 * i)) for i in range(20)]
+    after = [answer(place(1500.0 + 10 * i)) for i in range(20)]
+    smoothed = smooth(before + after, motion=MOTION, top=5)
+    assert errors(smoothed, [*line(100, 20), *line(1500, 20)]).max() <= RADIUS
+
+
+def test_a_sequence_of_one_frame_or_of_dark_ones_is_no_more():
+    frame = answer(place(500.0, p=0.6))
+    assert smooth([frame], motion=MOTION, top=5) == walk([frame])[1]
+    assert all(a.abstained for a in smooth([nothing()] * 3, motion=MOTION, top=5))
+    assert smooth([], motion=MOTION, top=5) == []
 
 
 def test_corners_are_taken():

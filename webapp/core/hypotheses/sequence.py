@@ -6,7 +6,9 @@ velocity with a weight, or it is lost: off the map, or at a place that no frame 
 read as a likelihood: its hypotheses as Gaussians of their radius, and its "not on this map" as the chance
 that none of them is right, which spares tracks that the frame does not see. From being lost new tracks are
 born, so that a robot that was carried elsewhere is found again after some frames, and one odd frame is not
-believed. The filter is causal: it never looks at later frames.
+believed. The filter is causal: it never looks at later frames. `smooth` does, where all frames are there: it
+joins the filter with one that runs backwards (Fraser and Potter, "The optimum linear smoother as a
+combination of two optimum linear filters", 1969).
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from numpy.typing import NDArray
 
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.core.hypotheses.paths import INSIDE_68, Paths, drawn, paths_of
-from webapp.core.hypotheses.tracks import Track, alike, born, corrected, merge, moved
-from webapp.core.hypotheses.weighing import told
+from webapp.core.hypotheses.tracks import Track, alike, backward, born, corrected, merge, moved
+from webapp.core.hypotheses.weighing import NEXT_DOOR, told
 
 Array = NDArray[np.float64]
 
@@ -34,8 +36,8 @@ _KIDNAPPED = 0.01
 _TEMPER = 0.5
 """Power of a frame's likelihood after the first frame: neighbouring frames see the same and err together."""
 
-_NEXT_DOOR, _DOOR = 0.5, 2.0
-"""Of wrong answers on the map so many name a place near the right one; spread of that, place radii."""
+_DOOR = 2.0
+"""Spread of wrong answers that name a place near the right one, place radii."""
 
 _ERR_TOGETHER = 0.5
 """Least 68 % radius, place radii: so much neighbouring frames are off by together, which none can tell."""
@@ -129,6 +131,57 @@ def follow(
     return updated, _answer(updated, answer, motion=motion, top=top)
 
 
+def smooth(
+    answers: Sequence[Answer], *, motion: Motion, top: int, steps: Sequence[float] | None = None
+) -> list[Answer]:
+    """Take in all frames of a sequence, and tell of each what those before and after it say, too.
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        About each frame alone, in the order in which they were taken.
+    motion : Motion
+    top : int
+    steps : sequence of float, optional
+        Time of each frame since the one before, in usual frame intervals; the first one means nothing.
+
+    Returns
+    -------
+    list of Answer
+        One a frame, as by `follow`.
+    """
+    steps = steps or [1.0] * len(answers)
+    before, after = Belief(), Belief()
+    until = []
+    for answer, step in zip(answers, steps, strict=True):
+        before, _ = follow(before, answer, motion=motion, top=top, steps=step)
+        until.append(before)
+    smoothed = []
+    for answer, belief, step in reversed(list(zip(answers, until, [*steps, 1.0][1:], strict=True))):
+        later = _predict(after, motion, step)
+        smoothed.append(_answer(_joined(belief, later, motion), answer, motion=motion, top=top))
+        after, _ = follow(after, answer, motion=motion, top=top, steps=step)
+    return smoothed[::-1]
+
+
+def _joined(belief: Belief, later: Belief, motion: Motion) -> Belief:
+    """Join the belief up to a frame with that of a backward filter after it: a place both hold is likely."""
+    if not later.frames:
+        return belief
+    density = 0.5 / motion.paths.area_px2
+    tracks = [replace(t, weight=t.weight * later.lost) for t in belief.tracks]
+    for track in later.tracks:
+        there = replace(track.hypothesis, position=track.position)
+        tracks.append(replace(backward(track), weight=belief.lost * track.weight))
+        for t in belief.tracks:
+            both = corrected(t, there, mass=track.weight / density, variance=track.covariance[0])
+            tracks.append(replace(both, hypothesis=t.hypothesis, seen=t.seen))
+    lost = belief.lost * later.lost
+    total = lost + sum(t.weight for t in tracks)
+    whole = [replace(t, weight=t.weight / total) for t in tracks]
+    return _tidy(Belief(tuple(whole), lost / total, belief.frames))
+
+
 def _predict(belief: Belief, motion: Motion, steps: float) -> Belief:
     stay = (1.0 - _KIDNAPPED) ** steps
     tracks = [
@@ -151,14 +204,14 @@ def _update(belief: Belief, answer: Answer, *, motion: Motion, temper: float) ->
     density = 0.5 / motion.paths.area_px2
     missed = miss**temper
     wide = (_DOOR * motion.place_radius_px) ** 2
-    astray = (miss * (1.0 - _NEXT_DOOR)) ** temper
+    astray = (miss * (1.0 - NEXT_DOOR)) ** temper
     tracks = [replace(track, weight=track.weight * astray) for track in belief.tracks]
     for hypothesis in hypotheses:
         variance = _variance(hypothesis, motion)
         mass = _mass(hypothesis.probability, variance, density=density, temper=temper)
         fresh = belief.lost * mass * density
         tracks.append(born(hypothesis, weight=fresh, variance=variance, speed_px=motion.speed_px))
-        near = _NEXT_DOOR * miss * hypothesis.probability / sum(h.probability for h in hypotheses)
+        near = NEXT_DOOR * miss * hypothesis.probability / sum(h.probability for h in hypotheses)
         loose = _mass(near, wide, density=density, temper=temper)
         for track in belief.tracks:
             tracks.append(corrected(track, hypothesis, mass=mass, variance=variance / temper))

@@ -91,6 +91,12 @@ def moved(track: Track, *, speed_px: float, steps: float) -> Track:
     return replace(track, x=x, y=y, covariance=covariance, seen=False)
 
 
+def backward(track: Track) -> Track:
+    """Turn time around."""
+    (x, right), (y, down), (pp, pv, vv) = track.x, track.y, track.covariance
+    return replace(track, x=(x, -right), y=(y, -down), covariance=(pp, -pv, vv))
+
+
 def corrected(track: Track, hypothesis: Hypothesis, *, mass: float, variance: float) -> Track:
     """Take in a hypothesis by Kalman's update.
 

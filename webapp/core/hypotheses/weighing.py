@@ -17,6 +17,10 @@ _NOTHING = 1e-12
 """A hypothesis is less probable than this only in name."""
 
 
+NEXT_DOOR = 0.5
+"""Of wrong answers on the map so many name a place near the right one, or one that looks like it."""
+
+
 def weighed(answer: Answer, likelihood: Sequence[float]) -> Answer:
     """Weigh the hypotheses of an answer.
 
@@ -24,18 +28,22 @@ def weighed(answer: Answer, likelihood: Sequence[float]) -> Answer:
     ----------
     answer : Answer
     likelihood : sequence of float
-        Of what is known, given each hypothesis, over that given that none of them is right.
+        Of what is known, given each hypothesis, over that given anything.
 
     Returns
     -------
     Answer
         Its probabilities add up to 1 again; ranked anew. Places that were cut, and "not on this map", keep
-        their odds against each other.
+        their odds against each other. What is known often fits hypotheses that are wrong, too, because they
+        are near the truth: so it can make a lone one at most twice as likely against that none is right.
     """
+    told = sum(h.probability for h in answer.hypotheses)
+    if not told:
+        return answer
+    usual = sum(h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)) / told
+    likelihood = [w / (1.0 - NEXT_DOOR + NEXT_DOOR * usual) for w in likelihood]
     grown = [h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)]
     total = sum(grown) + answer.other_probability + (answer.off_map_probability or 0.0)
-    if not total:
-        return answer
     changed = [replace(h, probability=p / total) for h, p in zip(answer.hypotheses, grown, strict=True)]
     off = answer.off_map_probability
     weighed = replace(

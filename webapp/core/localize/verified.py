@@ -125,7 +125,7 @@ def find_places(
     fov_deg : float
     hide : collection of int
     closer : collection of int
-        Experience ids to look at more closely: the best of them are verified, too.
+        Experience ids of which the best are verified, too, where the votes name none of them.
 
     Returns
     -------
@@ -136,8 +136,8 @@ def find_places(
     found = consistent(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
     listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
-    if closer:
-        listed += _looked_at_closer(indexed, query, listed=listed, votes=votes, closer=closer)
+    if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
+        listed += _looked_at_closer(indexed, query, votes=votes, closer=closer)
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
     checked = in_threads(lambda m: _verify(indexed, m, camera), listed)
@@ -166,17 +166,15 @@ def _looked_at_closer(
     indexed: IndexedMap,
     query: Features,
     *,
-    listed: list[Shortlisted],
     votes: NDArray[np.float64],
     closer: Collection[int],
 ) -> list[Shortlisted]:
-    """List the best photos of `closer` that are not listed yet, matched as if there were no others.
+    """List the best photos of `closer`, matched as if there were no others.
 
     Their votes are those of the whole map, so that they are compared with all other photos as ever.
     """
-    there = np.isin(indexed.ids, np.fromiter(closer, np.int64, len(closer)))
-    there[[s.photo for s in listed]] = False
-    nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=indexed.ids[~there].tolist())
+    others = indexed.ids[~np.isin(indexed.ids, [*closer])]
+    nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=others.tolist())
     found = consistent(indexed, query, found=nearest)
     among = weighted_votes(found, len(indexed.ids))
     further = shortlist(indexed, query, found=found, votes=among, most=_SHORTLIST)
@@ -202,7 +200,7 @@ def _weigh(places: list[Place], checked: list[Verified]) -> NDArray[np.float64]:
     if not places:
         return np.zeros((0, EVIDENCE))
     best = places[0]
-    share = best.votes / sum(v.matched.votes for v in checked)
+    share = best.votes / sum(v.matched.votes for v in checked[:_SHORTLIST])
     common = (math.log1p(INLIER_SCALE * best.score), share)
     return np.array([(*common, math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT))) for p in places])
 
