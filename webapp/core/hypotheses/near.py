@@ -39,7 +39,7 @@ def with_position(answer: Answer, near: Near, *, paths: Paths) -> Answer:
     """Weigh the hypotheses of an answer with where the photo is said to have been taken, by Bayes' rule.
 
     The circle changes the prior over places from all of the map to about the circle, except for the tenth of
-    circles that say nothing. Whether the map knows what the photo shows, a circle hardly tells: see `weighed`.
+    circles that say nothing. Whether the map knows what the photo shows is hardly told by it: see `weighed`.
 
     Parameters
     ----------
