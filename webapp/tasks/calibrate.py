@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
+from webapp.core.hypotheses.paths import Paths, drawn
 from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.places import Place
@@ -34,8 +35,12 @@ _SAME_PLACE = 1.05
 """Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query: what is
 left is about as far from it as a map's photos are from a new one."""
 
-_ELSEWHERE = 4.0
-"""Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere."""
+_ELSEWHERE, _MOST_HIDDEN = 10.0, 0.6
+"""Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere: along a
+path one sees far. At most about this share of the map is hidden, the nearest photos."""
+
+_OTHER_DAY_EVERY, _LEFT_ON_OTHER_DAY = 4, 10
+"""Every fourth photo plays one of another day, when one in ten of its keypoints is found again."""
 
 _CHANGED_SHARE = 0.1
 """A map that changed by less, in its photos and their places or its place radius, keeps its calibration."""
@@ -136,7 +141,8 @@ def calibrate(
         if number in known:
             tried = known[number]
         else:
-            trial = _try(indexed, photo, off_map=number % _OFF_MAP_EVERY == 1)
+            other_day = number // _OFF_MAP_EVERY % _OTHER_DAY_EVERY == _OTHER_DAY_EVERY - 1
+            trial = _try(indexed, photo, off_map=number % _OFF_MAP_EVERY == 1, other_day=other_day)
             tried = None if trial is None else trial.to_record()
             keep(number, tried)
         trials += [] if tried is None else [_Trial.from_record(tried)]
@@ -146,20 +152,24 @@ def calibrate(
     return _with_radius(fitted, trials)
 
 
-def _try(indexed: IndexedMap, photo: int, *, off_map: bool) -> _Trial | None:
+def _try(indexed: IndexedMap, photo: int, *, off_map: bool, other_day: bool) -> _Trial | None:
     features = indexed.features(photo)
     if features is None:
         return None
+    if other_day:
+        features = features.taken(np.arange(photo % _LEFT_ON_OTHER_DAY, len(features), _LEFT_ON_OTHER_DAY))
     truth = indexed.position[photo]
     apart = np.hypot(*(indexed.position - truth).T)
     spacing = spacing_px(indexed.position) or indexed.place_radius_px
-    within = _ELSEWHERE * indexed.place_radius_px if off_map else _SAME_PLACE * spacing
+    within = _SAME_PLACE * spacing
+    if off_map:
+        within = min(_ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart, _MOST_HIDDEN)))
     hide = {int(i) for i in indexed.ids[apart <= within]}
     if len(hide) == len(indexed.ids):
         return None  # nothing of the map is left to be looked through
     found = find_places(indexed, features, fov_deg=float(indexed.fov_deg[photo]), hide=hide)
     places = found.places
-    error = np.array([_error(p, truth) for p in places])
+    error = np.array([_error(p, truth, paths=indexed.paths) for p in places])
     case = Case(found.evidence, error <= indexed.place_radius_px, _OFF_MAP_WEIGHT if off_map else 1.0)
     if not places or off_map:
         return _Trial(case, np.nan, np.nan)
@@ -168,8 +178,11 @@ def _try(indexed: IndexedMap, photo: int, *, off_map: bool) -> _Trial | None:
     return _Trial(case, places[first].spread_px, float(error[first]) if measures else np.nan)
 
 
-def _error(place: Place, truth: NDArray[np.float64]) -> float:
-    return float(np.hypot(*(np.array(place.position) - truth)))
+def _error(place: Place, truth: NDArray[np.float64], *, paths: Paths) -> float:
+    at = place.position
+    if place.kind == "position":
+        at, _ = drawn(at, place.spread_px**2, paths=paths)
+    return math.dist(at, truth)
 
 
 def _with_radius(fitted: Calibration, trials: Sequence[_Trial]) -> Calibration:

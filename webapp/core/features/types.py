@@ -42,6 +42,16 @@ class Features:
         """Count the keypoints."""
         return len(self.xy)
 
+    def taken(self, rows: NDArray[np.int64]) -> Features:
+        """Take out some keypoints, by their rows."""
+        return Features(
+            xy=self.xy[rows],
+            size=self.size[rows],
+            angle=self.angle[rows],
+            descriptors=self.descriptors[rows],
+            photo_size=self.photo_size,
+        )
+
 
 Described = tuple[Sequence[cv2.KeyPoint], NDArray[np.uint8]]
 """n keypoints and their (n, width) uint8 descriptors."""

@@ -1,9 +1,9 @@
 """Where cameras are: about where the photos of the map were taken, along the paths that these trace.
 
-A prior over positions, to be joined with what one photo says by Bayes' rule. Around a position, the map's
-photos are summed up by one Gaussian: along a row of photos it is long and thin, so that what lies beside the
-row is drawn across to it and nothing is moved along it; where photos stand in all directions it is wide and
-moves little.
+A prior over positions, to be joined with what one photo says by Bayes' rule. The map's photos around a
+position are seen through a Gaussian window; their scatter, freed of the window, is the density of cameras
+there. Along a row of photos it is long and thin, so that what lies beside the row is drawn across to it and
+nothing is moved along it; where photos stand on all sides it says nothing.
 """
 
 from __future__ import annotations
@@ -22,17 +22,20 @@ Array = NDArray[np.float64]
 INSIDE_68 = math.sqrt(-2.0 * math.log(1.0 - 0.68))
 """Radius that holds 68 % of a round Gaussian over its spread."""
 
-_AROUND = 2.0
-"""Photos within about so many place radii tell how the path runs."""
+_WINDOW = 1.5
+"""Spread of the window through which the photos around a position are seen, place radii."""
 
-_BESIDE = 0.3
-"""Spread of cameras beside the path, place radii: a little more than half a spacing of the photos."""
+_NARROW = 0.5
+"""Photos that vary by more than this share of the window's variance could be anywhere in it."""
 
-_ANYWHERE = 0.005
-"""Share of cameras that are on no path."""
+_BESIDE = 0.1
+"""Spread of cameras beside the path, place radii."""
 
-_ERR_TOGETHER = 0.25
-"""Least 68 % radius of an estimate, place radii: so far the map's own positions may be off."""
+_NONE = 1e-9
+"""Sum of weights below which there are no photos around a position."""
+
+_DOUBT = 2.5
+"""A position that is more standard deviations off the path than this is not on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,29 +88,29 @@ def drawn(
     -------
     position : MapPixel
     variance : float
-        The mean of both axes.
+        Along the axis that is known less: a path tells nothing of where on it.
     """
     at = np.array(position)
     off = paths.photos - at
-    near = np.exp(-0.5 * (off**2).sum(1) / (_AROUND * paths.place_radius_px) ** 2)
+    window = (_WINDOW * paths.place_radius_px) ** 2
+    near = np.exp(-0.5 * (off**2).sum(1) / window)
     near = near if weight is None else near * weight
     mass = float(near.sum())
-    if mass < 1e-9:
+    if mass < _NONE:
         return position, variance
     middle = near @ off / mass
     apart = off - middle
     beside = (_BESIDE * paths.place_radius_px) ** 2
-    path = np.einsum("n,ni,nj->ij", near, apart, apart) / mass + beside * np.eye(2)
-    both = path + variance * np.eye(2)
-    squared = float(middle @ np.linalg.solve(both, middle))
-    foreseen = math.exp(-0.5 * squared) / (2.0 * math.pi * math.sqrt(float(np.linalg.det(both))))
-    here = (1.0 - _ANYWHERE) * mass / (len(off) if weight is None else float(weight.sum())) * foreseen
-    share = here / (here + _ANYWHERE / paths.area_px2)
-    gain = variance * np.linalg.inv(both)
-    step = gain @ middle
-    left = variance * (1.0 - share * np.trace(gain) / 2.0)
-    among = share * (1.0 - share) * float(step @ step) / 2.0
-    return MapPixel(*map(float, at + share * step)), float(left + among)
+    scatter = np.einsum("n,ni,nj->ij", near, apart, apart) / mass + beside * np.eye(2)
+    spreads, axes = np.linalg.eigh(scatter)
+    # The window multiplies the density of cameras by a Gaussian, so that its precision is to be subtracted.
+    precision = np.maximum(1.0 / spreads - 1.0 / (_NARROW * window), 0.0)
+    narrow = precision > 0.0
+    row = np.where(narrow, axes.T @ middle / spreads / np.where(narrow, precision, 1.0), 0.0)
+    foreseen = variance + 1.0 / np.where(narrow, precision, 1.0)
+    precision *= np.exp(-0.5 * row**2 / foreseen / _DOUBT**2)
+    left = 1.0 / (1.0 / variance + precision)
+    return MapPixel(*map(float, at + axes @ (left * precision * row))), float(left.max())
 
 
 def on_paths(answer: Answer, paths: Paths, *, weight: Array | None = None) -> Answer:
@@ -127,8 +130,5 @@ def on_paths(answer: Answer, paths: Paths, *, weight: Array | None = None) -> An
 def _on_paths(hypothesis: Hypothesis, paths: Paths, weight: Array | None) -> Hypothesis:
     if hypothesis.kind == "photo" or hypothesis.radius_px is None:
         return hypothesis
-    least = _ERR_TOGETHER * paths.place_radius_px
-    known = (hypothesis.radius_px**2 + least**2) / INSIDE_68**2
-    position, variance = drawn(hypothesis.position, known, paths=paths, weight=weight)
-    radius = min(INSIDE_68 * math.sqrt(variance), paths.place_radius_px)
-    return replace(hypothesis, position=position, radius_px=radius)
+    position, variance = drawn(hypothesis.position, hypothesis.radius_px**2, paths=paths, weight=weight)
+    return replace(hypothesis, position=position, radius_px=math.sqrt(variance))

@@ -30,13 +30,13 @@ _SUPPORT_REACH = 2.0
 _APART = 2.0
 """Places nearer to each other, in place radii, could both be right: the better one stands for both."""
 
-_SPREAD, _SPREAD_AT = 0.5, 0.3
+_SPREAD, _SPREAD_AT = 0.4, 0.3
 """Uncertainty of a position by its score: the first over the second plus the score, in place radii."""
 
 _MATCHES_ERR_TOGETHER = 6.0
 """Factor on the uncertainty that the matches state, because they do not err independently."""
 
-_SPREAD_LEFT = 0.2
+_SPREAD_LEFT = 0.28
 """Uncertainty of the best position, in place radii: the map's own positions are not better."""
 
 MIN_ORIENTED = 2

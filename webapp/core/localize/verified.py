@@ -43,7 +43,8 @@ class Found:
         The best first.
     evidence : (h, EVIDENCE) float64
         Of each place: log of the inliers that agree on the best place, share of the votes that the best
-        place has, and log of the place's merit over the best one's.
+        place has, log of the place's merit over the best one's, and log of the most votes of a photo over
+        the median.
     answer : Answer
         Statistics and seconds, and the reason where there is no place.
     """
@@ -191,6 +192,9 @@ def _verify(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> Verifi
     )
 
 
+_NO_VOTES = 1e-6
+"""Stands for the votes of a photo that was looked at although it had none."""
+
 _NO_MERIT = 0.02
 """Stands for the merit of a place that has next to none."""
 
@@ -200,9 +204,11 @@ def _weigh(places: list[Place], checked: list[Verified]) -> NDArray[np.float64]:
     if not places:
         return np.zeros((0, EVIDENCE))
     best = places[0]
-    share = best.votes / sum(v.matched.votes for v in checked[:_SHORTLIST])
-    common = (math.log1p(INLIER_SCALE * best.score), share)
-    return np.array([(*common, math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT))) for p in places])
+    votes = np.maximum([v.matched.votes for v in checked[:_SHORTLIST]], _NO_VOTES)
+    agreed, share = math.log1p(INLIER_SCALE * best.score), best.votes / votes.sum()
+    peak = math.log(votes.max() / np.median(votes))
+    merits = [math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT)) for p in places]
+    return np.array([(agreed, share, merit, peak) for merit in merits])
 
 
 def _hypothesis(
