@@ -26,6 +26,9 @@ _STRONGEST = 500
 _COMPARED = 24
 """Photos that are compared with all their descriptors."""
 
+_BLOCK = 128
+"""Descriptors of the query compared at once: bounds the memory of each thread."""
+
 
 class TwoStage:
     """Nearest neighbours among the photos that are most like the query, at most one in each.
@@ -82,9 +85,16 @@ class TwoStage:
             if not len(theirs):
                 return np.full(len(query), np.inf, np.float32), np.full(len(query), -1)
             known = theirs.astype(np.float32)
-            offset = (known**2).sum(axis=1) - 2.0 * (values @ known.T)
-            row = offset.argmin(axis=1)
-            distance = np.sqrt(np.maximum(squared + np.take_along_axis(offset, row[:, None], 1)[:, 0], 0.0))
+            length = (known**2).sum(axis=1)
+            row = np.empty(len(values), np.int64)
+            offset = np.empty(len(values), np.float32)
+            for start in range(0, len(values), _BLOCK):
+                block = values[start : start + _BLOCK] @ known.T
+                block *= -2.0
+                block += length
+                row[start : start + _BLOCK] = block.argmin(axis=1)
+                offset[start : start + _BLOCK] = block.min(axis=1)
+            distance = np.sqrt(np.maximum(squared + offset, 0.0))
             return distance, row + first
 
         distances, rows = zip(*in_threads(nearest, entries.tolist()), strict=True)
