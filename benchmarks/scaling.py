@@ -271,7 +271,8 @@ def plot(rows: list[dict[str, Any]]) -> str:
         return x, _BOTTOM - (math.log10(seconds) - least) / (most - least) * (_BOTTOM - 20)
 
     out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {_HIGH}" font-family="sans-serif" font-size="12">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {_HIGH}" '
+        'font-family="sans-serif" font-size="12">'
     ]
     out.append(f'<rect width="{_WIDE}" height="{_HIGH}" fill="#fff"/>')
     for photos in sorted({r["photos"] for r in rows}):
@@ -293,9 +294,8 @@ def plot(rows: list[dict[str, Any]]) -> str:
             out.append(
                 f'<text x="{points[-1][0] + 8:.0f}" y="{points[-1][1] + 4:.0f}" fill="{colour}">{tier}</text>'
             )
-    out.append(
-        f'<text x="{(_LEFT + _WIDE - 90) / 2:.0f}" y="{_HIGH - 8}" text-anchor="middle">photos of the map</text></svg>'
-    )
+    middle = (_LEFT + _WIDE - 90) / 2
+    out.append(f'<text x="{middle:.0f}" y="{_HIGH - 8}" text-anchor="middle">photos of the map</text></svg>')
     return "\n".join(out) + "\n"
 
 

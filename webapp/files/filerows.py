@@ -37,7 +37,7 @@ class OpenFile:
         IndexDamaged
             The file ends before, or cannot be read.
         """
-        left = memoryview(into.reshape(-1).view(np.uint8))
+        left = into.reshape(-1).view(np.uint8).data
         with self._lock:
             try:
                 self._file.seek(offset)

@@ -28,7 +28,9 @@ _ENCODED_AT_ONCE = 65_536
 class Coding(Protocol):
     """Makes the files of one engine."""
 
-    engine: Engine
+    @property
+    def engine(self) -> Engine:
+        """Whose files it makes."""
 
     def train(self, segments: Collection[SegmentRecord], *, total: int) -> str:
         """Write a codebook for segments that hold `total` descriptors; returns its name."""

@@ -109,12 +109,13 @@ class TwoStage:
         return first + int(self._first_row[number]), segment.descriptors[first:stop]
 
 
-def _votes(distance: NDArray[np.float32]) -> NDArray[np.float64]:
+def _votes(distance: NDArray[np.float32]) -> NDArray[np.float32]:
     """Sum up how much nearer each photo's (n, m) neighbours are than the usual one; (m,)."""
     usual = np.median(distance, axis=1, keepdims=True)
-    return np.maximum(usual - distance, 0.0, where=np.isfinite(usual), out=np.zeros_like(distance)).sum(
-        axis=0
-    )
+    nearer = np.zeros_like(distance)
+    np.subtract(usual, distance, where=np.isfinite(usual), out=nearer)
+    votes: NDArray[np.float32] = np.maximum(nearer, 0.0).sum(axis=0)
+    return votes
 
 
 def _nearest(found: Neighbours, k: int) -> Neighbours:

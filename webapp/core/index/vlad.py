@@ -63,7 +63,7 @@ def train(photos: Sequence[NDArray[np.uint8]]) -> Codebook:
     if len(sample) > most:
         sample = sample[np.random.default_rng(1).choice(len(sample), most, replace=False)]
     centres = _clustered(sample.astype(np.float32))
-    mean = np.mean([aggregate(centres, p) for p in photos], axis=0, dtype=np.float32)
+    mean: NDArray[np.float32] = np.stack([aggregate(centres, p) for p in photos]).mean(axis=0)
     return Codebook(centres, mean)
 
 
@@ -73,8 +73,7 @@ def _clustered(sample: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.ascontiguousarray(np.resize(sample, (CENTRES, sample.shape[1])))
     means = faiss.Kmeans(sample.shape[1], CENTRES, niter=_ROUNDS, seed=1, min_points_per_centroid=1)
     means.train(sample)
-    found: NDArray[np.float32] = means.centroids
-    return found
+    return np.asarray(means.centroids, np.float32)
 
 
 def aggregate(centres: NDArray[np.float32], descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -95,7 +94,8 @@ def aggregate(centres: NDArray[np.float32], descriptors: NDArray[np.uint8]) -> N
     chosen = (nearest[:, None] == np.arange(len(centres))).astype(np.float32)
     total: NDArray[np.float32] = chosen.T @ values - chosen.sum(0)[:, None] * centres
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.maximum(length, np.float32(1e-6))
+    total /= np.maximum(length, np.float32(1e-6))
+    return total
 
 
 def signature(codebook: Codebook, descriptors: NDArray[np.uint8]) -> NDArray[np.uint8]:
