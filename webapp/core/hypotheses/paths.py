@@ -71,7 +71,7 @@ def paths_of(position: Array, *, place_radius_px: float) -> Paths:
 
 def drawn(
     position: MapPixel, variance: float, *, paths: Paths, weight: Array | None = None
-) -> tuple[MapPixel, float]:
+) -> tuple[MapPixel, Array]:
     """Join a position with where cameras are.
 
     Parameters
@@ -87,8 +87,8 @@ def drawn(
     Returns
     -------
     position : MapPixel
-    variance : float
-        Along the axis that is known less: a path tells nothing of where on it.
+    variance : (2,) float64
+        Of it, along the axis that is known better and along the other: a path tells nothing of where on it.
     """
     at = np.array(position)
     off = paths.photos - at
@@ -97,7 +97,7 @@ def drawn(
     near = near if weight is None else near * weight
     mass = float(near.sum())
     if mass < _NONE:
-        return position, variance
+        return position, np.array([variance, variance])
     middle = near @ off / mass
     apart = off - middle
     beside = (_BESIDE * paths.place_radius_px) ** 2
@@ -110,7 +110,7 @@ def drawn(
     foreseen = variance + 1.0 / np.where(narrow, precision, 1.0)
     precision *= np.exp(-0.5 * row**2 / foreseen / _DOUBT**2)
     left = 1.0 / (1.0 / variance + precision)
-    return MapPixel(*map(float, at + axes @ (left * precision * row))), float(left.max())
+    return MapPixel(*map(float, at + axes @ (left * precision * row))), np.sort(left)
 
 
 def on_paths(answer: Answer, paths: Paths, *, weight: Array | None = None) -> Answer:
@@ -131,4 +131,4 @@ def _on_paths(hypothesis: Hypothesis, paths: Paths, weight: Array | None) -> Hyp
     if hypothesis.kind == "photo" or hypothesis.radius_px is None:
         return hypothesis
     position, variance = drawn(hypothesis.position, hypothesis.radius_px**2, paths=paths, weight=weight)
-    return replace(hypothesis, position=position, radius_px=math.sqrt(variance))
+    return replace(hypothesis, position=position, radius_px=math.sqrt(variance[1]))

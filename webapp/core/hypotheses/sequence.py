@@ -275,7 +275,8 @@ def _place(near: Sequence[Track], motion: Motion) -> Hypothesis:
     """Make one hypothesis of tracks within one place, the heaviest first."""
     whole = merge(near)
     spread = (_ERR_TOGETHER * motion.place_radius_px / INSIDE_68) ** 2
-    position, variance = drawn(whole.position, whole.covariance[0] + spread, paths=motion.paths)
+    position, by_axis = drawn(whole.position, whole.covariance[0] + spread, paths=motion.paths)
+    variance = float(by_axis.mean())
     inside = 1.0 - math.exp(-0.5 * motion.place_radius_px**2 / variance)
     of_frame = whole.hypothesis
     return replace(
