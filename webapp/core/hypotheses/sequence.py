@@ -39,7 +39,7 @@ _TEMPER = 0.5
 _DOOR = 2.0
 """Spread of wrong answers that name a place near the right one, place radii."""
 
-_ERR_TOGETHER = 0.4
+_ERR_TOGETHER = 0.5
 """Least 68 % radius, place radii: so much neighbouring frames are off by together, which none can tell."""
 
 _TRACKS, _LEAST_WEIGHT = 40, 1e-4
