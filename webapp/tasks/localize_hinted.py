@@ -87,7 +87,8 @@ def weigh(localizer: PhotoLocalizer, answers: Sequence[Answer], *, hints: Hints)
         answer = with_position(answer, hints.near, paths=paths)
     if hints.heading_deg is not None:
         answer = with_heading(answer, hints.heading_deg, looked_deg=headings(localizer))
-    return answer, joint.surest(answers, answer)
+    best = joint.surest(answers, answer)
+    return joint.shown_by(answer, answers[best]), best
 
 
 def headings(localizer: PhotoLocalizer) -> dict[int, float]:

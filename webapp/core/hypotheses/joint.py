@@ -89,6 +89,11 @@ def surest(answers: Sequence[Answer], joint: Answer) -> int:
     return next(n for n, answer in enumerate(answers) if answer is best)
 
 
+def shown_by(joint: Answer, one: Answer) -> Answer:
+    """Give a joint answer the evidence of one of its photos: what is known besides can change which."""
+    return ranked(replace(joint, evidence=one.evidence, fov=one.fov), joint.hypotheses)
+
+
 def _spots(hypotheses: Sequence[tuple[int, Hypothesis]], radius: float) -> list[_Spot]:
     spots: list[_Spot] = []
     for number, hypothesis in sorted(hypotheses, key=lambda pair: -pair[1].probability):
