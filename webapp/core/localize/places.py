@@ -199,10 +199,10 @@ def _support(
     indexed: IndexedMap, checked: list[Verified], position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Share of the votes around (m, 2) positions: photos of one place vote together; (m,)."""
-    if not checked:
+    votes = np.array([v.matched.votes for v in checked])
+    if not votes.any():
         return np.zeros(len(position))
     voters = indexed.position[[v.matched.photo for v in checked]]
-    votes = np.array([v.matched.votes for v in checked])
     squared = ((position[:, None] - voters[None]) ** 2).sum(-1)
     near = np.exp(-squared / (2.0 * (_SUPPORT_REACH * indexed.place_radius_px) ** 2))
     share: NDArray[np.float64] = near @ votes / votes.sum()

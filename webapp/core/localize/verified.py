@@ -137,6 +137,7 @@ def find_places(
     found = consistent(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
     listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
+    voted = len(listed)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
         listed += _looked_at_closer(indexed, query, votes=votes, closer=closer)
     clock.append(time.perf_counter())
@@ -151,7 +152,7 @@ def find_places(
     stages = ("retrieve", "verify", "position")
     return Found(
         places,
-        _weigh(places, checked),
+        _weigh(places, checked[:voted]),
         Answer(
             hypotheses=(),
             off_map_probability=1.0,
@@ -193,18 +194,18 @@ def _verify(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> Verifi
 
 
 _NO_VOTES = 1e-6
-"""Stands for the votes of a photo that was looked at although it had none."""
+"""Stands for the votes where no photo had any, and those in a circle were looked at."""
 
 _NO_MERIT = 0.02
 """Stands for the merit of a place that has next to none."""
 
 
-def _weigh(places: list[Place], checked: list[Verified]) -> NDArray[np.float64]:
-    """Describe each place for its probability; see `Found`."""
+def _weigh(places: list[Place], voted: list[Verified]) -> NDArray[np.float64]:
+    """Describe each place for its probability, by the photos that had most votes; see `Found`."""
     if not places:
         return np.zeros((0, EVIDENCE))
     best = places[0]
-    votes = np.maximum([v.matched.votes for v in checked[:_SHORTLIST]], _NO_VOTES)
+    votes = np.array([v.matched.votes for v in voted] or [_NO_VOTES])
     agreed, share = math.log1p(INLIER_SCALE * best.score), best.votes / votes.sum()
     peak = math.log(votes.max() / np.median(votes))
     merits = [math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT)) for p in places]
