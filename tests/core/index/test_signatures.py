@@ -136,9 +136,24 @@ def test_photos_and_queries_without_anything_are_no_trouble():
     search = searching(photos)
     found = search.search_among(photos[2], 9, visible=np.ones(7, bool))
     assert np.mean(found.row[:, 0] // 80 == 2) > 0.7
-    assert (found.row[:, 6:] == -1).all()
+    assert (found.row >= 0).all()
     assert search.search_among(photos[6], 3, visible=np.ones(7, bool)).row.shape == (0, 3)
     assert searching([photos[0][:3]]).search_among(photos[0][:3], 1, visible=np.ones(1, bool)).row[2] == 2
+
+
+@pytest.mark.parametrize("visible", [1, 2, 5])
+def test_where_few_photos_may_be_named_each_gives_more_neighbours(visible):
+    photos = scenes(12, seed=10)
+    query = seen_again(photos[0], seed=11)
+    found = searching(photos).search_among(query, 11, visible=np.arange(12) < visible)
+    exact = BruteForce([np.concatenate(photos[:visible])], "l2").search(query, 11)
+    assert (np.diff(found.distance, axis=1) >= 0).all()
+    assert all(len(set(row)) == 11 for row in found.row.tolist())
+    assert np.allclose(found.distance[:, 0], exact.distance[:, 0], atol=0.05)
+    if visible == 1:
+        assert np.allclose(found.distance, exact.distance, atol=0.05)
+    few = searching([photos[0][:3]]).search_among(query, 11, visible=np.ones(1, bool))
+    assert np.isfinite(few.distance).sum(axis=1).tolist() == [3] * len(query)
 
 
 def test_training_is_the_same_every_time():

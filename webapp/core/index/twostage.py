@@ -31,7 +31,10 @@ _BLOCK = 128
 
 
 class TwoStage:
-    """Nearest neighbours among the photos that are most like the query, at most one in each.
+    """Nearest neighbours among the photos that are most like the query.
+
+    At most one in each, but where fewer photos than neighbours may be named: then as many in each as make up
+    the number, because how near a neighbour is can only be told by another one.
 
     Parameters
     ----------
@@ -54,7 +57,7 @@ class TwoStage:
     def search_among(
         self, descriptors: NDArray[np.uint8], k: int, *, visible: NDArray[np.bool_]
     ) -> Neighbours:
-        """Find k near descriptors, each in another photo, for each of (n, d) uint8 descriptors.
+        """Find k near descriptors for each of (n, d) uint8 descriptors.
 
         Parameters
         ----------
@@ -70,32 +73,37 @@ class TwoStage:
         if len(named) > _COMPARED:
             quick = self._compare(descriptors[:_STRONGEST], named, strongest=_STRONGEST)
             named = named[np.argsort(-_votes(quick.distance), kind="stable")[:_COMPARED]]
-        found = self._compare(descriptors, named)
+        found = self._compare(descriptors, named, each=-(-k // len(named)))
         return _nearest(found, k)
 
     def _compare(
-        self, query: NDArray[np.uint8], entries: NDArray[np.int64], *, strongest: int | None = None
+        self,
+        query: NDArray[np.uint8],
+        entries: NDArray[np.int64],
+        *,
+        each: int = 1,
+        strongest: int | None = None,
     ) -> Neighbours:
-        """Find the nearest descriptor of each photo, or of its strongest; a column each, in their order."""
+        """Find the nearest descriptors of each photo, or of its strongest; `each` columns a photo."""
         values = query.astype(np.float32)
         squared = (values**2).sum(axis=1)
 
         def nearest(entry: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
             first, theirs = self._descriptors(entry, strongest)
-            if not len(theirs):
-                return np.full(len(query), np.inf, np.float32), np.full(len(query), -1)
             known = theirs.astype(np.float32)
             length = (known**2).sum(axis=1)
-            row = np.empty(len(values), np.int64)
-            offset = np.empty(len(values), np.float32)
-            for start in range(0, len(values), _BLOCK):
+            here = min(each, len(theirs))
+            found = nothing_found(len(values), each)
+            for start in range(0, len(values) if here else 0, _BLOCK):
                 block = values[start : start + _BLOCK] @ known.T
                 block *= -2.0
                 block += length
-                row[start : start + _BLOCK] = block.argmin(axis=1)
-                offset[start : start + _BLOCK] = block.min(axis=1)
-            distance = np.sqrt(np.maximum(squared + offset, 0.0))
-            return distance, row + first
+                rows = _least(block, here)
+                part = slice(start, start + _BLOCK)
+                offset = np.take_along_axis(block, rows, 1)
+                found.row[part, :here] = rows + first
+                found.distance[part, :here] = np.sqrt(np.maximum(squared[part, None] + offset, 0.0))
+            return found.distance, found.row
 
         distances, rows = zip(*in_threads(nearest, entries.tolist()), strict=True)
         return Neighbours(np.column_stack(distances), np.column_stack(rows))
@@ -116,6 +124,13 @@ def _votes(distance: NDArray[np.float32]) -> NDArray[np.float32]:
     np.subtract(usual, distance, where=np.isfinite(usual), out=nearer)
     votes: NDArray[np.float32] = np.maximum(nearer, 0.0).sum(axis=0)
     return votes
+
+
+def _least(values: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+    """Tell where the least `count` numbers of each row are, in any order."""
+    if count == 1:
+        return values.argmin(axis=1, keepdims=True)
+    return np.argpartition(values, count - 1, axis=1)[:, :count]
 
 
 def _nearest(found: Neighbours, k: int) -> Neighbours:
