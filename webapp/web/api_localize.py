@@ -61,7 +61,7 @@ class QuestionIn(Schema):
         metadata={"description": "Horizontal field of view of the upright photo, degrees."},
     )
     hint_x_px = Float(
-        metadata={"description": "About where it was: only photos of this circle are searched."}
+        metadata={"description": "About where it was: places in this circle gain, and none is left out."}
     )
     hint_y_px = Float()
     hint_radius_px = Float(validate=Range(0, min_inclusive=False))

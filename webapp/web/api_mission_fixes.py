@@ -56,7 +56,7 @@ class AskIn(Schema):
     )
     hint_lat = Float(
         validate=Range(-90, 90),
-        metadata={"description": "About where it was: only photos of the map in this circle are searched."},
+        metadata={"description": "About where it was: places in this circle gain, and none is left out."},
     )
     hint_lon = Float(validate=Range(-180, 180))
     hint_radius_m = Float(validate=Range(0, min_inclusive=False))

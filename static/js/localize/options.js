@@ -70,7 +70,7 @@ export class Options {
     badge.hidden = !count;
     badge.textContent = String(count);
     byId("hint-clear").hidden = !hint;
-    byId("hint-text").textContent = hint ? this._told(hint) : t("Only photos of the map inside a circle are searched.");
+    byId("hint-text").textContent = hint ? this._told(hint) : t("Places inside a circle become more probable.");
     byId("ask-again").hidden = !query;
   }
 
