@@ -138,6 +138,7 @@ def find_places(
     votes = weighted_votes(found, len(indexed.ids))
     listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
     voted = len(listed)
+    closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
         listed += _looked_at_closer(indexed, query, votes=votes, closer=closer)
     clock.append(time.perf_counter())
