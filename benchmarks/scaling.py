@@ -225,7 +225,7 @@ def _signatures(real: IndexedMap, photos: list[NDArray[np.uint8]], others: Distr
     if count:
         parts.append(np.array([vlad.signature(codebook, others.photo(i)) for i in range(count)]))
     segments = [*real.segments, *([_segment(others)] if count else [])]
-    return TwoStage(codebook, parts, segments), segments, trained, sum(p.nbytes for p in parts)
+    return TwoStage(codebook, parts, segments=segments), segments, trained, sum(p.nbytes for p in parts)
 
 
 def _codes(real: IndexedMap, photos: list[NDArray[np.uint8]], others: Distractors) -> tuple[Any, ...]:

@@ -40,6 +40,10 @@ Engine = Literal["ivf", "vlad"]
 """What photos are found by: codes of all descriptors, or one signature a photo."""
 
 
+_BLOCKS = b"IwPf"
+"""How the file of an inverted file with 4-bit codes begins."""
+
+
 @dataclass(frozen=True, slots=True)
 class PhotoRecord:
     """A map photo as it was when it was indexed.
@@ -126,7 +130,7 @@ class IndexFolder:
         """File of a segment's features."""
         return self.folder / f"{name}.features"
 
-    def codes_path(self, name: str, codebook: str, engine: Engine) -> Path:
+    def codes_path(self, name: str, *, codebook: str, engine: Engine) -> Path:
         """File of a segment's codes."""
         return self.folder / f"{name}-{codebook}.{engine}"
 
@@ -204,7 +208,7 @@ class IndexFolder:
         """
         keep = {self.codebook_path(manifest.codebook)}
         for segment in manifest.segments:
-            codes = self.codes_path(segment.name, manifest.codebook, manifest.engine)
+            codes = self.codes_path(segment.name, codebook=manifest.codebook, engine=manifest.engine)
             keep |= {self.segment_path(segment.name), codes}
         try:
             for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
@@ -252,6 +256,16 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
     try:
         if kind == "binary":
             return faiss.read_index_binary(os.fspath(path), faiss.IO_FLAG_MMAP if mapped else 0)
-        return faiss.read_index(os.fspath(path), faiss.IO_FLAG_MMAP_IFC if mapped else 0)
+        in_place = mapped and not _is_copied(path)
+        return faiss.read_index(os.fspath(path), faiss.IO_FLAG_MMAP_IFC if in_place else 0)
     except (RuntimeError, MemoryError) as error:
         raise IndexDamaged("it is not a search index, or cut off", where=str(path), hint=REPAIR) from error
+
+
+def _is_copied(path: Path) -> bool:
+    """Tell whether Faiss copies the codes in any case: then a memory map would only hold them twice."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_BLOCKS)) == _BLOCKS
+    except OSError:
+        return False  # Faiss says better what is wrong with the file

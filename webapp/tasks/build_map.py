@@ -44,7 +44,7 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
     """
     choice = options.choice()
     the_map = read_map(cfg)
-    choice = open_map.within_memory(choice, the_map, options, settings=settings)
+    choice = open_map.within_memory(choice, the_map, options=options, settings=settings)
     folder = index_folder(index_bases(cfg, options.index)[-1], choice, extract=settings.extract)
     request = BuildRequest(cfg, the_map, folder, choice, options.jobs)
     report = build_index.run(request, settings=settings, progress=progress)

@@ -79,14 +79,17 @@ class DescriptorCoding:
         descriptors = read_segment(self.index.segment_path(segment)).descriptors
         for start in range(0, len(descriptors), _ENCODED_AT_ONCE):
             ivf.encode(codes, np.asarray(descriptors[start : start + _ENCODED_AT_ONCE]))
-        path = self.index.codes_path(segment, codebook, self.engine)
+        path = self.index.codes_path(segment, codebook=codebook, engine=self.engine)
         return write_search_index(path, codes, kind=self.kind)
 
     def holds(self, record: SegmentRecord | None, *, codebook: str) -> bool:
         """Tell whether the codes of a segment, or without one the codebook, are there and whole."""
         path, rows = self.index.codebook_path(codebook), 0
         if record is not None:
-            path, rows = self.index.codes_path(record.name, codebook, self.engine), record.descriptors
+            path, rows = (
+                self.index.codes_path(record.name, codebook=codebook, engine=self.engine),
+                record.descriptors,
+            )
         try:
             return bool(read_search_index(path, self.kind).ntotal == rows)
         except IndexDamaged:
@@ -117,7 +120,9 @@ class SignatureCoding:
             vlad.signature(known, photos.descriptors[first:stop])
             for first, stop in zip(photos.first[:-1], photos.first[1:], strict=True)
         ]
-        return write_signatures(self.index.codes_path(segment, codebook, self.engine), np.array(signatures))
+        return write_signatures(
+            self.index.codes_path(segment, codebook=codebook, engine=self.engine), np.array(signatures)
+        )
 
     def holds(self, record: SegmentRecord | None, *, codebook: str) -> bool:
         """Tell whether the codes of a segment, or without one the codebook, are there and whole."""
@@ -125,7 +130,7 @@ class SignatureCoding:
             known = read_codebook(self.index.codebook_path(codebook))
             if record is None:
                 return True
-            path = self.index.codes_path(record.name, codebook, self.engine)
+            path = self.index.codes_path(record.name, codebook=codebook, engine=self.engine)
             return len(read_signatures(path, known)) == record.photos
         except IndexDamaged:
             return False

@@ -156,7 +156,7 @@ def run(
     choice = _choice(bases, options, settings=settings)
     network(choice.model, settings.models)  # what is missing is told before anything is built
     the_map = read_map(cfg) if the_map is None else the_map
-    choice = within_memory(choice, the_map, options, settings=settings)
+    choice = within_memory(choice, the_map, options=options, settings=settings)
     if not the_map.experiences:
         raise MapError("the map has no photos", where=str(cfg), hint="place photos on it first")
     folders = [IndexFolder(index_folder(b, choice, extract=settings.extract)) for b in bases]
@@ -175,7 +175,7 @@ def run(
 
 
 def within_memory(
-    choice: FeatureChoice, the_map: Map, options: OpenOptions, *, settings: Settings
+    choice: FeatureChoice, the_map: Map, *, options: OpenOptions, settings: Settings
 ) -> FeatureChoice:
     """Take the matcher that fits into memory, unless one was asked for.
 
@@ -330,12 +330,13 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
 def _search(
     folder: IndexFolder, manifest: Manifest, segments: list[Segment], *, choice: FeatureChoice
 ) -> DescriptorSearch | TwoStage:
-    codes = [folder.codes_path(s.name, manifest.codebook, manifest.engine) for s in manifest.segments]
+    trained, engine = manifest.codebook, manifest.engine
+    codes = [folder.codes_path(s.name, codebook=trained, engine=engine) for s in manifest.segments]
     if choice.matcher == "ivf":
         return InvertedFile([read_search_index(p, choice.kind) for p in codes])
     if choice.matcher == "vlad":
-        codebook = read_codebook(folder.codebook_path(manifest.codebook))
-        return TwoStage(codebook, [read_signatures(p, codebook) for p in codes], segments)
+        codebook = read_codebook(folder.codebook_path(trained))
+        return TwoStage(codebook, [read_signatures(p, codebook) for p in codes], segments=segments)
     descriptors = [s.descriptors for s in segments]
     if choice.matcher == "flann":
         return Flann(descriptors, choice.kind)

@@ -48,7 +48,7 @@ def segment_of(photos: list[np.ndarray]) -> Segment:
 def searching(*parts: list[np.ndarray]) -> TwoStage:
     codebook = vlad.train([p for part in parts for p in part if len(p)])
     signatures = [np.array([vlad.signature(codebook, p) for p in part]) for part in parts]
-    return TwoStage(codebook, signatures, [segment_of(part) for part in parts])
+    return TwoStage(codebook, signatures, segments=[segment_of(part) for part in parts])
 
 
 def test_the_photo_that_is_seen_again_is_named_first():
@@ -58,7 +58,11 @@ def test_the_photo_that_is_seen_again_is_named_first():
     assert signatures[0].shape == (400, codebook.signature_bytes)
     named = [
         vlad.most_alike(
-            codebook, signatures, seen_again(photos[i], seed=i), visible=np.ones(400, bool), most=10
+            codebook,
+            signatures,
+            descriptors=seen_again(photos[i], seed=i),
+            visible=np.ones(400, bool),
+            most=10,
         )
         for i in range(0, 400, 10)
     ]

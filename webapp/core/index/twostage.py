@@ -46,7 +46,7 @@ class TwoStage:
     """
 
     def __init__(
-        self, codebook: Codebook, signatures: Sequence[NDArray[np.uint8]], segments: Sequence[Segment]
+        self, codebook: Codebook, signatures: Sequence[NDArray[np.uint8]], *, segments: Sequence[Segment]
     ) -> None:
         self._codebook = codebook
         self._signatures = signatures
@@ -69,7 +69,9 @@ class TwoStage:
         """
         if not len(descriptors) or not visible.any():
             return nothing_found(len(descriptors), k)
-        named = vlad.most_alike(self._codebook, self._signatures, descriptors, visible=visible, most=_NAMED)
+        named = vlad.most_alike(
+            self._codebook, self._signatures, descriptors=descriptors, visible=visible, most=_NAMED
+        )
         if len(named) > _COMPARED:
             quick = self._compare(descriptors[:_STRONGEST], named, strongest=_STRONGEST)
             named = named[np.argsort(-_votes(quick.distance), kind="stable")[:_COMPARED]]
@@ -129,7 +131,7 @@ def _votes(distance: NDArray[np.float32]) -> NDArray[np.float32]:
 def _least(values: NDArray[np.float32], count: int) -> NDArray[np.int64]:
     """Tell where the least `count` numbers of each row are, in any order."""
     if count == 1:
-        return values.argmin(axis=1, keepdims=True)
+        return np.asarray(values.argmin(axis=1, keepdims=True), np.int64)
     return np.argpartition(values, count - 1, axis=1)[:, :count]
 
 

@@ -106,8 +106,8 @@ def signature(codebook: Codebook, descriptors: NDArray[np.uint8]) -> NDArray[np.
 def most_alike(
     codebook: Codebook,
     signatures: Sequence[NDArray[np.uint8]],
-    descriptors: NDArray[np.uint8],
     *,
+    descriptors: NDArray[np.uint8],
     visible: NDArray[np.bool_],
     most: int,
 ) -> NDArray[np.int64]:
