@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from webapp.core.features.table import choose
-from webapp.core.index import ivf
+from webapp.core.index import ivf, tiers
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.indexstore import (
     IndexFolder,
@@ -193,3 +194,16 @@ def test_a_missing_or_other_search_index_is_damaged(tmp_path, kind):
     (tmp_path / "other").write_bytes(b"\x89PNG" * 400)
     with pytest.raises(IndexDamaged):
         read_search_index(tmp_path / "other", kind)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks the kernel what is mapped")
+@pytest.mark.parametrize("compressed", [True, False])
+def test_codes_are_in_memory_once(tmp_path, monkeypatch, compressed):
+    monkeypatch.setattr(tiers, "_WHOLE_BELOW", 0 if compressed else 10_000)
+    index, rows = trained("float")
+    path = tmp_path / "once.ivf"
+    write_search_index(path, index, kind="float")
+    read = read_search_index(path, "float")
+    # Faiss copies 4-bit codes: mapped, they would be there twice.
+    assert (str(path) in Path("/proc/self/maps").read_text()) != compressed
+    assert read.ntotal == len(rows)
