@@ -49,6 +49,13 @@ def test_photos_that_say_nothing_leave_a_sure_one_sure():
     assert surest([nothing, sure, nothing], joint) == 1
 
 
+def test_a_dark_photo_changes_nothing():
+    seen, dark = answer(place(0, 0.7), place(500, 0.1), off=0.2), answer(off=1.0)
+    joint = join([dark, seen, dark], paths=PATHS, top=5)
+    assert [h.probability for h in joint.hypotheses] == pytest.approx([0.7, 0.1])
+    assert joint.off_map_probability == pytest.approx(0.2)
+
+
 def test_photos_from_elsewhere_stay_elsewhere():
     rng = np.random.default_rng(0)
     for _ in range(20):

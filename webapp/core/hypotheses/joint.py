@@ -3,13 +3,13 @@
 Each photo's probabilities, over what was to be expected before, tell how far it speaks for each place:
 independent photos would multiply their odds (naive Bayes). Photos of one spot err together, so that for each
 place the photo that says most counts whole and each further one half. A photo that does not name a place
-speaks a little against it.
+speaks a little against it, but a dark one, which names none, says nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -62,7 +62,7 @@ def join(answers: Sequence[Answer], *, paths: Paths, top: int) -> Answer:
         return shortened(answers[0], top)
     read = [told(answer) for answer in answers]
     spots = _spots([(n, h) for n, (given, _) in enumerate(read) for h in given], paths.place_radius_px)
-    missed = [miss for _, miss in read]
+    missed = {n: miss for n, (given, miss) in enumerate(read) if given}
     odds = np.array([_log_odds(spot, missed, expected=-math.log(paths.places)) for spot in spots])
     most = max(float(odds.max(initial=0.0)), 0.0)
     grown, none = np.exp(odds - most), math.exp(-most)
@@ -106,19 +106,19 @@ def _spots(hypotheses: Sequence[tuple[int, Hypothesis]], radius: float) -> list[
     return spots
 
 
-def _log_odds(spot: _Spot, missed: Sequence[float], *, expected: float) -> float:
+def _log_odds(spot: _Spot, missed: Mapping[int, float], *, expected: float) -> float:
     """Compute log odds of a place, against that none is right.
 
     Parameters
     ----------
     spot : _Spot
-    missed : sequence of float
-        Of each photo, the probability that none of its hypotheses is right.
+    missed : mapping of int to float
+        Of each photo that has hypotheses, the probability that none of them is right.
     expected : float
         Log odds of a place before any photo.
     """
     says = []
-    for number, miss in enumerate(missed):
+    for number, miss in missed.items():
         named = sum(h.probability for n, h in spot.members if n == number)
         says.append(math.log(named / miss) - expected if named else _NOT_NAMED)
     first, *further = sorted(says, reverse=True)
