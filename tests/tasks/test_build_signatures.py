@@ -1,5 +1,8 @@
 """Maps that are found by signatures: built, changed, damaged, stopped; and when that is chosen."""
 
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +12,8 @@ from webapp.core.features.table import choose
 from webapp.errors import Cancelled, UsageError
 from webapp.files.indexstore import IndexFolder
 from webapp.progress import Progress
-from webapp.settings import RetrievalSettings
-from webapp.tasks import build_map, coding, open_map
+from webapp.settings import RetrievalSettings, Settings
+from webapp.tasks import build_map, coding, open_map, segments
 from webapp.tasks.localize_photo import PhotoLocalizer
 from webapp.tasks.open_map import OpenMap, OpenOptions
 
@@ -31,8 +34,8 @@ def opening(quick):
 def first_named(quick):
     """Tell the id of the photo that is found first."""
 
-    def run(opened: OpenMap, photo: Path) -> int:
-        answer = PhotoLocalizer(opened, quick, fov_deg=60.0).localize(photo, top=1)
+    def run(opened: OpenMap, photo: Path, settings: Settings = quick) -> int:
+        answer = PhotoLocalizer(opened, settings, fov_deg=60.0).localize(photo, top=1)
         return answer.hypotheses[0].experiences[0]
 
     return run
@@ -110,6 +113,65 @@ def test_a_build_that_was_stopped_before_its_signatures_goes_on(
     opened = opening(cfg, matcher="vlad")
     assert described == []
     assert first_named(opened, tmp_path / "photos" / "3.jpg") == 3
+
+
+SLOWLY = """
+import sys, time
+from pathlib import Path
+from webapp.core.index import vlad
+from webapp.progress import Progress
+from webapp.settings import ExtractSettings, Settings
+from webapp.tasks import open_map, segments
+quick = vlad.signature
+def slow(*given):
+    time.sleep(0.1)
+    return quick(*given)
+vlad.signature = slow
+segments.PHOTOS_PER_SEGMENT = 3
+asked = open_map.OpenOptions(features="sift", matcher="vlad", jobs=1)
+settings = Settings(extract=ExtractSettings(max_side_px=320, keypoints=120))
+open_map.run(Path(sys.argv[1]), asked, settings=settings, progress=Progress())
+"""
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """The files of an index but the manifest, which tells the time that the build took."""
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file() and p.suffix != ".json"}
+
+
+def test_a_build_that_was_killed_among_its_signatures_goes_on(
+    tmp_path, make_map, opening, described, first_named, monkeypatch
+):
+    monkeypatch.setattr(segments, "PHOTOS_PER_SEGMENT", 3)
+    cfg = make_map(tmp_path, 9)
+    undisturbed = opening(cfg, matcher="vlad", index=tmp_path / "undisturbed").folder.folder
+    assert len(list(undisturbed.glob("*.vlad"))) == 3
+    root = Path(__file__).resolve().parents[2]
+    for seen in ("*.codebook", "*.vlad"):  # before the first signatures, and among them
+        with subprocess.Popen([sys.executable, "-c", SLOWLY, str(cfg)], cwd=root) as building:
+            until = time.monotonic() + 30.0
+            while not any(tmp_path.glob(f"derived/*/*/{seen}")):
+                assert building.poll() is None, "it ended before it was killed"
+                assert time.monotonic() < until, "it did not happen"
+                time.sleep(0.01)
+            building.kill()
+        assert len(list(tmp_path.glob("derived/*/*/*.vlad"))) < 3
+        assert not list(tmp_path.glob("derived/*/*/manifest.json"))
+    described.clear()
+    opened = opening(cfg, matcher="vlad")
+    assert described == []
+    assert files_of(opened.folder.folder) == files_of(undisturbed)
+    assert [first_named(opened, tmp_path / "photos" / f"{i}.jpg") for i in range(9)] == list(range(9))
+
+
+def test_photos_described_by_a_network_are_found(tmp_path, make_map, quick, shared_models, first_named):
+    asked = OpenOptions(features="xfeat", matcher="vlad", jobs=1)
+    settings = replace(quick, models=shared_models)
+    opened = open_map.run(make_map(tmp_path, 6), asked, settings=settings, progress=Progress())
+    assert opened.manifest.engine == opened.choice.matcher == "vlad"
+    assert [first_named(opened, tmp_path / "photos" / f"{i}.jpg", settings) for i in range(6)] == list(
+        range(6)
+    )
 
 
 def test_only_descriptors_of_numbers_have_signatures():
