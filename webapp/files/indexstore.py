@@ -22,12 +22,13 @@ import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import faiss
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.features.types import Kind
+from webapp.core.index.tiers import Engine
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files import atomic
 from webapp.files.arrays import REPAIR
@@ -35,9 +36,6 @@ from webapp.settings import ExtractSettings
 
 FORMAT = 1
 """Raised when an older index can no longer be read."""
-
-Engine = Literal["ivf", "vlad"]
-"""What photos are found by: codes of all descriptors, or one signature a photo."""
 
 
 _BLOCKS = b"IwPf"

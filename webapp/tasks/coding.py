@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from webapp.core.features.types import Kind
 from webapp.core.index import ivf, vlad
+from webapp.core.index.tiers import Engine
 from webapp.errors import IndexDamaged
 from webapp.files.featurefile import read_segment
 from webapp.files.indexstore import (
-    Engine,
     IndexFolder,
     SegmentRecord,
     read_search_index,

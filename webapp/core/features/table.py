@@ -12,6 +12,7 @@ from webapp.core.features.sift import Sift
 from webapp.core.features.surf import Surf
 from webapp.core.features.types import Detector, Extractor, Kind
 from webapp.core.features.xfeat import XFeat
+from webapp.core.index.tiers import Engine
 from webapp.errors import UsageError
 
 Method = Literal["vote", "verified"]
@@ -110,7 +111,7 @@ class FeatureChoice:
         return EXTRACTORS[self.extractor]().kind
 
     @property
-    def engine(self) -> Literal["ivf", "vlad"] | None:
+    def engine(self) -> Engine | None:
         """What the index must hold; None for matchers that go by the descriptors themselves."""
         if self.matcher == "ivf":
             return "ivf"

@@ -6,7 +6,8 @@ from typing import Literal
 
 from webapp.core.features.types import Kind
 
-Tier = Literal["ivf", "vlad"]
+Engine = Literal["ivf", "vlad"]
+"""What photos are found by: codes of all descriptors, or one signature a photo."""
 
 _BYTES_A_ROW = 20
 """Of each keypoint: its number in the inverted lists (8), where it is and how it is turned (12)."""
@@ -34,7 +35,7 @@ def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
     return descriptors * (kept + _BYTES_A_ROW)
 
 
-def tier_for(descriptors: int, *, width: int, kind: Kind, memory_mb: float) -> Tier:
+def tier_for(descriptors: int, *, width: int, kind: Kind, memory_mb: float) -> Engine:
     """Choose the inverted file where it fits into so many megabytes (10^6 bytes), else signatures.
 
     Binary descriptors have no signatures: for them it is always the inverted file.
