@@ -103,7 +103,7 @@ def _read_some(
     path: Path, entries: list[dict[str, Any]], in_file: Collection[str]
 ) -> dict[str, NDArray[Any]]:
     """Read the arrays of a file into memory, and leave those of `in_file` where they are."""
-    file = OpenFile(path.open("rb", buffering=0))
+    file = OpenFile(path.open("rb", buffering=0), repair=REPAIR)
     arrays: dict[str, NDArray[Any]] = {}
     for entry in entries:
         offset, dtype, shape = _layout(entry)

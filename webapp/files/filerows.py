@@ -17,15 +17,20 @@ _GAP_BYTES = 16_384
 
 
 class OpenFile:
-    """A file that several arrays are read from, by several threads; stays readable when it is deleted.
+    """A file that several arrays are read from, by several threads.
+
+    It stays readable when it is deleted; Windows does not delete it before it is closed.
 
     Parameters
     ----------
     file : FileIO
+    repair : str
+        How to fix it when it is damaged.
     """
 
-    def __init__(self, file: FileIO) -> None:
+    def __init__(self, file: FileIO, *, repair: str) -> None:
         self._file = file
+        self._repair = repair
         self._lock = threading.Lock()
         weakref.finalize(self, file.close)
 
@@ -44,10 +49,12 @@ class OpenFile:
                 while len(left) and (count := self._file.readinto(left)):
                     left = left[count:]
             except OSError as error:
-                reason = error.strerror or error
-                raise IndexDamaged(f"it cannot be read: {reason}", where=str(self._file.name)) from error
+                raise self._damaged(f"it cannot be read: {error.strerror or error}") from error
         if len(left):
-            raise IndexDamaged("it is cut off", where=str(self._file.name))
+            raise self._damaged("it is cut off")
+
+    def _damaged(self, what: str) -> IndexDamaged:
+        return IndexDamaged(what, where=str(self._file.name), hint=self._repair)
 
 
 class FileRows:
