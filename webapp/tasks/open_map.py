@@ -1,4 +1,4 @@
-"""Opens a map for localization: reads it, brings its index up to date, loads that by memory map."""
+"""Opens a map for localization: reads it, brings its index up to date, and loads that."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ MATCHERS: dict[str, MatcherEntry] = {
     "l2": MatcherEntry(("float",), METHODS, "brute force, Euclidean distance"),
     "hamming": MatcherEntry(("binary",), METHODS, "brute force, number of different bits"),
     "hamming2": MatcherEntry(("binary",), METHODS, "brute force, number of different pairs of bits"),
-    "ivf": MatcherEntry(_BOTH, ("verified",), "approximate: inverted file, memory-mapped from the index"),
+    "ivf": MatcherEntry(_BOTH, ("verified",), "approximate: inverted file, read from the index"),
     "vlad": MatcherEntry(
         ("float",), ("verified",), "two stages: aggregated vectors name photos, which are compared exactly"
     ),
