@@ -26,6 +26,9 @@ _STRONGEST = 500
 _COMPARED = 24
 """Photos that are compared with all their descriptors."""
 
+_NEAREST = 6
+"""Of the photos compared, so many nearest neighbours are kept: the last tells how near a usual one is."""
+
 _BLOCK = 128
 """Descriptors of the query compared at once: bounds the memory of each thread."""
 
@@ -57,7 +60,10 @@ class TwoStage:
     def search_among(
         self, descriptors: NDArray[np.uint8], k: int, *, visible: NDArray[np.bool_]
     ) -> Neighbours:
-        """Find k near descriptors for each of (n, d) uint8 descriptors.
+        """Find up to k near descriptors for each of (n, d) uint8 descriptors.
+
+        Neighbours that are nearer to another descriptor of the query have no row. Their distance stays: it
+        tells how much nearer others are.
 
         Parameters
         ----------
@@ -75,8 +81,9 @@ class TwoStage:
         if len(named) > _COMPARED:
             quick = self._compare(descriptors[:_STRONGEST], named, strongest=_STRONGEST)
             named = named[np.argsort(-_votes(quick.distance), kind="stable")[:_COMPARED]]
-        found = self._compare(descriptors, named, each=-(-k // len(named)))
-        return _nearest(found, k)
+        kept = min(k, _NEAREST)
+        found = self._compare(descriptors, named, each=-(-kept // len(named)))
+        return _nearest(found, k, kept=kept)
 
     def _compare(
         self,
@@ -96,15 +103,20 @@ class TwoStage:
             length = (known**2).sum(axis=1)
             here = min(each, len(theirs))
             found = nothing_found(len(values), each)
+            nearest_query = np.full(len(theirs), np.inf, np.float32)
             for start in range(0, len(values) if here else 0, _BLOCK):
-                block = values[start : start + _BLOCK] @ known.T
+                part = slice(start, start + _BLOCK)
+                block = values[part] @ known.T
                 block *= -2.0
                 block += length
+                block += squared[part, None]
+                np.minimum(nearest_query, block.min(axis=0), out=nearest_query)
                 rows = _least(block, here)
-                part = slice(start, start + _BLOCK)
-                offset = np.take_along_axis(block, rows, 1)
-                found.row[part, :here] = rows + first
-                found.distance[part, :here] = np.sqrt(np.maximum(squared[part, None] + offset, 0.0))
+                found.row[part, :here] = rows
+                found.distance[part, :here] = np.take_along_axis(block, rows, 1)
+            row, apart = found.row[:, :here], found.distance[:, :here]
+            row[...] = np.where(apart <= nearest_query[row], row + first, -1)
+            apart[...] = np.sqrt(np.maximum(apart, 0.0))
             return found.distance, found.row
 
         distances, rows = zip(*in_threads(nearest, entries.tolist()), strict=True)
@@ -135,8 +147,8 @@ def _least(values: NDArray[np.float32], count: int) -> NDArray[np.int64]:
     return np.argpartition(values, count - 1, axis=1)[:, :count]
 
 
-def _nearest(found: Neighbours, k: int) -> Neighbours:
-    order = np.argsort(found.distance, axis=1, kind="stable")[:, :k]
+def _nearest(found: Neighbours, k: int, *, kept: int) -> Neighbours:
+    order = np.argsort(found.distance, axis=1, kind="stable")[:, :kept]
     answer = nothing_found(len(order), k)
     have = order.shape[1]
     answer.distance[:, :have] = np.take_along_axis(found.distance, order, 1)
