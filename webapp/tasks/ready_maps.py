@@ -1,8 +1,8 @@
 """Maps of the library kept open, so that a photo is localized at once; a process has one of these.
 
 What is large of an index is memory-mapped and shared by all processes, but for compressed codes.
-Places come from the records: a photo that was moved counts where it is now, and a new index is taken as soon as
-it is there.
+Places come from the records: a photo that was moved counts where it is now, and a new index is taken as
+soon as it is there.
 """
 
 from __future__ import annotations
