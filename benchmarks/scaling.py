@@ -1,13 +1,12 @@
 """Measures how the cost of a query grows with the map: real photos and generated distractors.
 
 Each distractor has half of the descriptors of each of two of the map's photos, all of them perturbed. They
-are made when they are looked at, from their number, and are never all there: signatures of 100 000 photos fit
-on any machine, but the seconds hold the making of descriptors instead of their reading from a disk. The
-inverted file is made up to `--most-codes` photos: its training grows with the map. The map's index must have
-been built.
+are written to a temporary file (128 KB a photo with SIFT; `--folder` tells where) and read from there like
+those of a map. The inverted file is made up to `--most-codes` photos: its training grows with the map. The
+map's index must have been built.
 
-    python benchmarks/scaling.py MAP.cfg QUERIES.csv [--features sift] [--fov DEG] [--sizes 1000,3000,...]
-        [--limit 50] [--json OUT] [--svg OUT]
+    python -m benchmarks.scaling MAP.cfg QUERIES.csv [--features sift] [--fov DEG] [--sizes 1000,3000,...]
+        [--limit 50] [--folder FOLDER] [--json OUT] [--svg OUT]
 """
 
 from __future__ import annotations
@@ -16,10 +15,12 @@ import argparse
 import csv
 import json
 import math
+import tempfile
 import time
 from dataclasses import replace
+from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import faiss
 import numpy as np
@@ -33,46 +34,48 @@ from webapp.core.index.segment import Segment
 from webapp.core.index.twostage import TwoStage
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.verified import find_places
+from webapp.core.reconstruction.types import Orientations
+from webapp.files.filerows import FileRows, OpenFile
 from webapp.files.photo import read_gray
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import open_map, orient_map
 from webapp.tasks.open_map import OpenMap, OpenOptions
+from webapp.threads import in_threads
 
 _CHUNK = 1000
-_NOISE = 12.0
-"""Of a component, 0 to 255: about what it is between two photos of one thing."""
+_NOISE = 21
+"""Most that a component, 0 to 255, is changed by: spread about as between two photos of one thing."""
 
 
 class Distractors:
-    """Rows of photos that are made when they are asked for; `first` tells where each begins."""
+    """Generated photos; their descriptors are in a file."""
 
-    def __init__(self, real: list[NDArray[np.uint8]], count: int) -> None:
+    def __init__(self, real: list[NDArray[np.uint8]], count: int, *, folder: Path) -> None:
         self._real = [r for r in real if len(r) > 1]
-        self.first = np.concatenate([[0], np.cumsum([len(self._of(i)[0]) for i in range(count)])])
-        self.first = self.first.astype(np.int64)
+        path = folder / "distractors"
+        lengths = []
+        with path.open("wb") as file:
+            for start in range(0, count, _CHUNK):
+                for rows in in_threads(self._made, list(range(start, min(start + _CHUNK, count)))):
+                    file.write(rows.tobytes())
+                    lengths.append(len(rows))
+        self.first = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        shape = (int(self.first[-1]), real[0].shape[1])
+        opened = OpenFile(FileIO(path), repair="run it again")
+        self.rows = FileRows(opened, 0, dtype=np.dtype(np.uint8), shape=shape)
 
-    def _of(self, number: int) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]:
+    def _made(self, number: int) -> NDArray[np.uint8]:
         rng = np.random.default_rng(number)
         one, two = (self._real[i] for i in rng.integers(0, len(self._real), 2))
-        return (
-            np.arange(len(one) // 2 + len(two) // 2),
-            one[: len(one) // 2],
-            two[len(two) // 2 :][: len(two) // 2],
-        )
+        rows = np.concatenate([one[: len(one) // 2], two[len(two) // 2 :]]).astype(np.int16)
+        rows += rng.integers(-_NOISE, _NOISE + 1, rows.shape, np.int8)
+        return np.clip(rows, 0, 255).astype(np.uint8)
 
     def photo(self, number: int) -> NDArray[np.uint8]:
-        """Make the descriptors of one."""
-        _, one, two = self._of(number)
-        rows = np.concatenate([one, two])
-        noise = np.random.default_rng((number, 1)).normal(0.0, _NOISE, rows.shape).astype(np.float32)
-        return np.clip(rows + noise, 0.0, 255.0).astype(np.uint8)
-
-    def __getitem__(self, rows: slice) -> NDArray[np.uint8]:
-        """Make rows of one photo."""
-        number = int(np.searchsorted(self.first, rows.start, side="right")) - 1
-        begin = int(self.first[number])
-        return self.photo(number)[rows.start - begin : rows.stop - begin]
+        """Read the descriptors of one."""
+        rows: NDArray[np.uint8] = self.rows[int(self.first[number]) : int(self.first[number + 1])]
+        return rows
 
 
 class Zeros:
@@ -98,13 +101,22 @@ def main() -> None:
     opened = open_map.run(arguments.map, options, settings=settings, progress=Progress())
     opened = orient_map.attach(opened, orient_map.newest(opened))
     queries = _queries(arguments, opened, settings)
+    sizes = sorted(map(int, arguments.sizes.split(",")))
     rows: list[dict[str, Any]] = []
-    for size in map(int, arguments.sizes.split(",")):
-        for tier in ("vlad", "ivf") if size <= arguments.most_codes else ("vlad",):
-            rows.append(_measure(opened.indexed, tier, size, queries=queries, fov=arguments.fov or 65.0))
-            print(json.dumps(rows[-1]), flush=True)
-            if arguments.json:
-                arguments.json.write_text(json.dumps(rows, indent=1) + "\n")
+    with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
+        real = _descriptors(opened.indexed)
+        others = Distractors(real, max(0, sizes[-1] - len(real)), folder=Path(folder))
+        signed = _Signed(real, others)
+        for size in sizes:
+            count = max(0, size - len(real))
+            for tier in ("vlad", "ivf") if size <= arguments.most_codes else ("vlad",):
+                made = signed.of(opened.indexed, count) if tier == "vlad" else _codes(real, others, count)
+                themap = _map(opened.indexed, others, count, search=made.search, fov=arguments.fov or 65.0)
+                row = {"tier": tier, "photos": len(real) + count, **made.cost}
+                rows.append({**row, **_measure(themap, queries, fov=arguments.fov or 65.0)})
+                print(json.dumps(rows[-1]), flush=True)
+                if arguments.json:
+                    arguments.json.write_text(json.dumps(rows, indent=1) + "\n")
     if arguments.svg:
         arguments.svg.write_text(plot(rows))
 
@@ -118,6 +130,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--sizes", default="1000,3000,10000,30000,100000")
     parser.add_argument("--most-codes", type=int, default=10_000)
     parser.add_argument("--limit", type=int, default=50)
+    parser.add_argument("--folder", type=Path, help="where the distractors are kept meanwhile")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--svg", type=Path)
     return parser.parse_args()
@@ -147,37 +160,42 @@ def _queries(
     return found
 
 
-def _measure(
-    real: IndexedMap,
-    tier: str,
-    size: int,
-    *,
-    queries: list[tuple[Features, float, float]],
-    fov: float,
-) -> dict[str, Any]:
-    photos = [
+def _descriptors(real: IndexedMap) -> list[NDArray[np.uint8]]:
+    return [
         np.asarray(s.descriptors[first:stop])
         for s in real.segments
         for first, stop in zip(s.first[:-1], s.first[1:], strict=True)
     ]
-    others = Distractors(photos, max(0, size - len(photos)))
-    count = len(others.first) - 1
-    started = time.perf_counter()
-    make = _signatures if tier == "vlad" else _codes
-    search, segments, trained, size_bytes = make(real, photos, others)
-    built = time.perf_counter() - started
-    # Distractors stand far from everything: a place that one of them speaks for is wrong.
-    ids = np.arange(len(real.ids) + count)
-    themap = replace(
+
+
+def _map(
+    real: IndexedMap, others: Distractors, count: int, *, search: InvertedFile | TwoStage, fov: float
+) -> IndexedMap:
+    """Put some distractors on the map, far from everything: what one of them speaks for is wrong."""
+    there = len(real.ids)
+    far = np.random.default_rng(0).random((count, 2)) * 1e3 + 1e5
+    known = real.orientations
+    if known is not None:
+        known = Orientations(
+            rotation=np.concatenate([known.rotation, np.broadcast_to(np.eye(3), (count, 3, 3))]),
+            height=np.concatenate([known.height, np.zeros(count)]),
+            trust=np.concatenate([known.trust, np.zeros(count)]),
+        )
+    return replace(
         real,
-        ids=ids,
-        position=np.concatenate([real.position, np.random.default_rng(0).random((count, 2)) * 1e3 + 1e5]),
+        ids=np.arange(there + count),
+        position=np.concatenate([real.position, far]),
         fov_deg=np.concatenate([real.fov_deg, np.full(count, fov)]),
-        segments=segments,
-        photo_of_entry=np.concatenate([real.photo_of_entry, len(real.ids) + np.arange(count)]),
+        segments=[*real.segments, *([_segment(others, count)] if count else [])],
+        photo_of_entry=np.concatenate([real.photo_of_entry, there + np.arange(count)]),
         search=search,
-        orientations=None,
+        orientations=known,
     )
+
+
+def _measure(
+    themap: IndexedMap, queries: list[tuple[Features, float, float]], *, fov: float
+) -> dict[str, Any]:
     seconds, errors, stages = [], [], []
     for features, x, y in queries:
         begun = time.perf_counter()
@@ -187,11 +205,6 @@ def _measure(
         best = found.places[0].position if found.places else (math.inf, math.inf)
         errors.append(math.hypot(best[0] - x, best[1] - y))
     return {
-        "tier": tier,
-        "photos": len(photos) + count,
-        "train_seconds": round(trained, 2),
-        "encode_seconds": round(built - trained, 2),
-        "bytes_a_photo": round(size_bytes / (len(photos) + count), 1),
         "within_50px": float(np.mean(np.array(errors) <= 50.0)),
         "p50_seconds": round(float(np.median(seconds)), 4),
         "p95_seconds": round(float(np.quantile(seconds, 0.95)), 4),
@@ -199,61 +212,83 @@ def _measure(
     }
 
 
-def _segment(others: Distractors) -> Segment:
-    count, rows = len(others.first) - 1, int(others.first[-1])
-    blank: Any = [Zeros(rows, 2), Zeros(rows), Zeros(rows)]
-    made: Any = others
+def _segment(others: Distractors, count: int) -> Segment:
+    rows = int(others.first[count])
+    xy: Any = Zeros(rows, 2)
+    flat: Any = Zeros(rows)
+    descriptors: Any = others.rows
     return Segment(
-        [""] * count,
-        others.first,
-        *blank,
-        made,
-        np.full((count, 2), 640, np.int32),
-        np.full(count, np.nan),
+        content=[""] * count,
+        first=others.first[: count + 1],
+        xy=xy,
+        size=flat,
+        angle=flat,
+        descriptors=descriptors,
+        photo_size=np.full((count, 2), 640, np.int32),
+        fov_deg=np.full(count, np.nan),
     )
 
 
-def _signatures(real: IndexedMap, photos: list[NDArray[np.uint8]], others: Distractors) -> tuple[Any, ...]:
-    started = time.perf_counter()
-    codebook = vlad.train([p for p in photos if len(p)][:: max(1, len(photos) // vlad.SAMPLE_PHOTOS)])
-    trained = time.perf_counter() - started
-    parts = [
-        np.array([vlad.signature(codebook, s.entry(i).features.descriptors) for i in range(len(s.content))])
-        for s in real.segments
+class _Made(NamedTuple):
+    search: InvertedFile | TwoStage
+    cost: dict[str, float]
+
+
+class _Signed:
+    """Signatures of all photos, made once."""
+
+    def __init__(self, real: list[NDArray[np.uint8]], others: Distractors) -> None:
+        begun = time.perf_counter()
+        self._codebook = vlad.train([p for p in real if len(p)][:: max(1, len(real) // vlad.SAMPLE_PHOTOS)])
+        self._trained = time.perf_counter() - begun
+        begun = time.perf_counter()
+        self._real = np.array([vlad.signature(self._codebook, rows) for rows in real])
+        self._each = (time.perf_counter() - begun) / len(real)
+        self._distractors = others
+        count = len(others.first) - 1
+        made = in_threads(lambda i: vlad.signature(self._codebook, others.photo(i)), list(range(count)))
+        self._others = np.array(made, np.uint8).reshape(count, self._real.shape[1])
+
+    def of(self, real: IndexedMap, count: int) -> _Made:
+        """Search a map with so many distractors."""
+        # The map's own photos are in several segments; each has its part.
+        ends = np.cumsum([len(s.content) for s in real.segments])
+        parts = [*np.split(self._real, ends[:-1]), *([self._others[:count]] if count else [])]
+        segments = [*real.segments]
+        if count:
+            segments.append(_segment(self._distractors, count))
+        size = sum(p.nbytes for p in parts)
+        cost = {
+            "train_seconds": round(self._trained, 2),
+            "encode_seconds": round(self._each * (len(self._real) + count), 2),
+            "bytes_a_photo": round(size / (len(self._real) + count), 1),
+        }
+        return _Made(TwoStage(self._codebook, parts, segments=segments), cost)
+
+
+def _codes(real: list[NDArray[np.uint8]], others: Distractors, count: int) -> _Made:
+    chunks = [
+        [others.photo(i) for i in range(start, min(start + _CHUNK, count))]
+        for start in range(0, count, _CHUNK)
     ]
-    count = len(others.first) - 1
-    if count:
-        parts.append(np.array([vlad.signature(codebook, others.photo(i)) for i in range(count)]))
-    segments = [*real.segments, *([_segment(others)] if count else [])]
-    return TwoStage(codebook, parts, segments=segments), segments, trained, sum(p.nbytes for p in parts)
-
-
-def _codes(real: IndexedMap, photos: list[NDArray[np.uint8]], others: Distractors) -> tuple[Any, ...]:
-    count = len(others.first) - 1
-    total = sum(map(len, photos)) + int(others.first[-1])
+    parts = [np.concatenate(part) for part in (real, *chunks)]
+    total = sum(map(len, parts))
     share = min(1.0, ivf.SAMPLE_PER_CELL * ivf.cells_for(total) / total)
     rng = np.random.default_rng(0)
-    every = [*photos, *(others.photo(i) for i in range(count))] if count < _CHUNK else None
-    source = every or (
-        photos[i] if i < len(photos) else others.photo(i - len(photos)) for i in range(len(photos) + count)
-    )
-    sample = np.concatenate([p[rng.random(len(p)) < share] for p in source])
-    started = time.perf_counter()
-    codebook = ivf.train(sample, total, kind="float")
-    trained = time.perf_counter() - started
-    coded = []
-    for part in [list(photos), *_chunks(others)]:
-        copy = faiss.clone_index(codebook)
-        ivf.encode(copy, np.concatenate(part))
-        coded.append(copy)
-    segments = [*real.segments, *([_segment(others)] if count else [])]
-    return InvertedFile(coded), segments, trained, sum(c.ntotal * (c.code_size + 8) for c in coded)
-
-
-def _chunks(others: Distractors) -> Any:
-    count = len(others.first) - 1
-    for start in range(0, count, _CHUNK):
-        yield [others.photo(i) for i in range(start, min(start + _CHUNK, count))]
+    begun = time.perf_counter()
+    codebook = ivf.train(np.concatenate([p[rng.random(len(p)) < share] for p in parts]), total, kind="float")
+    trained = time.perf_counter() - begun
+    begun = time.perf_counter()
+    coded: list[Any] = []
+    for part in parts:
+        coded.append(faiss.clone_index(codebook))
+        ivf.encode(coded[-1], part)
+    cost = {
+        "train_seconds": round(trained, 2),
+        "encode_seconds": round(time.perf_counter() - begun, 2),
+        "bytes_a_photo": round(sum(c.ntotal * (c.code_size + 8) for c in coded) / (len(real) + count), 1),
+    }
+    return _Made(InvertedFile(coded), cost)
 
 
 _WIDE, _HIGH, _LEFT, _BOTTOM = 560, 320, 60, 270
