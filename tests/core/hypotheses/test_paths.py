@@ -53,3 +53,15 @@ def test_what_is_far_from_all_paths_stays(off):
 def test_photos_on_all_sides_move_little():
     step, _ = moved((503.0, 497.0), 100.0, FIELD)
     assert np.abs(step).max() < 0.3
+
+
+@pytest.mark.parametrize("alone", [[[500.0, 500.0]], [[500.0, 500.0], [501.0, 500.0]]])
+def test_a_spot_is_no_path(alone):
+    step, left = moved((510.0, 505.0), 100.0, paths_of(np.array(alone), place_radius_px=20.0))
+    assert np.abs(step).max() == 0.0
+    assert left == pytest.approx(100.0)
+
+
+def test_nothing_is_moved_along_a_row_at_its_end_either():
+    step, _ = moved((-8.0, 8.0), 100.0, ROW)
+    assert step[0] == pytest.approx(-step[1], abs=0.2) and step[0] > 4.0

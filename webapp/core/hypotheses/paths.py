@@ -28,6 +28,9 @@ _WINDOW = 1.5
 _NARROW = 0.5
 """Photos that vary by more than this share of the window's variance could be anywhere in it."""
 
+_LONG = 0.5
+"""Photos that spread less than this around a position, place radii, make a spot and no path."""
+
 _BESIDE = 0.1
 """Spread of cameras beside the path, place radii."""
 
@@ -105,6 +108,9 @@ def drawn(
     spreads, axes = np.linalg.eigh(scatter)
     # The window multiplies the density of cameras by a Gaussian, so that its precision is to be subtracted.
     precision = np.maximum(1.0 / spreads - 1.0 / (_NARROW * window), 0.0)
+    if weight is None:
+        precision[1] = 0.0
+        precision[0] *= spreads[1] >= (_LONG * paths.place_radius_px) ** 2
     narrow = precision > 0.0
     row = np.where(narrow, axes.T @ middle / spreads / np.where(narrow, precision, 1.0), 0.0)
     foreseen = variance + 1.0 / np.where(narrow, precision, 1.0)
