@@ -94,7 +94,8 @@ def test_distance_and_direction_from_the_start_are_the_geodesics(
     there = frame.latlon_from_xy(xy)
     want_lon, want_lat, _ = GEOD.fwd(lon, lat, heading - math.degrees(bearing), metres)
     _, _, off = GEOD.inv(there[0, 1], there[0, 0], want_lon, want_lat)
-    assert off < 1e-5 + 1e-9 * metres
+    # PROJ takes a start within 1e-10 rad of the equator or of 180° to be there: 0.6 mm.
+    assert off < 1e-3 + 1e-9 * metres
     assert np.abs(frame.xy_from_latlon(there) - xy).max() < 1e-5 + 1e-8 * metres
 
 
