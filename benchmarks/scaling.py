@@ -292,6 +292,7 @@ def _codes(real: list[NDArray[np.uint8]], others: Distractors, count: int) -> _M
 
 
 _WIDE, _HIGH, _LEFT, _BOTTOM = 560, 320, 60, 270
+_NAMES = {"ivf": "compressed descriptors (ivf)", "vlad": "signatures (vlad)"}
 
 
 def plot(rows: list[dict[str, Any]]) -> str:
@@ -302,14 +303,15 @@ def plot(rows: list[dict[str, Any]]) -> str:
     least, most = math.floor(min(ys) * 3.0) / 3.0, math.ceil(max(ys) * 3.0) / 3.0 + 0.1
 
     def at(photos: float, seconds: float) -> tuple[float, float]:
-        x = _LEFT + (math.log10(photos) - low) / (high - low) * (_WIDE - _LEFT - 90)
-        return x, _BOTTOM - (math.log10(seconds) - least) / (most - least) * (_BOTTOM - 20)
+        x = _LEFT + (math.log10(photos) - low) / (high - low) * (_WIDE - _LEFT - 40)
+        return x, _BOTTOM - (math.log10(seconds) - least) / (most - least) * (_BOTTOM - 40)
 
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDE} {_HIGH}" '
         'font-family="sans-serif" font-size="12">'
     ]
     out.append(f'<rect width="{_WIDE}" height="{_HIGH}" fill="#fff"/>')
+    out.append('<text x="8" y="14">seconds of a query once its keypoints are known, median</text>')
     for photos in sorted({r["photos"] for r in rows}):
         x, _ = at(photos, 1.0)
         out.append(
@@ -318,7 +320,7 @@ def plot(rows: list[dict[str, Any]]) -> str:
     for seconds in (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0):
         if least <= math.log10(seconds) <= most:
             _, y = at(10**low, seconds)
-            out.append(f'<path d="M{_LEFT} {y:.0f}H{_WIDE - 90}" stroke="#ddd"/>')
+            out.append(f'<path d="M{_LEFT} {y:.0f}H{_WIDE - 40}" stroke="#ddd"/>')
             out.append(f'<text x="{_LEFT - 6}" y="{y + 4:.0f}" text-anchor="end">{seconds:g} s</text>')
     for tier, colour in (("ivf", "#c2500a"), ("vlad", "#1f5fa8")):
         points = [at(r["photos"], r["p50_seconds"]) for r in rows if r["tier"] == tier]
@@ -326,10 +328,10 @@ def plot(rows: list[dict[str, Any]]) -> str:
             line = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
             out.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
             out += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.5" fill="{colour}"/>' for x, y in points]
-            out.append(
-                f'<text x="{points[-1][0] + 8:.0f}" y="{points[-1][1] + 4:.0f}" fill="{colour}">{tier}</text>'
-            )
-    middle = (_LEFT + _WIDE - 90) / 2
+            x, y = points[-1]
+            name = _NAMES[tier]
+            out.append(f'<text x="{x:.0f}" y="{y - 12:.0f}" text-anchor="end" fill="{colour}">{name}</text>')
+    middle = (_LEFT + _WIDE - 40) / 2
     out.append(f'<text x="{middle:.0f}" y="{_HIGH - 8}" text-anchor="middle">photos of the map</text></svg>')
     return "\n".join(out) + "\n"
 
