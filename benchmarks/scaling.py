@@ -12,7 +12,6 @@ map's index must have been built.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import tempfile
@@ -35,10 +34,12 @@ from webapp.core.index.twostage import TwoStage
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.verified import find_places
 from webapp.core.reconstruction.types import Orientations
+from webapp.files import queries_csv
 from webapp.files.filerows import FileRows, OpenFile
+from webapp.files.models import network
 from webapp.files.photo import read_gray
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import Settings, from_environment
 from webapp.tasks import open_map, orient_map
 from webapp.tasks.open_map import OpenMap, OpenOptions
 from webapp.threads import in_threads
@@ -96,7 +97,7 @@ class Zeros:
 def main() -> None:
     """Measure all sizes and write the results."""
     arguments = _arguments()
-    settings = Settings()
+    settings = from_environment()
     options = OpenOptions(features=arguments.features, map_fov_deg=arguments.fov, build=False)
     opened = open_map.run(arguments.map, options, settings=settings, progress=Progress())
     opened = orient_map.attach(opened, orient_map.newest(opened))
@@ -139,24 +140,19 @@ def _arguments() -> argparse.Namespace:
 def _queries(
     arguments: argparse.Namespace, opened: OpenMap, settings: Settings
 ) -> list[tuple[Features, float, float]]:
-    with arguments.queries.open(encoding="utf-8") as file:
-        lines = list(csv.DictReader(file, delimiter=";"))
+    known = network(opened.choice.model, settings.models)
     found = []
-    for i in range(min(arguments.limit, len(lines))):
-        line = lines[i * len(lines) // min(arguments.limit, len(lines))]
-        gray = read_gray(
-            arguments.queries.parent / line["path"],
-            limits=settings.photo,
-            max_side=settings.extract.max_side_px,
-        )
+    for query in queries_csv.select(queries_csv.read(arguments.queries), arguments.limit):
+        gray = read_gray(query.path, limits=settings.photo, max_side=settings.extract.max_side_px)
         features = extract(
             gray.pixels,
             opened.choice,
             keypoints=settings.extract.keypoints,
             scale=gray.scale,
             photo_size=gray.full_size,
+            network=known,
         )
-        found.append((features, float(line["x"]), float(line["y"])))
+        found.append((features, *query.truth))
     return found
 
 

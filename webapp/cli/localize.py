@@ -30,7 +30,6 @@ from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import from_environment, keep_freed_memory
 from webapp.tasks import localize_sequence, prepare, smooth_sequence
 from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.localize_sequence import SequenceLocalizer
 
 _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
@@ -83,7 +82,9 @@ def localize(
     tell_failed(localizer.opened.built)
     if sequence and not smooth:
         localizer = localize_sequence.of(localizer, speed_px=speed, steps=steps)
-    output = _Output(localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1)
+    output = _Output(
+        localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1, sequence=sequence
+    )
     forms, failed = [], False
     for number, photo in enumerate(photos, 1):
         try:
@@ -125,6 +126,7 @@ class _Output:
     matches: Path | None
     picture: Path | None
     several: bool
+    sequence: bool
 
     def form(self, photo: Path, answer: Answer) -> dict[str, Any]:
         the_map = self.localizer.map
@@ -133,7 +135,7 @@ class _Output:
             self.localizer.features,
             the_map.georeference,
             the_map.revision,
-            sequence=isinstance(self.localizer, SequenceLocalizer),
+            sequence=self.sequence,
         )
         return answer_to_json(answer, query=str(photo), source=source)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from webapp.core.features.extract import extract
 from webapp.core.hypotheses.calibration import DEFAULT
@@ -153,3 +154,8 @@ class PhotoLocalizer:
     def index_bytes(self) -> int:
         """Size of the index on disk."""
         return self.opened.folder.bytes_on_disk()
+
+
+def parts(localizer: PhotoLocalizer) -> dict[str, Any]:
+    """Take a localizer apart, for one of another kind to be made of it."""
+    return {f.name: getattr(localizer, f.name) for f in fields(PhotoLocalizer)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +14,7 @@ from webapp.core.hypotheses.sequence import Belief, Motion, follow, motion_on
 from webapp.errors import PhotoError, UsageError
 from webapp.files.photo import read_facts
 from webapp.settings import PhotoLimits
-from webapp.tasks.localize_photo import PhotoLocalizer
+from webapp.tasks.localize_photo import PhotoLocalizer, parts
 
 FRAME_TOP = 10
 """So many hypotheses of each frame are looked at."""
@@ -74,8 +74,7 @@ def of(
     localizer: PhotoLocalizer, *, speed_px: float | None = None, steps: Mapping[Path, float] | None = None
 ) -> SequenceLocalizer:
     """Make a localizer remember."""
-    known = {f.name: getattr(localizer, f.name) for f in fields(PhotoLocalizer)}
-    return SequenceLocalizer(**known, speed_px=speed_px, steps=steps or {})
+    return SequenceLocalizer(**parts(localizer), speed_px=speed_px, steps=steps or {})
 
 
 def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path, ...], dict[Path, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,12 +12,12 @@ from webapp.core.hypotheses.sequence import smooth
 from webapp.core.hypotheses.weighing import shortened
 from webapp.errors import PhotoError
 from webapp.progress import Progress
-from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.localize_sequence import FRAME_TOP, SequenceLocalizer, motion
+from webapp.tasks.localize_photo import PhotoLocalizer, parts
+from webapp.tasks.localize_sequence import FRAME_TOP, motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedLocalizer(SequenceLocalizer):
+class SmoothedLocalizer(PhotoLocalizer):
     """The answers about the frames of a sequence that is whole.
 
     Attributes
@@ -85,5 +85,4 @@ def run(
         steps=[steps.get(photo, 1.0) for photo in frames],
     )
     found |= dict(zip(frames, smoothed, strict=True))
-    known = {f.name: getattr(localizer, f.name) for f in fields(PhotoLocalizer)}
-    return SmoothedLocalizer(**known, speed_px=speed_px, steps=steps, found=found)
+    return SmoothedLocalizer(**parts(localizer), found=found)

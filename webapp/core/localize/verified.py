@@ -54,40 +54,21 @@ class Found:
     answer: Answer
 
 
-def localize(
-    indexed: IndexedMap,
-    query: Features,
-    *,
-    fov_deg: float,
-    calibration: Calibration,
-    top: int,
-    hide: Collection[int] = (),
-) -> Answer:
-    """Localize a photo by its features.
+def answered(indexed: IndexedMap, found: Found, *, calibration: Calibration, top: int) -> Answer:
+    """Give what was found its probabilities.
 
     Parameters
     ----------
     indexed : IndexedMap
-        Its `fov_deg` must be known for every photo.
-    query : Features
-    fov_deg : float
-        Horizontal field of view of the upright query.
+    found : Found
     calibration : Calibration
     top : int
         At most so many hypotheses.
-    hide : collection of int
-        Experience ids to leave out.
 
     Returns
     -------
     Answer
     """
-    found = find_places(indexed, query, fov_deg=fov_deg, hide=hide)
-    return answered(indexed, found, calibration=calibration, top=top)
-
-
-def answered(indexed: IndexedMap, found: Found, *, calibration: Calibration, top: int) -> Answer:
-    """Give what was found its probabilities; otherwise as `localize`."""
     if not found.places:
         return found.answer
     probability, off_map = probabilities(found.evidence, calibration)
@@ -117,14 +98,17 @@ def find_places(
     hide: Collection[int] = (),
     closer: Collection[int] = (),
 ) -> Found:
-    """Do all of `localize` but the probabilities.
+    """Look for the places where a photo may have been taken, by its features.
 
     Parameters
     ----------
     indexed : IndexedMap
+        Its `fov_deg` must be known for every photo.
     query : Features
     fov_deg : float
+        Horizontal field of view of the upright query.
     hide : collection of int
+        Experience ids to leave out.
     closer : collection of int
         Experience ids of which the best are verified, too, where the votes name none of them.
 
