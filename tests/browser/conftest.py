@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.browser.api import Api
 from tests.browser.app import App, expmap
@@ -24,6 +24,7 @@ HERE = Path(__file__).resolve().parent
 WIDE = {"width": 1280, "height": 800}
 SAMPLE_WITHIN_S = 60
 PATIENCE_MS = 20_000 if os.environ.get("CI") == "true" else 15_000
+expect.set_options(timeout=PATIENCE_MS)
 
 
 @pytest.hookimpl(tryfirst=True)
