@@ -26,6 +26,8 @@ class Contents:
         Slug of the map and path in its folder, of all photos and images.
     queries : frozenset of (int, str)
         Id of the map and name of the file, of all photos that were asked about.
+    missions : frozenset of int
+        Their ids.
     mission_photos : frozenset of (int, str)
         Id of the mission and path in its folder, of all photos of missions.
     """
@@ -34,6 +36,7 @@ class Contents:
     photos: int
     files: frozenset[tuple[str, str]]
     queries: frozenset[tuple[int, str]]
+    missions: frozenset[int]
     mission_photos: frozenset[tuple[int, str]]
 
 
@@ -104,12 +107,15 @@ def _contents(database: sqlite3.Connection) -> Contents:
     images = database.execute("SELECT slug, satellite_path FROM map WHERE satellite_path IS NOT NULL")
     queries = database.execute("SELECT map_id, file FROM query")
     files = frozenset([*photos, *images])
-    return Contents(maps, len(photos), files, frozenset(queries), _mission_photos(database))
+    return Contents(maps, len(photos), files, frozenset(queries), *_missions(database))
 
 
-def _mission_photos(database: sqlite3.Connection) -> frozenset[tuple[int, str]]:
+def _missions(database: sqlite3.Connection) -> tuple[frozenset[int], frozenset[tuple[int, str]]]:
     older = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'mission_photo'").fetchone() is None
-    return frozenset() if older else frozenset(database.execute("SELECT mission_id, path FROM mission_photo"))
+    if older:
+        return frozenset(), frozenset()
+    ids = frozenset(id for (id,) in database.execute("SELECT id FROM mission"))
+    return ids, frozenset(database.execute("SELECT mission_id, path FROM mission_photo"))
 
 
 def _told(error: sqlite3.Error, path: Path) -> StorageError:

@@ -1,14 +1,14 @@
 """Puts a whole library into one file, while it is served and changed.
 
-The database is copied in one moment, together with the exported files of the maps, whose writers wait so
-long. All else is photos and images, which never change under their names and are copied afterwards. Who
-deletes a map for good in the meantime makes the copy go on from a later moment.
+The database is copied in one moment, together with the exported files of the maps and the reports on fused
+missions, whose writers wait so long. All else is photos and images, which never change under their names and
+are copied afterwards. Who deletes a map for good in the meantime makes the copy go on from a later moment.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from webapp.store import missions, queries, snapshot
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, Library
 from webapp.store.snapshot import Contents
-from webapp.tasks.library_export import LOCK
+from webapp.tasks import fuse_mission, library_export
 
 MAPS = "maps"
 QUERIES = "queries"
@@ -60,7 +60,8 @@ class _Moment:
     """The library at one moment."""
 
     contents: Contents
-    exported: dict[str, bytes]
+    replaced: dict[str, bytes]
+    """The files that change under their names."""
 
 
 def run(library: Library, target: Path, *, progress: Progress) -> BackupReport:
@@ -98,7 +99,7 @@ def run(library: Library, target: Path, *, progress: Progress) -> BackupReport:
     with new_backup(target, about=about, progress=progress) as archive:
         moment, missing = _copied(library, archive, progress=progress)
         archive.add(DATABASE, archive.scratch)
-        for name, data in moment.exported.items():
+        for name, data in moment.replaced.items():
             archive.add_bytes(name, data)
         contents = moment.contents
         archive.keep(lambda name: _belongs(name, contents))
@@ -122,10 +123,11 @@ def _copied(library: Library, archive: Archive, *, progress: Progress) -> tuple[
 
 
 def _moment(library: Library, database: Path) -> _Moment:
-    """Copy the database, and read the exported files that belong to it."""
+    """Copy the database, and read the files that are replaced together with it."""
     with library.database.engine.connect() as connection:
         slugs = {str(slug) for (slug,) in connection.exec_driver_sql("SELECT slug FROM map")}
     with ExitStack() as writers:
+        writers.enter_context(_held(library.inner / fuse_mission.LOCK, where="fused missions"))
         for slug in sorted(slugs):
             writers.enter_context(_no_export(library.map_folder(slug)))
         contents = snapshot.copy_to(library.database, database)
@@ -135,7 +137,8 @@ def _moment(library: Library, database: Path) -> _Moment:
         paths = {
             f"{MAPS}/{slug}/{p.name}": p for slug in contents.maps.values() for p in _exported(library, slug)
         }
-        return _Moment(contents, {name: path.read_bytes() for name, path in paths.items()})
+        exported = {name: path.read_bytes() for name, path in paths.items()}
+        return _Moment(contents, exported | _reports(library, contents))
 
 
 @contextmanager
@@ -144,13 +147,21 @@ def _no_export(folder: Path) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             (folder / _DERIVED).mkdir(exist_ok=True)
-            stack.enter_context(FileLock(folder / _DERIVED / LOCK, timeout=_WAIT_S))
+            path = folder / _DERIVED / library_export.LOCK
+            stack.enter_context(_held(path, where=folder.name))
         except FileNotFoundError:
             pass  # it has none yet, or is being deleted
+        yield
+
+
+@contextmanager
+def _held(path: Path, *, where: str) -> Iterator[None]:
+    """Hold a lock, which writers hold for moments only."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(FileLock(path, timeout=_WAIT_S))
         except Timeout as error:
-            raise StorageError(
-                "the files of a map are being written", where=folder.name, hint="try again"
-            ) from error
+            raise StorageError("files are being written", where=where, hint="try again") from error
         yield
 
 
@@ -162,9 +173,19 @@ def _exported(library: Library, slug: str) -> list[Path]:
     ]
 
 
+def _reports(library: Library, contents: Contents) -> dict[str, bytes]:
+    """Read the reports on fused missions, by their names in the backup."""
+    found = {}
+    for id in sorted(contents.missions):
+        with suppress(FileNotFoundError):  # never fused, or being deleted
+            path = missions.folder(library, id) / fuse_mission.REPORT
+            found[f"{MISSIONS}/{id}/{path.name}"] = path.read_bytes()
+    return found
+
+
 def _copy_files(library: Library, archive: Archive, moment: _Moment, *, progress: Progress) -> set[str]:
     """Copy what never changes; gives the names of what should be there and is not."""
-    found = {name: path for name, path in _files(library, moment.contents) if name not in moment.exported}
+    found = {name: path for name, path in _files(library, moment.contents) if name not in moment.replaced}
     needed = {f"{MAPS}/{slug}/{path}" for slug, path in moment.contents.files}
     needed |= {f"{QUERIES}/{map_id}/{file}" for map_id, file in moment.contents.queries}
     needed |= {f"{MISSIONS}/{id}/{path}" for id, path in moment.contents.mission_photos}
@@ -201,6 +222,6 @@ def _belongs(name: str, contents: Contents) -> bool:
     owners = {
         MAPS: contents.maps.values(),
         QUERIES: [str(id) for id in contents.maps],
-        MISSIONS: [str(id) for id, _ in contents.mission_photos],
+        MISSIONS: [str(id) for id in contents.missions],
     }
     return not rest or whose in owners[kind]

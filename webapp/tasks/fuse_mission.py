@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
+from filelock import FileLock
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
@@ -29,6 +30,9 @@ JOB = "mission-fuse"
 
 REPORT = "fusion.json"
 """In the folder of the mission: what was thought of each fix."""
+
+LOCK = "fusion.lock"
+"""In the inner folder of the library: held while a fused track is replaced, and its report with it."""
 
 MOST_TOLD = 1000
 """Fixes that were left out, told one by one."""
@@ -98,18 +102,19 @@ def run(library: Library, mission_id: int, *, write: Write, progress: Progress) 
     progress.advance(2)
     gated = [one for source, fixes in fixed.items() for one in _gated(fusion, source, fixes)]
     report = _report(fusion, fixed, odometry=reckoned)
-    with write() as session:
-        mission = session.get_one(Mission, mission_id, with_for_update=True)
-        track = tracks.get_or_create(session, mission_id, source="fused")
-        tracks.clear(session, track)
-        tracks.append(session, track, fusion.poses)
-        _mark_photos(session, mission_id, gated)
-        missions.changed(mission)
-        report |= {"track": track.id, "revision": mission.revision}
-        report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
-    folder = missions.folder(library, mission_id)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / REPORT, json.dumps(report))
+    with FileLock(library.inner / LOCK):
+        with write() as session:
+            mission = session.get_one(Mission, mission_id, with_for_update=True)
+            track = tracks.get_or_create(session, mission_id, source="fused")
+            tracks.clear(session, track)
+            tracks.append(session, track, fusion.poses)
+            _mark_photos(session, mission_id, gated)
+            missions.changed(mission)
+            report |= {"track": track.id, "revision": mission.revision}
+            report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
+        folder = missions.folder(library, mission_id)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / REPORT, json.dumps(report))
     progress.advance()
     return report
 

@@ -1,17 +1,21 @@
-"""Missions and their photos come back from a backup; older backups have none."""
+"""Missions, their photos and what fusion made of them come back from a backup; older backups have none."""
 
 import contextlib
 import shutil
 import sqlite3
 
 import pytest
+from filelock import FileLock
 
+from tests.core.trajectory.simulated import Drive
+from tests.core.trajectory.test_fusion import gps_of, odometry_of
+from webapp.errors import StorageError
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store import accounts, missions, snapshot, tracks
 from webapp.store.library import DATABASE, open_library
 from webapp.store.schema_missions import Pose
-from webapp.tasks import add_mission_photo, backup_library, restore_library, take_batch
+from webapp.tasks import add_mission_photo, backup_library, fuse_mission, restore_library, take_batch
 from webapp.tasks.add_mission_photo import About
 from webapp.tasks.take_batch import Numbered
 
@@ -62,6 +66,45 @@ def test_a_photo_that_is_lost_is_told_of(library, mission, tmp_path):
     report = backup_library.run(library, tmp_path / "b.zip", progress=Progress())
     (lost,) = report.missing
     assert lost.startswith(f"missions/{mission}/photos/")
+
+
+@pytest.fixture
+def fused(library):
+    """A mission without photos whose tracks were put together; gives its id."""
+    drive = Drive(3)
+    drive.measured[20] += (0, 90)
+    with library.database.write() as session:
+        id = missions.create(session, "Drive", account_id=accounts.ensure_owner(session).id).id
+        for source, poses in (("odometry", odometry_of(drive)), ("gps", gps_of(drive))):
+            tracks.append(session, tracks.get_or_create(session, id, source=source), poses)
+    fuse_mission.run(library, id, write=library.database.write, progress=Progress())
+    return id
+
+
+def fused_track(library, mission):
+    with library.database.read() as session:
+        track = next(t for t in tracks.listed(session, mission) if t.source == "fused")
+        return track.id, tracks.read(session, track).latlon.tolist()
+
+
+def test_a_fused_track_comes_back_with_its_report(library, fused, tmp_path):
+    report = backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+    assert report.missing == ()
+    restore_library.run(tmp_path / "b.zip", tmp_path / "other", progress=Progress())
+    restored = open_library(tmp_path / "other")
+    assert fused_track(restored, fused) == fused_track(library, fused)
+    assert fuse_mission.read_report(restored, fused) == fuse_mission.read_report(library, fused)
+    assert fuse_mission.read_report(restored, fused)["gated"]
+    restored.database.close()
+
+
+def test_a_backup_waits_while_a_fused_track_is_replaced(library, fused, tmp_path, monkeypatch):
+    monkeypatch.setattr(backup_library, "_WAIT_S", 0)
+    with (
+        FileLock(library.inner / fuse_mission.LOCK),
+        pytest.raises(StorageError, match="files are being written"),
+    ):
+        backup_library.run(library, tmp_path / "b.zip", progress=Progress())
 
 
 def test_a_database_from_before_missions(library):
