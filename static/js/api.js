@@ -54,6 +54,17 @@ export const patch = (path, json, options = {}) => api(path, { ...options, metho
 export const del = (path, options = {}) => api(path, { ...options, method: "DELETE" });
 
 /**
+ * Fetch a file.
+ * @param {string} path
+ * @returns {Promise<Blob>}
+ * @throws {ApiError}
+ */
+export async function file(path) {
+  const response = await patiently(path, { credentials: "same-origin" });
+  return response.ok ? response.blob() : read(response);
+}
+
+/**
  * Send a file and hear how far it is; fetch cannot tell.
  * @param {string} path
  * @param {Object} options

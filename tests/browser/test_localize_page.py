@@ -5,6 +5,7 @@ import csv
 import math
 
 import pytest
+from PIL import Image
 from playwright.sync_api import expect
 
 from tests.browser import axe
@@ -248,3 +249,23 @@ def test_the_live_camera_is_followed_and_its_last_picture_kept(camera_page, samp
     expect(page.locator("#query-menu")).to_be_visible()
     is_right(page, truth[QUERY])
     assert len(api.ask("GET", f"/maps/{sample_map}/queries")["queries"]) == before + 1
+
+
+def test_an_unsure_answer_asks_for_more_photos_of_the_spot(page, sample_map, api, queries, truth, tmp_path):
+    near, far = queries / QUERY, tmp_path / "near.jpg"
+    with Image.open(near) as photo:
+        photo.crop((0, 0, photo.width // 3, photo.height // 3)).resize(photo.size).save(far)
+    open_page(page, sample_map, api)
+    choose(page, near)
+    expect(entries(page).first).to_be_visible()
+    expect(page.get_by_test_id("more-input")).to_have_count(0)
+    choose(page, far)
+    expect(page.locator("#query-name")).to_have_text("near.jpg")
+    more = page.get_by_test_id("more-input")
+    expect(more).to_be_attached()
+    assert axe.findings(page) == []
+    page.reload()
+    more.set_input_files([near])
+    expect(page.locator("#query-about")).to_contain_text("2 photos of one spot")
+    is_right(page, truth[QUERY])
+    expect(more).to_have_count(0)

@@ -4,10 +4,13 @@ import { h, icon } from "../dom.js";
 import { t, tn } from "../i18n.js";
 import { sentence, toast } from "../toast.js";
 import { openDialog } from "../editor/dialogs.js";
+import { usable } from "../editor/dropfiles.js";
 import { byId } from "../editor/page.js";
 import { isOffMap } from "./session.js";
 
 const MOST_OF_ONE_SPOT = 8;
+/** A first place that is less probable is worth further photos. */
+const SURE = 0.8;
 
 /** Asks one question at a time; the newest one counts. */
 export class Asking extends EventTarget {
@@ -20,6 +23,7 @@ export class Asking extends EventTarget {
     Object.assign(this, page);
     this.waiting = null;
     this._abort = null;
+    this._files = null;
     this.store.on("jobs", () => this._jobs());
   }
 
@@ -37,6 +41,7 @@ export class Asking extends EventTarget {
   /** @param {File[]} files of one spot @returns {Promise<boolean>} whether there is an answer */
   ask(files) {
     const { session } = this;
+    this._files = files;
     session.setQuery({ name: files.map(({ name }) => name).join(", "), url: URL.createObjectURL(files[0]) });
     const told = (sent, all) => this._progress(sent < all ? sent / all : null);
     return this._run((signal) => this.server.ask(files, this.options.values(), told, signal));
@@ -46,6 +51,7 @@ export class Asking extends EventTarget {
   again() {
     const { query } = this.session;
     if (this.waiting) return this._run(this.waiting);
+    if (this._files?.length > 1) return this.ask(this._files);
     if (query?.id) return this._run(() => this.server.askAgain(query.id, this.options.values()));
     return null;
   }
@@ -54,6 +60,7 @@ export class Asking extends EventTarget {
   async open(id) {
     this._abort?.abort();
     this.waiting = null;
+    this._files = null;
     try {
       this._show(await this.server.query(id));
     } catch (error) {
@@ -67,6 +74,21 @@ export class Asking extends EventTarget {
     this.waiting = null;
     this.session.setBusy(false);
     byId("notes").replaceChildren();
+  }
+
+  /** Ask anew, with further photos of the same spot. @param {File[]} files */
+  async _add(files) {
+    const { query } = this.session;
+    if (!files.length || !query) return;
+    try {
+      this._files ||= [new File([await this.server.photo(query.id)], query.name)];
+    } catch (error) {
+      this._problem(error);
+      return;
+    }
+    const all = [...this._files, ...files];
+    if (all.length > MOST_OF_ONE_SPOT) toast(tn("{n} photo of one spot is enough.", "{n} photos of one spot are enough.", MOST_OF_ONE_SPOT));
+    await this.ask(all.slice(0, MOST_OF_ONE_SPOT));
   }
 
   async _run(send) {
@@ -108,6 +130,14 @@ export class Asking extends EventTarget {
     if (answer.calibrated === false) notes.push(t("The probabilities are those of most maps: this map's own are still being worked out."));
     if (answer.not_indexed) notes.push(tn("{n} new photo of the map cannot be found yet.", "{n} new photos of the map cannot be found yet.", answer.not_indexed));
     for (const text of notes) byId("notes").append(note("info", text));
+    const text = t("Not sure yet. Photos from the same spot in other directions make the answer surer.");
+    const more = this._wantsMore(answer) && note("info", text, null, chooseMore((files) => this._add(files)));
+    byId("further").replaceChildren(...(more ? [more] : []));
+  }
+
+  _wantsMore({ method, hypotheses: [first] }) {
+    const photos = this._files?.length || this.session.query.options?.photos || 1;
+    return method === "verified" && photos < MOST_OF_ONE_SPOT && !(first?.probability >= SURE);
   }
 
   _failed(error, send) {
@@ -164,6 +194,14 @@ export class Asking extends EventTarget {
       dialog.addEventListener("close", () => resolve(answer));
     });
   }
+}
+
+function chooseMore(take) {
+  const input = h("input", {
+    class: "ed-file", id: "more-input", type: "file", multiple: true, accept: byId("query-input").accept,
+    "data-testid": "more-input", onchange: () => take(usable(input.files)),
+  });
+  return h("div", { class: "lo-more" }, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos of this spot")));
 }
 
 /** A message in the panel. */

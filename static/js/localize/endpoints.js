@@ -1,6 +1,6 @@
 /** What the localization page asks of the server, by name. */
 
-import { api, del, get, post, upload } from "../api.js";
+import { api, del, file, get, post, upload } from "../api.js";
 
 /**
  * The requests about one map.
@@ -13,6 +13,7 @@ export function endpointsOf(slug) {
     ask: (files, options, onProgress, signal) =>
       upload(`${map}/localize`, { body: form(files, options), onProgress, signal }),
     askAgain: (query, options) => api(`${map}/localize`, { method: "POST", body: form([], { ...options, query }) }),
+    photo: (id) => file(`${map}/queries/${id}/photo`),
     query: (id) => get(`${map}/queries/${id}`),
     matches: (id, signal) => get(`${map}/queries/${id}/matches`, { signal }),
     history: (before) => get(`${map}/queries?limit=30${before ? `&before=${before}` : ""}`),
