@@ -297,6 +297,22 @@ def test_new_mission_renamed_and_into_the_bin(page):
     expect(by_id(page, "mission").filter(has_text="Second try")).to_have_count(0)
 
 
+def test_a_long_list_comes_in_pages(page, api):
+    for number in range(53):
+        api.ask("POST", "/missions", data={"name": f"round {number:02}"})
+    page.goto("/missions")
+    entries, more = by_id(page, "mission"), by_id(page, "more-missions")
+    expect(entries).to_have_count(50)
+    assert axe.findings(page) == []
+    while more.is_visible():
+        before = entries.count()
+        more.click()
+        expect(entries.nth(before).get_by_role("link").first).to_be_focused()
+    names = entries.get_by_role("heading").all_inner_texts()
+    rounds = [name for name in names if re.fullmatch(r"round \d\d", name)]
+    assert rounds == [f"round {number:02}" for number in reversed(range(53))]
+
+
 @pytest.mark.parametrize("look", [{}, PHONE], ids=["wide-light", "phone-dark"])
 def test_nothing_to_stumble_over(open_context, owner, look, mission, send):
     send(*(pose(n) for n in range(60)), seen(FIRST), seen(SECOND))

@@ -19,7 +19,7 @@ from webapp.core.trajectory.robotframe import Start
 from webapp.errors import InputError, NotFound, UsageError
 from webapp.files.atomic import write_pieces
 from webapp.settings import from_environment
-from webapp.store import accounts, maps, missions
+from webapp.store import accounts, maps, mission_list, missions
 from webapp.store.library import Library, open_library
 from webapp.store.schema import Account
 from webapp.store.schema_missions import Mission
@@ -63,11 +63,10 @@ def list_missions(slug: str | None, library: Path | None) -> None:
     with _opened(library) as place, place.database.read() as session:
         owner = _owner(place)
         on = None if slug is None else maps.find(session, slug, account=owner).id
-        for mission in missions.listed(session, owner, map_id=on):
-            poses, objects, _ = missions.counts(session, mission.id)
-            click.echo(
-                f"{mission.id}\t{mission.name}\t{poses}\t{objects}\t{mission.changed_at:%Y-%m-%d %H:%M}"
-            )
+        for entry in mission_list.listed(session, owner, map_id=on):
+            mission = entry.mission
+            told = (mission.id, mission.name, entry.poses, entry.objects)
+            click.echo("\t".join(map(str, [*told, f"{mission.changed_at:%Y-%m-%d %H:%M}"])))
 
 
 @click.command()

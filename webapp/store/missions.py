@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import func, or_, select
+from sqlalchemy import Select, func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotAllowed, NotFound, UsageError
@@ -133,30 +133,22 @@ def role_of(session: Session, mission: Mission, *, account: Account) -> Role | N
     return "owner" if account.is_owner or mission.account_id == account.id else None
 
 
-def listed(
-    session: Session, account: Account, *, map_id: int | None = None, binned: bool = False
-) -> list[Mission]:
-    """List the missions that an account may see, the last changed first.
-
-    Parameters
-    ----------
-    session : Session
-    account : Account
-    map_id : int or None
-        Only those on that map.
-    binned : bool
-        Those in the bin instead.
-    """
-    found = select(Mission).where(Mission.binned_at.is_not(None) == binned)
+def visible(session: Session, account: Account, *, binned: bool = False) -> Select[Any]:
+    """Select the ids of the missions that an account may see: those in use, or those in the bin."""
+    found = select(Mission.id).where(Mission.binned_at.is_not(None) == binned)
     if binned:
         found = found.where(Mission.id.not_in(_going(session)))
-    if map_id is not None:
-        found = found.where(Mission.map_id == map_id)
     if not account.is_owner:
         mine = select(Member.map_id).where(Member.account_id == account.id)
         alone = (Mission.account_id == account.id) & Mission.map_id.is_(None)
         found = found.where(or_(Mission.map_id.in_(mine), alone))
-    return list(session.scalars(found.order_by(Mission.changed_at.desc(), Mission.id.desc())))
+    return found
+
+
+def count_binned(session: Session, account: Account) -> int:
+    """Count the missions in the bin that an account may see."""
+    ids = visible(session, account, binned=True).subquery()
+    return session.scalar(select(func.count()).select_from(ids)) or 0
 
 
 def _going(session: Session) -> set[int]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Float, Nested, String
-from apiflask.validators import Range
+from apiflask.fields import Boolean, Float, Integer, Nested, String
+from apiflask.validators import Range, Regexp
 
-from webapp.store import maps, mission_shares, missions
+from webapp.store import maps, mission_list, mission_shares, missions
 from webapp.store.schema_missions import Mission
 from webapp.tasks import delete_mission
 from webapp.web import mission_state
@@ -18,6 +18,7 @@ from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_missions", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
+_MOST = 10_000
 _ID = "<int(max=2147483647):mission_id>"
 
 
@@ -26,6 +27,16 @@ class ListQuery(Schema):
 
     map = String(load_default=None, metadata={"description": "Slug: only those on that map."})
     bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
+    after = String(
+        load_default=None,
+        validate=Regexp(mission_state.SPOT, error="This is no `next` of an earlier answer."),
+        metadata={"description": "`next` of an earlier answer: those that follow."},
+    )
+    limit = Integer(
+        load_default=None,
+        validate=Range(1, _MOST),
+        metadata={"description": "At most so many; by default all."},
+    )
 
 
 class DeleteQuery(Schema):
@@ -65,12 +76,19 @@ class NewMission(MissionChange):
 @blueprint.input(ListQuery, location="query", arg_name="query")
 @blueprint.output(MissionList)
 def list_missions(query: dict[str, Any]) -> dict[str, Any]:
-    """List the missions that you may see."""
-    who = account()
-    map_id = None if query["map"] is None else open_map(query["map"], binned=True).id
+    """List the missions that you may see, in pages where a `limit` is given."""
+    who, limit, after = account(), query["limit"], query["after"]
+    wanted = {
+        "map_id": None if query["map"] is None else open_map(query["map"], binned=True).id,
+        "binned": query["bin"],
+        "after": None if after is None else mission_state.read_spot(after),
+        "limit": None if limit is None else limit + 1,  # the one more tells whether any follow
+    }
     with library().database.read() as session:
-        found = missions.listed(session, who, map_id=map_id, binned=query["bin"])
-        return {"missions": [mission_state.summary(session, mission, account=who) for mission in found]}
+        found = mission_list.listed(session, who, **wanted)
+        shown = found[:limit]
+        follow = mission_state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
+        return {"missions": [mission_state.entry_json(entry) for entry in shown], "next": follow}
 
 
 @blueprint.post("")

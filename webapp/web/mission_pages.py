@@ -43,7 +43,7 @@ def _list(*, binned: bool) -> str:
         found = [
             {"slug": record.slug, "name": record.name} for record in maps.listed(session, who, binned=False)
         ]
-        in_bin = len(missions.listed(session, who, binned=True))
+        in_bin = missions.count_binned(session, who)
     return render_template("missions/index.html", page={"maps": found, "binned": binned}, in_bin=in_bin)
 
 

@@ -82,6 +82,7 @@ class MissionList(Schema):
     """Missions, the last changed first."""
 
     missions = List(Nested(MissionSummary))
+    next = String(allow_none=True, metadata={"description": "`after` for those that follow; null: none do."})
 
 
 class MissionSatelliteOut(SatelliteOut):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -10,48 +10,56 @@ from sqlalchemy.orm import Session
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.drift import Closing, closing
 from webapp.core.trajectory.records import Poses
-from webapp.store import missions, tracks
+from webapp.store import mission_list, tracks
+from webapp.store.mission_list import Entry, Spot
 from webapp.store.schema import Account, MapRecord
 from webapp.store.schema_missions import Mission, Track
 from webapp.web import map_state
 
+SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$"
+"""What a place in a list looks like: microseconds since 1970, and the id of a mission."""
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
 
 
 def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
-    """Tell what a list of missions shows of one; the fields of `MissionSummary`."""
-    poses, objects, photos = missions.counts(session, mission.id)
-    record = _map(session, mission)
-    role = missions.role_of(session, mission, account=account)
+    """Tell of a mission what a list shows of it; the fields of `MissionSummary`."""
+    return entry_json(mission_list.one(session, mission, account=account))
+
+
+def entry_json(entry: Entry) -> dict[str, Any]:
+    """Tell of a mission in a list; the fields of `MissionSummary`."""
+    mission = entry.mission
     return {
         "id": mission.id,
         "name": mission.name,
         "url": f"/missions/{mission.id}",
-        "map": None if record is None else record.slug,
-        "role": role,
-        "can_edit": role in ("owner", "editor"),
+        "map": entry.slug,
+        "role": entry.role,
+        "can_edit": entry.role in ("owner", "editor"),
         "binned": mission.binned_at is not None,
         "revision": mission.revision,
         "created_at": _told(mission.created_at),
         "changed_at": _told(mission.changed_at),
         "ended_at": _told(mission.ended_at),
-        "poses": poses,
-        **_way(tracks.listed(session, mission.id)),
-        "objects": objects,
-        "photos": photos,
+        "poses": entry.poses,
+        **_way(entry.tracks),
+        "objects": entry.objects,
+        "photos": entry.photos,
     }
 
 
 def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
     """Tell all of a mission but its poses, objects and photos themselves; the fields of `MissionState`."""
-    found = tracks.listed(session, mission.id)
+    entry = mission_list.one(session, mission, account=account)
     return {
-        **summary(session, mission, account=account),
+        **entry_json(entry),
         "note": mission.note,
         "start": mission.start,
-        "tracks": [track_json(session, track) for track in found],
+        "tracks": [track_json(session, track) for track in entry.tracks],
         "satellite": satellite(session, mission),
-        "cursor": cursor(mission.revision, {track.id: track.poses for track in found}),
+        "cursor": cursor(mission.revision, {track.id: track.poses for track in entry.tracks}),
     }
 
 
@@ -100,6 +108,17 @@ def satellite(session: Session, mission: Mission, *, base: str | None = None) ->
 def cursor(revision: int, poses: dict[int, int]) -> str:
     """Tell in one word what of a mission is known: its revision, and how many poses of each track."""
     return "-".join([str(revision), *(f"{id}.{count}" for id, count in sorted(poses.items()))])
+
+
+def spot_text(spot: Spot) -> str:
+    """Tell in one word where a list of missions goes on; `read_spot` reads it."""
+    return f"{(spot.changed_at - _EPOCH) // timedelta(microseconds=1)}.{spot.id}"
+
+
+def read_spot(text: str) -> Spot:
+    """Read what `spot_text` has made, of the form `SPOT`."""
+    changed, id = map(int, text.split("."))
+    return Spot(_EPOCH + timedelta(microseconds=changed), id)
 
 
 def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:

@@ -13,11 +13,14 @@ import { lengthText, spanText } from "./words.js";
 
 const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
+const PAGE = 50;
+let follow = null; // where the list goes on
 
 for (const button of document.querySelectorAll("[data-opens=create]")) ready(button, create);
 for (const button of document.querySelectorAll("[data-opens=import]")) ready(button, () => importFile(null));
 if (!binned) listenToDrops(byId("drop"), (files) => files.length && importFile(usable(files)[0]));
 byId("try-again").addEventListener("click", show);
+byId("more").addEventListener("click", (event) => busy(event.currentTarget, showMore).catch(toastError));
 show();
 
 function ready(button, run) {
@@ -29,14 +32,28 @@ async function show() {
   byId("failed").hidden = true;
   byId("loading").hidden = false;
   try {
-    const { missions } = await missionList({ binned });
+    const { missions, next } = await missionList({ binned, limit: Math.max(PAGE, list.children.length) });
     list.replaceChildren(...missions.map(card));
     byId("empty").hidden = missions.length > 0;
+    goOnAt(next);
   } catch (error) {
     byId("failed").hidden = false;
     byId("failed-text").textContent = [error.message, error.hint].filter(Boolean).map(sentence).join(". ");
   }
   byId("loading").hidden = true;
+}
+
+async function showMore() {
+  const { missions, next } = await missionList({ binned, after: follow, limit: PAGE });
+  const cards = missions.map(card);
+  list.append(...cards);
+  goOnAt(next);
+  cards[0]?.querySelector("a, button")?.focus();
+}
+
+function goOnAt(next) {
+  follow = next;
+  byId("more").hidden = next === null;
 }
 
 function card(mission) {

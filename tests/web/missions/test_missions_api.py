@@ -36,7 +36,7 @@ def test_a_new_mission(client, new_map, owner):
 )
 def test_no_mission(client, given, status):
     assert client.post("/api/v1/missions", json=given).status_code == status
-    assert client.get("/api/v1/missions").json == {"missions": []}
+    assert client.get("/api/v1/missions").json == {"missions": [], "next": None}
 
 
 def test_changes(client, mission, state, new_map, owner):

@@ -1,0 +1,135 @@
+"""The list of missions: in pages, and in as many statements for twenty as for one."""
+
+import pytest
+from sqlalchemy import event
+
+from webapp.store.schema_missions import Mission
+
+
+@pytest.fixture
+def ask(client):
+    """Ask for a page; gives the names on it, and where the next one begins."""
+
+    def get(browser=client, **query):
+        answer = browser.get("/api/v1/missions", query_string=query)
+        assert answer.status_code == 200, answer.json
+        return [mission["name"] for mission in answer.json["missions"]], answer.json["next"]
+
+    return get
+
+
+@pytest.fixture
+def statements(library):
+    """The statements that the database gets."""
+    seen = []
+
+    def note(_connection, _cursor, statement, *_rest):
+        seen.append(statement)
+
+    event.listen(library.database.engine, "before_cursor_execute", note)
+    yield seen
+    event.remove(library.database.engine, "before_cursor_execute", note)
+
+
+@pytest.mark.parametrize("whose", ["owner", "viewer"])
+def test_twenty_take_as_many_statements_as_one(
+    new_mission, new_map, new_account, sign_in, owner, send, walk, statements, ask, whose
+):
+    ann = new_account("ann")
+    browser = sign_in({"owner": owner, "viewer": ann}[whose])
+
+    def counted(**query):
+        statements.clear()
+        names, _ = ask(browser, **query)
+        return len(names), len(statements)
+
+    def add():
+        slug = new_map(owner, shared={ann: "viewer"})
+        id = new_mission(map=slug)
+        send([*walk(3), *walk(2, source="odometry", track="o")], id=id)
+
+    add()
+    few, before = counted()
+    for _ in range(19):
+        add()
+    assert counted() == (few + 19, before)
+    assert counted(limit=10) == (10, before)
+
+
+def test_each_tells_of_itself(client, new_mission, new_map, new_account, sign_in, owner, send, walk):
+    ann = new_account("ann")
+    park, wood = (
+        new_map(owner, name=name, shared={ann: role}) for name, role in (("A", "viewer"), ("B", "editor"))
+    )
+    first, second, own = new_mission(map=park), new_mission(map=wood), new_mission(sign_in(ann))
+    new_mission()  # somebody else's
+    send(walk(3), id=first)
+    send(
+        [*walk(5), {"type": "object", "id": "a", "class": "car", "time": 1.0, "lat": 50, "lon": 14}],
+        id=second,
+    )
+    browser = sign_in(ann)
+    told = {m["id"]: m for m in browser.get("/api/v1/missions").json["missions"]}
+    facts = {id: (m["map"], m["role"], m["can_edit"], m["poses"], m["objects"]) for id, m in told.items()}
+    assert facts == {
+        first: (park, "viewer", False, 3, 0),
+        second: (wood, "editor", True, 5, 1),
+        own: (None, "owner", True, 0, 0),
+    }
+    for id, mission in told.items():
+        alone = browser.get(f"/api/v1/missions/{id}").json
+        assert {key: alone[key] for key in mission} == mission
+
+
+@pytest.mark.parametrize("limit", [1, 2, 3, 7, 8])
+def test_pages_are_the_list(new_mission, ask, limit):
+    for number in range(7):
+        new_mission(name=str(number))
+    whole, nothing = ask()
+    assert (whole, nothing) == (list("6543210"), None)
+    names, after = ask(limit=limit)
+    while after is not None:
+        more, after = ask(limit=limit, after=after)
+        assert 0 < len(more) <= limit
+        names += more
+    assert names == whole
+
+
+def test_missions_that_changed_at_one_moment_are_all_listed(library, new_mission, ask):
+    ids = [new_mission(name=str(number)) for number in range(4)]
+    with library.database.write() as session:
+        moment = session.get_one(Mission, ids[0]).changed_at
+        for id in ids:
+            session.get_one(Mission, id).changed_at = moment
+    names, after = ask(limit=3)
+    assert (names, ask(limit=3, after=after)) == (["3", "2", "1"], (["0"], None))
+
+
+def test_a_mission_that_changes_meanwhile_is_not_listed_twice(new_mission, ask, send, walk):
+    ids = [new_mission(name=str(number)) for number in range(4)]
+    names, after = ask(limit=2)
+    send(walk(1), id=ids[2])  # it was the last on the page
+    assert (names, ask(limit=2, after=after)[0]) == (["3", "2"], ["1", "0"])
+
+
+def test_pages_of_the_bin_and_of_a_map(client, new_mission, new_map, owner, ask):
+    slug = new_map(owner)
+    for number in range(3):
+        new_mission(name=f"on {number}", map=slug)
+        client.delete(f"/api/v1/missions/{new_mission(name=f'gone {number}')}")
+    for query, kind in (({"map": slug}, "on"), ({"bin": True}, "gone")):
+        names, after = ask(limit=2, **query)
+        names += ask(limit=2, after=after, **query)[0]
+        assert sorted(names) == [f"{kind} {number}" for number in range(3)]
+
+
+@pytest.mark.parametrize(
+    "query", [{"limit": 0}, {"limit": 10_001}, {"after": "x"}, {"after": "1.2.3"}, {"after": "9" * 18 + ".1"}]
+)
+def test_no_such_page(client, query):
+    assert client.get("/api/v1/missions", query_string=query).status_code == 422
+
+
+def test_after_any_place_that_can_be_written(ask):
+    for after in ("0.0", "9" * 17 + "." + "9" * 10):
+        assert ask(after=after) == ([], None)
