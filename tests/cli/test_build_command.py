@@ -102,6 +102,13 @@ def test_what_cannot_work_is_refused_before_anything_is_computed(expmap, cfg, op
     assert not (cfg.parent / "derived").exists()
 
 
+def test_what_only_questions_have_is_refused(expmap, cfg):
+    code, out, err = expmap("build", cfg, "--fov", "60")
+    assert (code, out) == (2, "")
+    assert "--fov" in err
+    assert not (cfg.parent / "derived").exists()
+
+
 def test_a_broken_map_ends_with_3(expmap, cfg):
     cfg.write_text("plan.png;600;200\n0;photos/0.jpg;1,5;2\n")
     code, out, err = expmap("build", cfg)

@@ -48,7 +48,7 @@ def chapters(project):
 @pytest.fixture(scope="module")
 def shared():
     """Names of the options that several commands share."""
-    decorated = options.index_options(options.fov_options(lambda: None))
+    decorated = options.index_options(options.map_options(lambda: None))
     return {param.name for param in decorated.__click_params__}
 
 

@@ -12,7 +12,7 @@ import click
 
 from webapp.cli import exitcodes
 from webapp.cli.build_text import build_line, tell_failed
-from webapp.cli.options import MAP_FILE, fov_options, index_options, open_options
+from webapp.cli.options import MAP_FILE, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
 from webapp.settings import from_environment, keep_freed_memory
 from webapp.tasks import build_map
@@ -21,7 +21,7 @@ from webapp.tasks import build_map
 @click.command()
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
 @index_options
-@fov_options
+@map_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     """Build the index of a map, or bring it up to date.

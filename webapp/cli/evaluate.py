@@ -15,8 +15,9 @@ from webapp.cli.evaluation_text import summary_table
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
-    fov_options,
+    fov_option,
     index_options,
+    map_options,
     open_options,
     sequence_options,
 )
@@ -53,7 +54,8 @@ _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
 )
 @sequence_options
 @index_options
-@fov_options
+@fov_option
+@map_options
 def evaluate(
     map_file: Path,
     queries: Path | None,

@@ -17,8 +17,9 @@ from webapp.cli.build_text import tell_failed
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
-    fov_options,
+    fov_option,
     index_options,
+    map_options,
     open_options,
     sequence_options,
 )
@@ -47,7 +48,8 @@ _PICTURE = click.Path(dir_okay=False, path_type=Path)
 @sequence_options
 @click.option("--by-time", is_flag=True, help="With --sequence: order the photos by their EXIF time.")
 @index_options
-@fov_options
+@fov_option
+@map_options
 def localize(
     map_file: Path,
     photos: tuple[Path, ...],

@@ -25,11 +25,21 @@ def index_options(command: Command) -> Command:
     return command
 
 
-def fov_options(command: Command) -> Command:
-    """Add the fields of view and the place radius."""
-    for option in reversed(_FOV_OPTIONS):
+def map_options(command: Command) -> Command:
+    """Add what is not known of a map: the field of view of its photos, and how near is right."""
+    for option in reversed(_MAP_OPTIONS):
         command = option(command)
     return command
+
+
+def fov_option(command: Command) -> Command:
+    """Add the field of view of what is asked."""
+    return click.option(
+        "--fov",
+        type=_ANGLE,
+        metavar="DEGREES",
+        help="Horizontal field of view of the upright query.  [default: its EXIF]",
+    )(command)
 
 
 _INDEX_OPTIONS = [
@@ -63,18 +73,12 @@ _INDEX_OPTIONS = [
 
 _ANGLE = click.FloatRange(1.0, 179.0)
 
-_FOV_OPTIONS = [
-    click.option(
-        "--fov",
-        type=_ANGLE,
-        metavar="DEGREES",
-        help="Horizontal field of view of the upright query.  [default: its EXIF]",
-    ),
+_MAP_OPTIONS = [
     click.option(
         "--map-fov",
         type=_ANGLE,
         metavar="DEGREES",
-        help="The same of map photos without EXIF focal length.",
+        help="Horizontal field of view of map photos without EXIF focal length.",
     ),
     click.option(
         "--right-within",
