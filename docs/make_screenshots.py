@@ -1,7 +1,7 @@
 """Make the screenshots of the documentation: `python -m docs.make_screenshots`.
 
 Starts the program with the sample map in a temporary library, and photographs its pages in a browser: wide,
-on a phone, and dark. A robot that never was makes a round through the park, and is corrected by its receiver
+and on a phone. A robot that never was makes a round through the park, and is corrected by its receiver
 and by photos of the sample. A few photos are put back into the tray, so that there is something to do.
 """
 
@@ -28,12 +28,11 @@ WIDE = {"viewport": {"width": 1280, "height": 800}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 LOOKS: dict[str, dict[str, Any]] = {
     "": WIDE,
-    "-dark": {**WIDE, "color_scheme": "dark"},
     "-phone": {**PHONE, "device_scale_factor": 2},
 }
 PAGES = {
     "maps": ("/", ("",)),
-    "edit": ("/maps/sample/edit", ("", "-dark", "-phone")),
+    "edit": ("/maps/sample/edit", ("", "-phone")),
     "image": ("/maps/sample/image", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
     "missions": ("/missions", ("",)),

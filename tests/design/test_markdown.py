@@ -6,6 +6,7 @@ import shlex
 import click
 import pytest
 
+from docs import make_screenshots
 from webapp.cli.main import root
 
 
@@ -38,6 +39,16 @@ def test_links_lead_somewhere(pages):
             if not page.exists() or (anchor and anchor not in anchors(page.read_text("utf-8"))):
                 broken.append(f"{path.name}: {target}")
     assert broken == []
+
+
+def test_every_picture_is_shown(pages, tracked, project):
+    """... and every screenshot that is made, is one of them."""
+    folder = project / "docs" / "pictures"
+    kept = {path.name for path in tracked if path.parent == folder}
+    shown = {(page.parent / target).resolve() for page, text in pages.items() for target in links(text)}
+    assert kept - {path.name for path in shown if path.parent == folder} == set()
+    made = {f"{name}{look}.jpg" for name, (_, looks) in make_screenshots.PAGES.items() for look in looks}
+    assert made <= kept
 
 
 def test_every_page_can_be_reached_from_the_readme(pages, project):
