@@ -140,7 +140,7 @@ def _arguments() -> argparse.Namespace:
 def _queries(
     arguments: argparse.Namespace, opened: OpenMap, settings: Settings
 ) -> list[tuple[Features, float, float]]:
-    known = network(opened.choice.model, settings.models)
+    known = network(opened.choice.model, settings.models, weights=opened.choice.weights)
     found = []
     for query in queries_csv.select(queries_csv.read(arguments.queries), arguments.limit):
         gray = read_gray(query.path, limits=settings.photo, max_side=settings.extract.max_side_px)

@@ -43,3 +43,11 @@ def test_each_thread_has_its_own_thing_and_keeps_it():
     assert a is again
     assert b is b_again
     assert a is not b
+
+
+def test_a_thing_can_be_made_anew():
+    made = OnePerThread(object)
+    first = made.get()
+    second = made.renew()
+    assert second is not first
+    assert made.get() is second

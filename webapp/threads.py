@@ -57,6 +57,11 @@ class OnePerThread(Generic[Out]):
     def get(self) -> Out:
         """Give this thread's own."""
         if not hasattr(self._kept, "thing"):
-            self._kept.thing = self._make()
+            return self.renew()
         thing: Out = self._kept.thing
+        return thing
+
+    def renew(self) -> Out:
+        """Make this thread's own anew, and give it."""
+        thing = self._kept.thing = self._make()
         return thing

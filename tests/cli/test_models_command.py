@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from tests.standin_models import brightest
+
 
 @pytest.fixture(autouse=True)
 def models(tmp_path, monkeypatch):
@@ -17,10 +19,12 @@ def test_the_list_tells_size_licence_source_and_state(expmap):
     code, out, err = expmap("models", "list")
     assert code == 0
     assert "xfeat_800x576.onnx, 4.1 MB, Apache-2.0, XFeat of" in out
-    assert out.count("missing") == 2
+    assert "aliked: aliked.onnx, yours to supply: no published file is pinned, ALIKED of" in out
+    assert out.count("; missing\n") == out.count("\n") == 6
     assert "folder:" in err
     code, out, _ = expmap("models", "list", "--json")
-    assert {state["model"] for state in json.loads(out)} == {"xfeat"}
+    names = {state["model"] for state in json.loads(out)}
+    assert names == {"xfeat", "lighterglue", "aliked", "disk", "aliked-lightglue"}
 
 
 def test_weights_from_a_folder_can_be_used(expmap, shared_models, models):
@@ -28,8 +32,12 @@ def test_weights_from_a_folder_can_be_used(expmap, shared_models, models):
     assert code == 0
     assert out.strip() == str(models / "xfeat_800x576.onnx")
     assert "Apache-2.0" in err
-    assert expmap("models", "fetch")[0::2] == (0, "all are here\n")
     assert "; here" in expmap("models", "list")[1]
+    code, out, err = expmap("models", "fetch")
+    assert (code, out) == (0, "")
+    assert err.startswith("lighterglue: not fetched; take lighterglue_L3.onnx from a folder")
+    assert expmap("models", "fetch", "--from", shared_models)[0] == 0
+    assert expmap("models", "fetch")[0::2] == (0, "all are here\n")
 
 
 def test_an_empty_folder_is_an_error_that_says_where_to_get_them(expmap, tmp_path):
@@ -43,3 +51,37 @@ def test_features_without_their_weights_end_with_the_line_that_gets_them(expmap,
     code, _, err = expmap("build", sample_folder / "map.cfg", "--features", "xfeat")
     assert code == 4
     assert "expmap models fetch" in err
+
+
+def test_a_model_of_ones_own_is_not_fetched(expmap, models):
+    code, out, err = expmap("models", "fetch", "disk")
+    assert (code, out) == (2, "")
+    assert f"put it into {models} as disk.onnx" in err
+
+
+@pytest.mark.parametrize("features", ["aliked", "disk"])
+def test_features_with_a_model_of_ones_own_say_how_to_supply_it(expmap, sample_folder, models, features):
+    code, _, err = expmap("build", sample_folder / "map.cfg", "--features", features)
+    assert code == 4
+    assert f"put it into {models} as {features}.onnx" in err
+    models.mkdir()
+    (models / f"{features}.onnx").write_bytes(b"no model at all")
+    code, _, err = expmap("build", sample_folder / "map.cfg", "--features", features)
+    assert code == 1
+    assert "model that OpenCV can run" in err
+    assert "Traceback" not in err
+
+
+def test_a_map_with_a_model_of_ones_own_has_an_index_for_each_file(expmap, tmp_path, make_map, models):
+    cfg = make_map(tmp_path / "map", 2)
+    models.mkdir()
+    for count in (300, 200):
+        (models / "disk.onnx").write_bytes(brightest("disk", count=count))
+        code, out, err = expmap("build", cfg, "--features", "disk", "--method", "vote", "--json")
+        assert code == 0, err
+        assert json.loads(out)["descriptors"] == 2 * count
+        assert "WARN" not in err
+    assert len(list((tmp_path / "map").glob("derived/map/disk-*"))) == 2
+    photo = tmp_path / "map" / "photos" / "1.jpg"
+    code, out, err = expmap("localize", cfg, photo, "--features", "disk", "--method", "vote", "--json")
+    assert code == 0, err

@@ -151,7 +151,8 @@ def test_the_key_depends_on_what_is_computed_and_not_on_how_it_is_matched():
         index_key(sift, replace(extract, max_side_px=640)),
         index_key(choose("vote", detector="orb", extractor="sift"), extract),
     }
-    assert len(keys) == 6
+    keys |= {index_key(replace(sift, weights=weights), extract) for weights in ("5a", "5b")}
+    assert len(keys) == 8
     assert index_key(sift, extract).startswith("sift-")
 
 

@@ -5,10 +5,15 @@ import threading
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import numpy as np
 import pytest
 
+from tests.standin_models import brightest, glue
+from webapp.core.features.lightglue import LighterGlue, LightGlue
+from webapp.core.features.table import choose
 from webapp.errors import InputError, MissingPart, NotFound, UsageError
 from webapp.files import models as files
+from webapp.files.indexstore import index_key
 from webapp.files.models import ModelFile
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -140,3 +145,88 @@ def test_opening_says_what_is_missing_or_wrong(settings):
 
 def test_a_model_is_opened_once(shared_models):
     assert files.network("xfeat", shared_models) is files.network("xfeat", shared_models)
+
+
+OWN = ModelFile("mine.onnx", bytes=0, sha256="", licence="", source="its maker", address="")
+
+
+def test_a_file_of_ones_own_is_here_or_missing_and_never_fetched(file, settings, tmp_path):
+    models = {"net": (file,), "mine": (OWN,)}
+    assert [s.state for s in task.states(settings, models=models)] == ["missing", "missing"]
+    assert task.missing((), settings=settings, models=models) == ["net"]
+    with pytest.raises(UsageError, match="no published file is pinned") as refused:
+        task.missing(["net", "mine"], settings=settings, models=models)
+    assert refused.value.where == "mine.onnx"
+    assert str(settings.models) in refused.value.hint
+    settings.models.mkdir(parents=True)
+    (settings.models / "mine.onnx").write_bytes(b"anything")
+    assert [s.state for s in task.states(settings, models=models)] == ["missing", "here"]
+
+
+def test_a_published_file_without_an_address_comes_from_a_folder_only(file, settings, tmp_path):
+    models = {"net": (replace(file, address=""),)}
+    assert not task.offered("net", None, models=models)
+    assert not task.offered("net", tmp_path, models=models)
+    with pytest.raises(UsageError, match="address") as refused:
+        task.choose_file("net", None, models=models)
+    assert "--from" in refused.value.hint
+    (tmp_path / "net.onnx").write_bytes(CONTENT)
+    assert task.offered("net", tmp_path, models=models)
+    task.fetch(
+        task.choose_file("net", tmp_path, models=models), tmp_path, settings=settings, progress=Progress()
+    )
+    assert [s.state for s in task.states(settings, models=models)] == ["here"]
+
+
+@pytest.mark.parametrize("kind", ["aliked", "disk"])
+def test_a_file_of_ones_own_is_known_by_its_content(settings, kind):
+    choice = choose("verified", features=kind)
+    with pytest.raises(MissingPart, match="are not here") as missing:
+        files.with_weights(choice, settings.models)
+    assert f"{settings.models} as {kind}.onnx" in missing.value.hint
+    settings.models.mkdir(parents=True)
+    path = settings.models / f"{kind}.onnx"
+    path.write_bytes(brightest(kind))
+    first = files.with_weights(choice, settings.models)
+    assert first.weights == hashlib.sha256(path.read_bytes()).hexdigest()
+    opened = files.network(kind, settings.models, weights=first.weights)
+    assert files.network(kind, settings.models) is opened
+    path.write_bytes(brightest(kind, count=9))
+    second = files.with_weights(choice, settings.models)
+    assert index_key(second, Settings().extract) != index_key(first, Settings().extract)
+    assert files.network(kind, settings.models, weights=second.weights) is not opened
+    assert files.network(kind, settings.models, weights=first.weights) is opened
+    with pytest.raises(MissingPart, match="another one") as changed:
+        files.network(kind, settings.models, weights="0" * 64)
+    assert "expmap build" in changed.value.hint
+    path.write_bytes(b"no model")
+    with pytest.raises(InputError, match="model that OpenCV can run"):
+        files.with_weights(choice, settings.models)
+    assert files.with_weights(choose("verified", features="sift"), settings.models).weights == ""
+
+
+def test_aliked_is_not_opened_again_from_a_file_that_has_changed(settings):
+    settings.models.mkdir(parents=True)
+    path = settings.models / "aliked.onnx"
+    path.write_bytes(brightest("aliked"))
+    opened = files.network("aliked", settings.models)
+    path.write_bytes(brightest("aliked", count=9))
+    with pytest.raises(MissingPart, match="another one"):
+        opened.points(np.zeros((64, 64, 3), np.uint8))
+
+
+def test_photos_are_matched_by_the_network_for_their_features(settings, shared_models):
+    for features in ("sift", "disk", "sift+xfeat"):
+        with pytest.raises(UsageError, match="xfeat or aliked"):
+            files.pair_matcher(features, settings.models)
+    for features, hint in (("xfeat", "lighterglue_L3.onnx"), ("aliked", "aliked_lightglue.onnx")):
+        with pytest.raises(MissingPart, match=hint):
+            files.pair_matcher(features, settings.models)
+    settings.models.mkdir(parents=True)
+    (settings.models / "aliked_lightglue.onnx").write_bytes(glue())
+    opened = files.pair_matcher("aliked", settings.models)
+    assert isinstance(opened, LightGlue)
+    assert files.pair_matcher("aliked", settings.models) is opened
+    (settings.models / "aliked_lightglue.onnx").write_bytes(glue(by="look"))
+    assert files.pair_matcher("aliked", settings.models) is not opened
+    assert isinstance(files.pair_matcher("xfeat", shared_models), LighterGlue)

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from webapp.cli.progressbar import terminal_progress
-from webapp.files.models import ModelFile, models_folder
+from webapp.files.models import MODELS, ModelFile, how_to_get, models_folder
 from webapp.settings import from_environment
 from webapp.tasks import models as task
 
@@ -38,20 +38,27 @@ def list_models(as_json: bool) -> None:
     help="Take the files from there, and download nothing.",
 )  # fmt: skip
 def fetch(names: tuple[str, ...], source: Path | None) -> None:
-    """Fetch models, all or those named, into EXPMAP_MODELS or the user's cache.
+    """Fetch models, all that there are or those named, into EXPMAP_MODELS or the user's cache.
 
-    A file is kept only if it is, byte by byte, the one that was published.
+    A file is kept only if it is, byte by byte, the one that was published. Models without a published file
+    are yours to put there.
     """
     settings = from_environment()
-    wanted = task.missing(names, settings=settings)
-    if not wanted:
+    missing = task.missing(names, settings=settings)
+    wanted = missing if names else [name for name in missing if task.offered(name, source)]
+    if not missing:
         click.echo("all are here", err=True)
-    for name in wanted:
+    for name in missing[:1] if source and not wanted else wanted:
         file = task.choose_file(name, source)
         click.echo(f"{_line(file)}; from {source or file.address}", err=True)
         with terminal_progress(file.name) as progress:
             click.echo(task.fetch(file, source, settings=settings, progress=progress))
+    for name in missing:
+        if name not in wanted:
+            click.echo(f"{name}: not fetched; {how_to_get(MODELS[name][0], settings.models)}", err=True)
 
 
 def _line(file: ModelFile) -> str:
+    if not file.published:
+        return f"{file.name}, yours to supply: no published file is pinned, {file.source}"
     return f"{file.name}, {file.bytes / 1e6:.1f} MB, {file.licence}, {file.source}"

@@ -229,7 +229,8 @@ class IndexFolder:
 
 def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
     """Name the folder of the index with these features and settings."""
-    parts = json.dumps([FORMAT, choice.detector, choice.extractor, asdict(extract)], sort_keys=True)
+    own = [choice.weights] if choice.weights else []
+    parts = json.dumps([FORMAT, choice.detector, choice.extractor, asdict(extract), *own], sort_keys=True)
     name = choice.name.replace("+", "-")
     return f"{name}-{hashlib.sha256(parts.encode()).hexdigest()[:8]}"
 

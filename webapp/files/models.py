@@ -1,30 +1,41 @@
-"""Weights of networks: which files there are, where they are kept, and whether they are the right ones."""
+"""Weights of networks: which files there are, where they are kept, and whether they are the right ones.
+
+Published files are known by their hash. Others the user supplies: of those only the name is known, and their
+hash becomes part of what an index is named by.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from webapp.core.features.aliked import AlikedNetwork
+from webapp.core.features.disk import DiskNetwork
+from webapp.core.features.extract import Network
+from webapp.core.features.lightglue import LighterGlue, LightGlue, PairMatcher
+from webapp.core.features.table import FeatureChoice
 from webapp.core.features.xfeatnet import XFeatNetwork
-from webapp.errors import MissingPart, StorageError
+from webapp.errors import MissingPart, StorageError, UsageError
 
 _FETCH = "get them with expmap models fetch"
 
 
 @dataclass(frozen=True, slots=True)
 class ModelFile:
-    """A published file with weights.
+    """A file with weights.
 
     Attributes
     ----------
     name : str
         Of the file.
     bytes : int
+        0 for a file that the user supplies.
     sha256 : str
+        Empty for a file that the user supplies: any file of this name is taken.
     licence : str
     source : str
         Who made it, in words.
@@ -38,6 +49,15 @@ class ModelFile:
     licence: str
     source: str
     address: str
+
+    @property
+    def published(self) -> bool:
+        """Whether it is one certain file; else the user supplies it."""
+        return bool(self.sha256)
+
+
+def _own(name: str, source: str) -> ModelFile:
+    return ModelFile(name, bytes=0, sha256="", licence="", source=source, address="")
 
 
 _XFEAT_SOURCE = "XFeat of github.com/verlab/accelerated_features, as exported in github.com/meyiao/xfeatc"
@@ -62,8 +82,25 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
             address="",
         ),
     ),
+    "lighterglue": (
+        ModelFile(
+            name="lighterglue_L3.onnx",
+            bytes=2_349_183,
+            sha256="a721f366f54b20328fa98c799cc31478edb1c31f0c941528df3d363c3753760d",
+            licence="Apache-2.0",
+            source="LighterGlue of github.com/verlab/accelerated_features, exported with 3 layers by the "
+            "program of github.com/noahzhy/xfeat_lightglue_onnx",
+            address="",
+        ),
+    ),
+    "aliked": (_own("aliked.onnx", "ALIKED of github.com/Shiaoming/ALIKED"),),
+    "disk": (_own("disk.onnx", "DISK of github.com/cvlab-epfl/disk"),),
+    "aliked-lightglue": (_own("aliked_lightglue.onnx", "LightGlue of github.com/cvg/LightGlue for ALIKED"),),
 }
 """Of each model, files with the same weights: any one of them is enough. The first is the one to fetch."""
+
+PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
+"""The model that matches photos with features of a name."""
 
 
 def models_folder(chosen: Path | None) -> Path:
@@ -72,55 +109,162 @@ def models_folder(chosen: Path | None) -> Path:
 
 
 def is_that(data: bytes, file: ModelFile) -> bool:
-    """Tell whether bytes are those of a published file."""
+    """Tell whether bytes are those of a published file; a file that the user supplies may be any."""
+    if not file.published:
+        return True
     return len(data) == file.bytes and hashlib.sha256(data).hexdigest() == file.sha256
+
+
+def how_to_get(file: ModelFile, chosen: Path | None) -> str:
+    """Say how a file comes here."""
+    if file.address:
+        return _FETCH
+    if file.published:
+        return f"take {file.name} from a folder that has it: expmap models fetch --from FOLDER"
+    return (
+        f"it is yours to supply: put it into {models_folder(chosen)} as {file.name}; docs/localization.md, "
+        "Features, says which export"
+    )
 
 
 def installed(model: str, chosen: Path | None) -> ModelFile | None:
     """Look for a file of a model that has the right size; its content is checked when it is opened."""
     folder = models_folder(chosen)
-    return next((f for f in MODELS[model] if _size(folder / f.name) == f.bytes), None)
+    for file in MODELS[model]:
+        size = _size(folder / file.name)
+        if size is not None and size == (file.bytes if file.published else size):
+            return file
+    return None
 
 
-def network(model: str | None, chosen: Path | None) -> XFeatNetwork | None:
-    """Open a model, or take it as it was opened before in this process.
+def with_weights(choice: FeatureChoice, chosen: Path | None) -> FeatureChoice:
+    """Open the model of features, and note the file if the user supplied it.
+
+    Parameters
+    ----------
+    choice : FeatureChoice
+    chosen : Path or None
+        Folder with the weights, instead of the user's cache.
+
+    Raises
+    ------
+    MissingPart
+        It is not there, or not what it should be.
+    InputError
+        The user's file is of another kind.
+    StorageError
+        It cannot be read.
+    """
+    if choice.model is None:
+        return choice
+    path, file = _there(choice.model, chosen)
+    if not file.published:
+        choice = replace(choice, weights=hashlib.sha256(_read(path)).hexdigest())
+    network(choice.model, chosen, weights=choice.weights)
+    return choice
+
+
+def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Network | None:
+    """Open a model of features, or take it as it was opened before in this process.
 
     Parameters
     ----------
     model : str or None
-        Name in `MODELS`; None needs none.
+        `FeatureChoice.model`; None needs none.
     chosen : Path or None
         Folder with the weights, instead of the user's cache.
+    weights : str
+        `FeatureChoice.weights`: which file it has to be, where the user supplied it.
 
     Returns
     -------
-    XFeatNetwork or None
+    XFeatNetwork, AlikedNetwork, DiskNetwork or None
         None where none is needed.
 
     Raises
     ------
     MissingPart
         The weights are not there, or are not what they should be.
+    InputError
+        The user's file is of another kind.
     StorageError
         They cannot be read.
     """
     if model is None:
         return None
+    path, file = _there(model, chosen)
+    return _network(model, path, file.sha256 or weights or hashlib.sha256(_read(path)).hexdigest())
+
+
+def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
+    """Open the network that matches features of two photos, or take it as it was opened before.
+
+    Parameters
+    ----------
+    features : str
+        `FeatureChoice.name`.
+    chosen : Path or None
+        Folder with the weights, instead of the user's cache.
+
+    Raises
+    ------
+    UsageError
+        There is none for these features.
+    MissingPart, InputError, StorageError
+        As for `network`.
+    """
+    model = PAIR_MATCHERS.get(features)
+    if model is None:
+        fitting = " or ".join(PAIR_MATCHERS)
+        raise UsageError(
+            f"no network matches features {features}", where="--features", hint=f"take --features {fitting}"
+        )
+    path, file = _there(model, chosen)
+    return _matcher(model, path, file.sha256 or hashlib.sha256(_read(path)).hexdigest())
+
+
+def _there(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     file = installed(model, chosen)
     if file is None:
-        raise MissingPart(f"the weights of {model} are not here", where="models", hint=_FETCH)
-    return _opened(models_folder(chosen) / file.name, file)
+        hint = how_to_get(MODELS[model][0], chosen)
+        raise MissingPart(f"the weights of {model} are not here", where="models", hint=hint)
+    return models_folder(chosen) / file.name, file
+
+
+@lru_cache(maxsize=4)
+def _network(model: str, path: Path, sha256: str) -> Network:
+    data = _checked(model, path, sha256=sha256)
+    if model == "xfeat":
+        return XFeatNetwork(data)
+    if model == "disk":
+        return DiskNetwork(data, str(path))
+    return AlikedNetwork(data, str(path), look=partial(_checked, model, path, sha256=sha256))
 
 
 @lru_cache(maxsize=2)
-def _opened(path: Path, file: ModelFile) -> XFeatNetwork:
+def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
+    data = _checked(model, path, sha256=sha256)
+    return LighterGlue(data) if model == "lighterglue" else LightGlue(data, str(path))
+
+
+def _checked(model: str, path: Path, *, sha256: str) -> bytes:
+    data = _read(path)
+    if hashlib.sha256(data).hexdigest() == sha256:
+        return data
+    if any(file.sha256 == sha256 for file in MODELS[model]):
+        raise MissingPart("the file is not the published one", where=str(path), hint=_FETCH)
+    raise MissingPart(
+        "the file is another one than when the map was opened",
+        where=str(path),
+        hint="run expmap build on the map, and start a server that is running anew",
+    )
+
+
+def _read(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise StorageError(f"cannot be read: {error.strerror}", where=str(path)) from error
-    if not is_that(data, file):
-        raise MissingPart("the file is not the published one", where=str(path), hint=_FETCH)
-    return XFeatNetwork(data)
 
 
 def _size(path: Path) -> int | None:

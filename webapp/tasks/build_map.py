@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.files.mapfolder import read_map
+from webapp.files.models import with_weights
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import build_index, calibrate, open_map, orient_map
@@ -40,9 +41,9 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
 
     Raises
     ------
-    MapError, UsageError, StorageError, Cancelled
+    MapError, UsageError, MissingPart, InputError, StorageError, Cancelled
     """
-    choice = options.choice()
+    choice = with_weights(options.choice(), settings.models)
     the_map = read_map(cfg)
     choice = open_map.within_memory(choice, the_map, options=options, settings=settings)
     folder = index_folder(index_bases(cfg, options.index)[-1], choice, extract=settings.extract)

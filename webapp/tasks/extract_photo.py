@@ -136,7 +136,7 @@ def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
         keypoints=settings.extract.keypoints,
         scale=gray.scale,
         photo_size=gray.full_size,
-        network=network(job.choice.model, settings.models),
+        network=network(job.choice.model, settings.models, weights=job.choice.weights),
     )
     return PhotoEntry(content, math.nan if fov is None else fov, features)
 

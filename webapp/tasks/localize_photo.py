@@ -85,13 +85,14 @@ class PhotoLocalizer:
         gray = read_gray(photo_path, limits=limits, max_side=options.max_side_px)
         fov = self._fov(photo_path, gray.full_size) if self.method == "verified" else None
         clock.append(time.perf_counter())
+        choice = self.opened.choice
         features = extract(
             gray.pixels,
-            self.opened.choice,
+            choice,
             keypoints=options.keypoints,
             scale=gray.scale,
             photo_size=gray.full_size,
-            network=network(self.opened.choice.model, self.settings.models),
+            network=network(choice.model, self.settings.models, weights=choice.weights),
         )
         clock.append(time.perf_counter())
         if fov is None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from webapp.errors import InputError, NotFound, StorageError, UsageError
 from webapp.files import atomic
-from webapp.files.models import MODELS, ModelFile, is_that, models_folder
+from webapp.files.models import MODELS, ModelFile, how_to_get, is_that, models_folder
 from webapp.net.download import download
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -23,7 +23,7 @@ class ModelState:
     Attributes
     ----------
     model : str
-        What it is for: the name of features.
+        What it is for: the name of features, or of a network that matches them.
     file : ModelFile
     state : {"here", "missing", "damaged"}
     """
@@ -40,25 +40,37 @@ def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
 
 
 def missing(names: Collection[str], *, settings: Settings, models: Models = MODELS) -> list[str]:
-    """Tell which models have no file here.
+    """Tell which models with published files have no file here.
 
     Parameters
     ----------
     names : collection of str
-        Models; all when empty.
+        Models; all with published files when empty.
     settings : Settings
     models : mapping, optional
 
     Raises
     ------
     UsageError
-        There is no model of a name.
+        There is no model of a name, or no published file of it.
     """
     unknown = next((name for name in names if name not in models), None)
     if unknown is not None:
         raise UsageError(f"there is no model {unknown!r}", where="models", hint=f"known: {', '.join(models)}")
+    wanted = [name for name in models if name in names or (not names and models[name][0].published)]
+    own = next((models[name][0] for name in wanted if not models[name][0].published), None)
+    if own is not None:
+        hint = how_to_get(own, settings.models)
+        raise UsageError("no published file is pinned, so none is fetched", where=own.name, hint=hint)
     here = {state.model for state in states(settings, models=models) if state.state == "here"}
-    return [name for name in models if name in (names or models) and name not in here]
+    return [name for name in wanted if name not in here]
+
+
+def offered(name: str, source: Path | None, *, models: Models = MODELS) -> bool:
+    """Tell whether a file of a model is in a folder, or without one has an address."""
+    if source is None:
+        return bool(models[name][0].address)
+    return any((source / file.name).is_file() for file in models[name])
 
 
 def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> ModelFile:
@@ -75,9 +87,14 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
     ------
     NotFound
         The folder has none of them.
+    UsageError
+        It has no address.
     """
     files = models[name]
     if source is None:
+        if not files[0].address:
+            hint = how_to_get(files[0], None)
+            raise UsageError("there is no sure address to fetch it from", where=files[0].name, hint=hint)
         return files[0]
     found = next((file for file in files if (source / file.name).is_file()), None)
     if found is None:

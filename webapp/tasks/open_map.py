@@ -27,7 +27,7 @@ from webapp.errors import IndexDamaged, MapError, NotReady
 from webapp.files.featurefile import read_segment
 from webapp.files.indexstore import IndexFolder, Manifest, read_search_index
 from webapp.files.mapfolder import read_map
-from webapp.files.models import network
+from webapp.files.models import with_weights
 from webapp.files.vladfile import read_codebook, read_signatures
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -150,11 +150,13 @@ def run(
         There is no index, and none is to be built.
     MissingPart
         The features need a model that is not here.
+    InputError
+        The user's file with the model is of another kind.
     StorageError, IndexDamaged, Cancelled
     """
     bases = index_bases(cfg, options.index)
-    choice = _choice(bases, options, settings=settings)
-    network(choice.model, settings.models)  # what is missing is told before anything is built
+    # What is missing is told before anything is built.
+    choice = with_weights(_choice(bases, options, settings=settings), settings.models)
     the_map = read_map(cfg) if the_map is None else the_map
     choice = within_memory(choice, the_map, options=options, settings=settings)
     if not the_map.experiences:

@@ -12,15 +12,22 @@ FITTING = {
     "sift-plain": {"flann", "l1", "l2", "ivf", "vlad"},
     "surf": {"flann", "l1", "l2", "ivf", "vlad"},
     "xfeat": {"flann", "l1", "l2", "ivf", "vlad"},
+    "aliked": {"flann", "l1", "l2", "ivf", "vlad"},
+    "disk": {"flann", "l1", "l2", "ivf", "vlad"},
     "orb": {"flann", "hamming", "hamming2", "ivf"},
     "orb-wta4": {"hamming2"},
 }
 
-ALL = [
-    (method, detector, extractor, matcher)
-    for method in METHODS
-    for detector, extractor, matcher in itertools.product(DETECTORS, EXTRACTORS, MATCHERS)
-]
+LEARNED = {"xfeat", "aliked", "disk"}
+
+
+def goes_with(detector: str, extractor: str) -> bool:
+    alone = extractor in ("aliked", "disk") or {detector, extractor} <= LEARNED
+    return detector == extractor or not alone
+
+
+PAIRS = [pair for pair in itertools.product(DETECTORS, EXTRACTORS) if goes_with(*pair)]
+ALL = [(method, *pair, matcher) for method in METHODS for pair in PAIRS for matcher in MATCHERS]
 
 
 def works(method: Method, extractor: str, matcher: str) -> bool:
@@ -60,7 +67,7 @@ def test_every_bundle_has_a_matcher_for_every_method(method, features):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("detector", "extractor"), [*itertools.product(DETECTORS, EXTRACTORS)])
+@pytest.mark.parametrize(("detector", "extractor"), PAIRS)
 def test_every_pair_has_a_usual_matcher(method, detector, extractor):
     choice = choose(method, detector=detector, extractor=extractor)
     assert works(method, choice.extractor, choice.matcher)
@@ -109,7 +116,27 @@ def test_a_matcher_of_other_descriptors_names_the_features_for_it():
 
 def test_what_needs_a_model_and_what_has_no_orientation():
     needs = {name: choose("verified", features=name).model for name in BUNDLES}
-    assert needs == {"sift": None, "sift-plain": None, "surf": None, "orb": None, "xfeat": "xfeat"}
+    assert needs == {name: name if name in LEARNED else None for name in BUNDLES}
     assert choose("verified", detector="xfeat", extractor="sift").model == "xfeat"
-    assert [name for name in BUNDLES if not choose("verified", features=name).oriented] == ["xfeat"]
+    assert choose("verified", detector="disk", extractor="orb").model == "disk"
+    assert {name for name in BUNDLES if not choose("verified", features=name).oriented} == LEARNED
     assert choose("verified", detector="sift", extractor="xfeat").oriented
+
+
+@pytest.mark.parametrize(
+    ("detector", "extractor"), [p for p in itertools.product(DETECTORS, EXTRACTORS) if not goes_with(*p)]
+)
+def test_what_describes_its_own_keypoints_only_and_two_models_are_refused(detector, extractor):
+    with pytest.raises(UsageError, match=f"{detector}") as refused:
+        choose("verified", detector=detector, extractor=extractor)
+    assert refused.value.where == "--extractor"
+    for words in refused.value.hint.removeprefix("take ").split(" or "):
+        choose("verified", features=words.removeprefix("--features "))
+    with pytest.raises(UsageError):
+        choose("vote", features=detector, extractor=extractor)
+
+
+def test_descriptors_of_learned_features_have_their_width():
+    assert {name: choose("vote", features=name).width for name in LEARNED} == {
+        "xfeat": 64, "aliked": 128, "disk": 128
+    }  # fmt: skip

@@ -1,10 +1,15 @@
 """Networks that are written here are what OpenCV reads, and their weights are read back."""
 
+from contextlib import suppress
+
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from webapp.core.features.onnx import Convolution, Graph, read_convolutions
+from tests.onnx_writer import Writer
+from webapp.core.features.onnx import Convolution, Graph, read_convolutions, read_interface
 
 
 def random_layer(rng, out, channels, side):
@@ -49,3 +54,27 @@ def test_opencv_computes_the_layers_for_any_size(network, shape):
     smooth = np.einsum("oc,chw->ohw", mix[:, :, 0, 0], halved) + shift[:, None, None]
     large = np.stack([cv2.resize(s, shape[::-1], interpolation=cv2.INTER_LINEAR) for s in smooth])
     assert np.abs(answer - 1.0 / (1.0 + np.exp(-(large + more)))).max() < 1e-5
+
+
+def test_what_a_model_takes_and_gives_is_read(network):
+    assert read_interface(network[-1]) == (
+        {"image": (1, 1, None, None), "more": (1, 2, None, None)}, {"answer"}
+    )  # fmt: skip
+    other = Writer()
+    other.input("photo", -1, 3, "height", 640)
+    other.input("number")
+    other.output("a", 5)
+    other.output("b")
+    assert read_interface(other.to_bytes()) == ({"photo": (None, 3, None, 640), "number": ()}, {"a", "b"})
+
+
+@given(st.binary(max_size=300), st.integers(0, 400))
+def test_any_bytes_have_an_interface_or_none(data, cut):
+    model = Writer()
+    model.input("photo", 1, 3)
+    model.output("a", 5)
+    for file in (data, model.to_bytes()[:cut] + data, model.to_bytes() + data):
+        with suppress(ValueError):
+            inputs, outputs = read_interface(file)
+            assert isinstance(inputs, dict)
+            assert isinstance(outputs, set)

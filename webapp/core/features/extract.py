@@ -5,10 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.aliked import Aliked, AlikedNetwork
+from webapp.core.features.disk import Disk, DiskNetwork
 from webapp.core.features.table import DETECTORS, EXTRACTORS, FeatureChoice
 from webapp.core.features.types import Detector, Extractor, Features, features_from_keypoints
 from webapp.core.features.xfeat import XFeat
 from webapp.core.features.xfeatnet import XFeatNetwork
+
+Network = XFeatNetwork | AlikedNetwork | DiskNetwork
+"""A model with its weights."""
 
 
 def extract(
@@ -18,7 +23,7 @@ def extract(
     keypoints: int,
     scale: float = 1.0,
     photo_size: tuple[int, int] | None = None,
-    network: XFeatNetwork | None = None,
+    network: Network | None = None,
 ) -> Features:
     """Detect and describe keypoints.
 
@@ -33,8 +38,8 @@ def extract(
         Size of `gray` over size of the photo.
     photo_size : (int, int), optional
         Width and height of the photo at full size; of `gray` when it was not scaled.
-    network : XFeatNetwork, optional
-        Needed where `choice.model` says so.
+    network : XFeatNetwork, AlikedNetwork or DiskNetwork, optional
+        That of `choice.model`, where it says one.
 
     Returns
     -------
@@ -45,13 +50,25 @@ def extract(
     ------
     MissingPart
         The network is needed and not given.
+    InputError
+        The network is of a file that the user supplied, and OpenCV cannot run it.
     """
-    learned = XFeat(network)
-    extractor: Extractor = learned if choice.extractor == "xfeat" else EXTRACTORS[choice.extractor]()
+    learned = _around(network) if network is not None and choice.model else None
+    extractor: Extractor = (
+        learned if learned and choice.extractor == choice.model else EXTRACTORS[choice.extractor]()
+    )
     if choice.detector == choice.extractor.split("-")[0]:
         found, descriptors = extractor.detect_and_describe(gray, keypoints)
     else:
-        detector: Detector = learned if choice.detector == "xfeat" else DETECTORS[choice.detector]()
+        detector: Detector = (
+            learned if learned and choice.detector == choice.model else DETECTORS[choice.detector]()
+        )
         found, descriptors = extractor.describe(gray, detector.detect(gray, keypoints))
     size = photo_size or (gray.shape[1], gray.shape[0])
     return features_from_keypoints(found, descriptors, scale=scale, photo_size=size)
+
+
+def _around(network: Network) -> XFeat | Aliked | Disk:
+    if isinstance(network, XFeatNetwork):
+        return XFeat(network)
+    return Aliked(network) if isinstance(network, AlikedNetwork) else Disk(network)

@@ -1,7 +1,7 @@
 """The little of the ONNX format (protocol buffers) that it takes to read weights and to write a network.
 
-Only what is needed here: convolutions with their weights in, a graph of a few kinds of layers out. The
-numbers of the fields are those of `onnx.proto3`.
+Only what is needed here: what a model takes and gives, convolutions with their weights in, a graph of a few
+kinds of layers out. The numbers of the fields are those of `onnx.proto3`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 _FLOAT, _INT, _STRING, _INTS = 1, 2, 3, 7
 _OPSET = 11
+
+_MOST_SIDE = 1 << 31
+"""Numbers that are larger stand for negative ones, which mean that the side is not fixed."""
 
 
 class Convolution(NamedTuple):
@@ -46,6 +49,45 @@ def read_convolutions(data: bytes) -> dict[str, Convolution]:
             _, weight, bias = node.texts(1)
             found[node.texts(2)[0]] = Convolution(tensors[weight], tensors[bias])
     return found
+
+
+Sides = tuple[int | None, ...]
+"""Of an array; None where any will do."""
+
+
+def read_interface(data: bytes) -> tuple[dict[str, Sides], set[str]]:
+    """Read what a model takes and gives.
+
+    Parameters
+    ----------
+    data : bytes
+        A file that may be anything.
+
+    Returns
+    -------
+    dict of str to tuple of (int or None)
+        The sides of each input.
+    set of str
+        Names of the outputs.
+
+    Raises
+    ------
+    ValueError
+        It is no such model.
+    """
+    try:
+        graph = _Message(_Message(data).parts[7][0])
+        inputs = [_Message(part) for part in graph.parts[11]]
+        outputs = [_Message(part) for part in graph.parts[12]]
+        return {i.texts(1)[0]: _sides(i) for i in inputs}, {o.texts(1)[0] for o in outputs}
+    except IndexError as error:
+        raise ValueError("a part of the model is missing") from error
+
+
+def _sides(declared: _Message) -> Sides:
+    shape = _Message(_Message(_Message(declared.parts[2][0]).parts[1][0]).parts[2][0])
+    numbers = [_Message(side).numbers[1] for side in shape.parts[1]]
+    return tuple(n[0] if n and 0 < n[0] < _MOST_SIDE else None for n in numbers)
 
 
 def _tensor(message: _Message) -> tuple[str, NDArray[np.float32]]:
@@ -85,6 +127,8 @@ def _number(view: memoryview, at: int) -> tuple[int, int]:
         shift += 7
         if byte < 128:
             return value, at
+        if shift > 63:
+            raise ValueError("a number has too many digits")
 
 
 class Graph:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from webapp.core.features.aliked import Aliked
+from webapp.core.features.disk import Disk
 from webapp.core.features.orb import Orb
 from webapp.core.features.sift import Sift
 from webapp.core.features.surf import Surf
@@ -19,7 +21,14 @@ Method = Literal["vote", "verified"]
 
 METHODS: tuple[Method, ...] = ("vote", "verified")
 
-DETECTORS: dict[str, Callable[[], Detector]] = {"sift": Sift, "surf": Surf, "orb": Orb, "xfeat": XFeat}
+DETECTORS: dict[str, Callable[[], Detector]] = {
+    "sift": Sift,
+    "surf": Surf,
+    "orb": Orb,
+    "xfeat": XFeat,
+    "aliked": Aliked,
+    "disk": Disk,
+}
 
 EXTRACTORS: dict[str, Callable[[], Extractor]] = {
     "sift": Sift,
@@ -28,7 +37,15 @@ EXTRACTORS: dict[str, Callable[[], Extractor]] = {
     "orb": Orb,
     "orb-wta4": lambda: Orb(points_per_test=4),
     "xfeat": XFeat,
+    "aliked": Aliked,
+    "disk": Disk,
 }
+
+_LEARNED = ("xfeat", "aliked", "disk")
+"""What needs a model of its name."""
+
+_OWN_KEYPOINTS = frozenset({"aliked", "disk"})
+"""Extractors that describe no keypoints but their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +87,8 @@ BUNDLES: dict[str, tuple[str, str]] = {
     "surf": ("surf", "surf"),
     "orb": ("orb", "orb"),
     "xfeat": ("xfeat", "xfeat"),
+    "aliked": ("aliked", "aliked"),
+    "disk": ("disk", "disk"),
 }
 """`--features NAME`: detector and extractor; the matcher follows from the method."""
 
@@ -91,11 +110,14 @@ class FeatureChoice:
     ----------
     detector, extractor, matcher : str
         Names in the tables of this module.
+    weights : str
+        SHA-256 of the model file where the user supplied it: another file gives other features.
     """
 
     detector: str
     extractor: str
     matcher: str
+    weights: str = ""
 
     @property
     def name(self) -> str:
@@ -130,7 +152,7 @@ class FeatureChoice:
     @property
     def model(self) -> str | None:
         """Name of the model whose weights are needed; None where none are."""
-        return "xfeat" if "xfeat" in (self.detector, self.extractor) else None
+        return next((name for name in _LEARNED if name in (self.detector, self.extractor)), None)
 
 
 def choose(
@@ -169,6 +191,7 @@ def choose(
     if chosen_matcher == "hamming2" and chosen_extractor == "orb":
         chosen_extractor = "orb-wta4"  # Hamming2 counts pairs of bits, which only these tests produce.
     choice = FeatureChoice(chosen_detector, chosen_extractor, chosen_matcher)
+    _refuse_strangers(choice)
     _refuse_what_cannot_work(choice, method)
     return choice
 
@@ -178,6 +201,19 @@ def _fits(matcher: str, extractor: str, method: Method) -> bool:
     if extractor in _PAIRS_OF_BITS and matcher != "hamming2":
         return False
     return EXTRACTORS[extractor]().kind in entry.kinds and method in entry.methods
+
+
+def _refuse_strangers(choice: FeatureChoice) -> None:
+    detector, extractor = choice.detector, choice.extractor
+    if detector == extractor:
+        return
+    if extractor in _OWN_KEYPOINTS:
+        message = f"{extractor} describes its own keypoints only, not those of {detector}"
+        raise UsageError(message, where="--extractor", hint=f"take --features {extractor}")
+    if detector in _LEARNED and extractor in _LEARNED:
+        message = f"{detector} and {extractor} have a model each, and only one can be used"
+        hint = f"take --features {detector} or --features {extractor}"
+        raise UsageError(message, where="--extractor", hint=hint)
 
 
 def _refuse_what_cannot_work(choice: FeatureChoice, method: Method) -> None:

@@ -1,0 +1,76 @@
+"""Writes small ONNX models of any layers, as stand-ins for published ones (fields as in onnx.proto3)."""
+
+import numpy as np
+
+FLOAT, INT64 = 1, 7
+OPSET = 13
+
+
+class Writer:
+    """A model that is put together node by node; each method gives the name of what it added."""
+
+    def __init__(self):
+        self._parts = [_field(2, b"graph")]
+        self._count = 0
+
+    def input(self, name, *shape, kind=FLOAT):
+        """Declare an input; a side that is a text is not fixed."""
+        self._parts.append(_field(11, _declared(name, shape, kind)))
+        return name
+
+    def output(self, name, *shape, kind=FLOAT):
+        self._parts.append(_field(12, _declared(name, shape, kind)))
+
+    def constant(self, values):
+        """Add an array, float32 or int64."""
+        array, name = np.asarray(values), self._name()
+        kind, form = (INT64, "<i8") if array.dtype.kind == "i" else (FLOAT, "<f4")
+        shape = b"".join(_field(1, side) for side in array.shape)
+        tensor = shape + _field(2, kind) + _field(8, name.encode()) + _field(9, array.astype(form).tobytes())
+        self._parts.append(_field(5, tensor))
+        return name
+
+    def node(self, kind, *inputs, name=None, outputs=1, **attributes):
+        """Add a node; several outputs come as a list. Attributes are integers, lists of them, texts."""
+        names = [name] if name else [self._name() for _ in range(outputs)]
+        node = b"".join(_field(1, name.encode()) for name in inputs)
+        node += b"".join(_field(2, name.encode()) for name in names)
+        node += _field(3, self._name().encode()) + _field(4, kind.encode())
+        for key, value in attributes.items():
+            if isinstance(value, int):
+                content, form = _field(3, value), 2
+            elif isinstance(value, str):
+                content, form = _field(4, value.encode()), 3
+            else:
+                content, form = b"".join(_field(8, v) for v in value), 7
+            node += _field(5, _field(1, key.encode()) + content + _field(20, form))
+        self._parts.append(_field(1, node))
+        return names[0] if outputs == 1 else names
+
+    def to_bytes(self):
+        return _field(1, 8) + _field(8, _field(2, OPSET)) + _field(7, b"".join(self._parts))
+
+    def _name(self):
+        self._count += 1
+        return f"n{self._count}"
+
+
+def _declared(name, shape, kind):
+    sides = (_field(2, side.encode()) if isinstance(side, str) else _field(1, side) for side in shape)
+    dims = b"".join(_field(1, side) for side in sides)
+    return _field(1, name.encode()) + _field(2, _field(1, _field(1, kind) + _field(2, dims)))
+
+
+def _field(number, value):
+    if isinstance(value, int):
+        return _varint(number << 3) + _varint(value % (1 << 64))
+    return _varint(number << 3 | 2) + _varint(len(value)) + value
+
+
+def _varint(value):
+    out = bytearray()
+    while value > 127:
+        out.append(value & 127 | 128)
+        value >>= 7
+    out.append(value)
+    return bytes(out)

@@ -1,0 +1,84 @@
+"""DISK (Tyszkiewicz et al. 2020) as OpenCV runs it, with a model file that the user supplies."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.modelfile import Expected, quietly
+from webapp.core.features.points import WIDTH, PointFeatures, Points
+from webapp.threads import OnePerThread
+
+EXPECTED = Expected("DISK", inputs=("image",), outputs=("keypoints", "scores", "descriptors"))
+
+_ALL = -1
+
+
+class Disk(PointFeatures):
+    """Detector and extractor of DISK."""
+
+    name = "DISK"
+
+
+class DiskNetwork:
+    """The network with its weights; may be used by several threads, each of which gets its own copy.
+
+    Parameters
+    ----------
+    model : bytes
+        Content of the file.
+    path : str
+        Where the file is, for people.
+
+    Raises
+    ------
+    InputError
+        It is no such model.
+    """
+
+    multiple = 16
+
+    def __init__(self, model: bytes, path: str) -> None:
+        image = EXPECTED.check(model, path)["image"]
+        if len(image) != 4:
+            raise EXPECTED.refused(path)
+        self.sides = (image[3], image[2])
+        self._path = path
+        self._onnx = np.frombuffer(model, np.uint8)
+        self._net = OnePerThread(self._opened)
+
+    def points(self, image: NDArray[np.uint8]) -> Points:
+        """Find and describe keypoints in an (h, w, 3) uint8 image.
+
+        Raises
+        ------
+        InputError
+            OpenCV cannot run the model.
+        """
+        try:
+            return self._points(image)
+        except cv2.error as error:
+            # OpenCV 5.0 fails where a network finds nothing, too. One that works finds something in noise.
+            noise = np.random.default_rng(0).integers(0, 256, image.shape, dtype=np.uint8)
+            try:
+                self._net.renew()
+                self._points(noise)
+            except cv2.error:
+                raise EXPECTED.refused(self._path) from error
+            return Points(*(np.zeros(shape, np.float32) for shape in ((0, 2), 0, (0, WIDTH))))
+
+    def _points(self, image: NDArray[np.uint8]) -> Points:
+        net = self._net.get()
+        net.setImageSize(image.shape[1::-1])
+        found, descriptors = net.detectAndCompute(image, None)
+        if descriptors is None:
+            descriptors = np.zeros((0, WIDTH), np.float32)
+        elif descriptors.shape[1] != WIDTH:
+            raise EXPECTED.refused(self._path)
+        xy = np.array([k.pt for k in found], np.float32).reshape(-1, 2)
+        return Points(xy, np.array([k.response for k in found], np.float32), descriptors)
+
+    def _opened(self) -> cv2.DISK:
+        with quietly():
+            return cv2.DISK.createFromMemory(self._onnx, _ALL, 0.0)
