@@ -43,12 +43,15 @@ class Contents:
         Records with their ids; of no map yet.
     problems : tuple of str
         One sentence for each photo that is missing or unreadable. Its record has no size and no EXIF.
+    tray : tuple of Photo
+        Records of photos without a place; their ids are those that follow the map's.
     """
 
     map: Map
     cfg_sha256: str | None
     photos: tuple[Photo, ...]
     problems: tuple[str, ...]
+    tray: tuple[Photo, ...] = ()
 
 
 def run(
@@ -152,14 +155,16 @@ def fill(session: Session, record: MapRecord, contents: Contents) -> None:
     contents : Contents
     """
     map_ = contents.map
-    record.revision = record.satellite_revision = record.exported_revision = map_.revision
-    record.exported_sha256, record.next_id = contents.cfg_sha256, map_.next_id
+    record.satellite_revision = record.exported_revision = map_.revision
+    record.revision = map_.revision + bool(contents.tray)  # which the files do not tell of
+    record.exported_sha256, record.next_id = contents.cfg_sha256, map_.next_id + len(contents.tray)
     record.satellite_path = map_.satellite.path
     record.satellite_width, record.satellite_height = map_.satellite.width, map_.satellite.height
     record.georeference = georeference_fields(map_.georeference)
-    for row in contents.photos:
-        row.map_id, row.revision = record.id, map_.revision
-    session.add_all(contents.photos)
+    photos = (*contents.photos, *contents.tray)
+    for row in photos:
+        row.map_id, row.revision = record.id, record.revision
+    session.add_all(photos)
     session.add_all(_placed(record.id, map_))
     session.flush()
     queue_derived(session, record)
@@ -219,6 +224,19 @@ def photo_row(cfg: Path, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, 
         row.gps_problem = problem
         return row, problem
     return row, None
+
+
+def tray_row(path: Path, *, limits: PhotoLimits) -> Photo:
+    """Make the record of a photo without a place; of no map yet, without id and path.
+
+    Raises
+    ------
+    PhotoError
+        It is no photo.
+    """
+    row = Photo(name=path.name)
+    _look(row, path, limits=limits)
+    return row
 
 
 def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:

@@ -37,6 +37,8 @@ class Source:
         Of the downloads, without their ending: ASCII letters, digits, `-` and `_`.
     blurred : mapping of int to list of Box
         What is blurred in pictures of photos, by id; those without are not in it.
+    unplaced : tuple of str
+        Paths of the photos without a place: those in the tray.
     """
 
     map: Map
@@ -44,6 +46,7 @@ class Source:
     title: str
     name: str
     blurred: Mapping[int, list[Box]] = field(default_factory=dict)
+    unplaced: tuple[str, ...] = ()
 
     def georeference(self) -> Georeference:
         """Give the georeference.
@@ -95,13 +98,15 @@ def of_library(library: Library, map_id: int) -> Source:
             raise NotFound("there is no such map")
         map_ = as_map(session, record)
         slug, title = record.slug, record.name
-        blurred = {photo.id: boxes_of(photo) for photo in maps.photos(session, record) if photo.blurred}
+        photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+        blurred = {photo.id: boxes_of(photo) for photo in photos if photo.blurred}
+        unplaced = tuple(photo.path for photo in photos if photo.x_px is None)
     if map_ is None:
         raise UsageError(
             "the map has no satellite image yet: there is nothing to export",
             hint="upload a satellite image, or start from a blank plan",
         )
-    return Source(map_, library.cfg(slug), title, plain_name(slug), blurred)
+    return Source(map_, library.cfg(slug), title, plain_name(slug), blurred, unplaced)
 
 
 def of_folder(cfg: Path, *, title: str | None = None) -> Source:

@@ -1,4 +1,7 @@
-"""A whole map as a zip: map files, satellite image and photos; can be imported again as it is."""
+"""A whole map as a zip: map files, satellite image and photos; can be imported again as it is.
+
+Photos that wait for a place are in a folder of their own: no map file names them.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,9 @@ from webapp.progress import Progress
 from webapp.store.library import Library
 from webapp.tasks.export_cfg import map_files
 from webapp.tasks.export_source import Download, Source, of_library
+
+UNPLACED = "unplaced"
+"""Folder of the zip with the photos in the tray, below it where they are in the map's folder."""
 
 
 def run(library: Library, map_id: int, *, progress: Progress | None = None) -> Download:
@@ -52,13 +58,24 @@ def _members(source: Source, texts: Mapping[str, bytes], progress: Progress) -> 
     for name, text in texts.items():
         yield Member(name, text)
     names = dict.fromkeys([source.map.satellite.path, *(e.photo for e in source.map.experiences)])
-    progress.size(len(names))
-    for name in names:
+    members = [*((name, name) for name in names), *_unplaced(source, taken=set(names))]
+    progress.size(len(members))
+    for member, name in members:
         progress.check()
         path = _path(source.cfg, name)
         if path is not None:
-            yield Member(name, path)
+            yield Member(member, path)
         progress.advance()
+
+
+def _unplaced(source: Source, *, taken: set[str]) -> Iterator[tuple[str, str]]:
+    """Name the photos in the tray: in the zip, and in the map's folder."""
+    for name in dict.fromkeys(source.unplaced):
+        member = f"{UNPLACED}/{name}"
+        while member in taken:  # the map has a folder of that name
+            member = f"{UNPLACED}/{member}"
+        if name not in taken:
+            yield member, name
 
 
 def _path(cfg: Path, name: str) -> Path | None:

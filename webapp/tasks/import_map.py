@@ -16,7 +16,7 @@ from webapp.settings import Settings
 from webapp.store import maps
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks import adopt_map, check_map, staging
+from webapp.tasks import adopt_map, check_map, import_tray, staging
 from webapp.tasks.import_choice import add_placements, choose_map
 from webapp.tasks.satellite_apply import Writes
 from webapp.tasks.told_below import finding_below, told_below
@@ -159,15 +159,21 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
     place = staging.make(library)
     try:
         progress.note("unpacking")
-        unpacked = unpack(archive, place, limits=settings.imports, progress=progress)
+        folder = place / "map"
+        folder.mkdir()
+        unpacked = unpack(archive, folder, limits=settings.imports, progress=progress)
         cfg = choose_map(unpacked)
         with told_below(cfg.parent):
+            tray = import_tray.set_aside(cfg, place / "tray")
             progress.note("checking")
             findings = _checked(cfg, settings=settings, progress=progress)
             add_placements(cfg)
             progress.note("reading photos")
             contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
-        yield _Found(cfg, contents, findings, unpacked.left_out)
+            contents, refused = import_tray.take_back(
+                contents, tray, cfg=cfg, limits=settings.photo, progress=progress
+            )
+        yield _Found(cfg, contents, findings, (*unpacked.left_out, *refused))
     finally:
         shutil.rmtree(place, ignore_errors=True)
 

@@ -1,0 +1,134 @@
+"""Photos without a place leave with the map, and come back into the tray."""
+
+import io
+import zipfile
+
+import pytest
+
+from webapp.files.mapfolder import read_map
+from webapp.settings import Settings
+from webapp.store import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks import export_zip, import_map, library_export
+
+
+@pytest.fixture
+def bring(library, owner, tmp_path):
+    """Zip files and import them."""
+
+    def run(files, *, into=None):
+        path = tmp_path / "map.zip"
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, content in files.items():
+                archive.writestr(name, content)
+        if into is not None:
+            return import_map.run_into(library, path, map_id=into, settings=Settings())
+        return import_map.run(library, path, account_id=owner, name="Again", settings=Settings())
+
+    return run
+
+
+@pytest.fixture
+def exported(library):
+    """Export a map; gives its files by name."""
+
+    def run(map_id):
+        with zipfile.ZipFile(io.BytesIO(b"".join(export_zip.run(library, map_id).pieces))) as archive:
+            names = archive.namelist()
+            assert len(names) == len(set(names))
+            return {name: archive.read(name) for name in names}
+
+    return run
+
+
+@pytest.fixture
+def park(adopt, edit):
+    """The id of a map with five photos, of which two are in the tray and one was removed from it."""
+    map_id = adopt(photos=5)
+    unplaced = {"x_px": None, "y_px": None}
+    edit(map_id, {"photo/1": unplaced, "photo/3": unplaced, "photo/4": {**unplaced, "removed": True}})
+    return map_id
+
+
+def tray(rows):
+    return {row.path: row.sha256 for row in rows.values() if row.x_px is None and not row.removed}
+
+
+def test_the_tray_is_in_the_zip_and_nothing_that_was_removed(park, exported):
+    files = exported(park)
+    photos = {name for name in files if name.endswith(".jpg")}
+    assert photos == {"photos/0.jpg", "photos/2.jpg", "unplaced/photos/1.jpg", "unplaced/photos/3.jpg"}
+    assert b"/1.jpg" not in files["map.cfg"] and b"/3.jpg" not in files["map.cfg"]
+
+
+def test_it_comes_back_into_the_tray(park, exported, bring, library, rows):
+    files = exported(park)
+    done = bring(files)
+    assert (done.findings, done.left_out) == ((), ())
+    assert tray(rows(done.map_id)) == tray(rows(park)) and len(tray(rows(park))) == 2
+    folder = library.map_folder(done.slug)
+    assert (folder / "photos" / "1.jpg").read_bytes() == files["unplaced/photos/1.jpg"]
+    assert not (folder / "unplaced").exists()
+    assert read_map(library.cfg(done.slug)).experiences == read_map(library.cfg("park")).experiences
+    again = exported(done.map_id)
+    assert {n: c for n, c in again.items() if n != "map.json"} == {
+        n: c for n, c in files.items() if n != "map.json"
+    }
+
+
+def test_its_ids_are_new_ones(park, exported, bring, library, rows):
+    done = bring(exported(park))
+    ids = {row.id for row in rows(done.map_id).values() if row.x_px is None}
+    assert ids == {5, 6}, "0 to 4 have been used"
+    with library.database.read() as session:
+        assert session.get_one(MapRecord, done.map_id).next_id == 7
+    assert library_export.run(library, done.map_id)
+    assert read_map(library.cfg(done.slug)).next_id == 7
+
+
+def test_a_photo_of_it_can_be_placed(park, exported, bring, edit, library):
+    done = bring(exported(park))
+    edit(done.map_id, {"photo/5": {"x_px": 10.0, "y_px": 20.0}})
+    assert library_export.run(library, done.map_id)
+    assert [e.photo for e in read_map(library.cfg(done.slug)).experiences][-1] == "photos/1.jpg"
+
+
+def test_filled_once_by_a_job_that_is_repeated(park, exported, bring, library, owner, rows):
+    with library.database.write() as session:
+        empty = maps.create(session, "Later", account_id=owner).id
+    files = exported(park)
+    for _ in range(2):
+        bring(files, into=empty)
+    assert len(rows(empty)) == 4 and tray(rows(empty)) == tray(rows(park))
+
+
+def test_in_a_folder_made_by_hand(adopt, exported, bring, make_map, tmp_path, rows):
+    files = exported(adopt())
+    extra = (make_map(tmp_path / "more", 5).parent / "photos" / "4.jpg").read_bytes()
+    more = {
+        "unplaced/later.jpg": extra,
+        "unplaced/same.jpg": extra,
+        "unplaced/known.jpg": files["photos/0.jpg"],
+    }
+    done = bring({f"Park/{n}": c for n, c in {**files, **more, "unplaced/broken.jpg": b"no photo"}.items()})
+    assert list(tray(rows(done.map_id))) == ["later.jpg"]
+    assert done.left_out == ("unplaced/broken.jpg",) and done.findings == ()
+
+
+def test_a_map_whose_own_folder_has_that_name(adopt, edit, exported, bring, rows):
+    def rename(cfg):
+        for name, folder in (("0.jpg", "unplaced/photos"), ("2.jpg", "unplaced")):
+            (cfg.parent / folder).mkdir(parents=True, exist_ok=True)
+            (cfg.parent / "photos" / name).rename(cfg.parent / folder / name)
+        (cfg.parent / "photos" / "1.jpg").rename(cfg.parent / "photos" / "0.jpg")
+        text = cfg.read_text().replace("photos/0.jpg", "unplaced/photos/0.jpg")
+        cfg.write_text(text.replace("photos/2.jpg", "unplaced/2.jpg").replace("photos/1.jpg", "photos/0.jpg"))
+
+    map_id = adopt(change=rename)
+    edit(map_id, {"photo/1": {"x_px": None, "y_px": None}})
+    files = exported(map_id)
+    assert {"unplaced/photos/0.jpg", "unplaced/2.jpg", "unplaced/unplaced/photos/0.jpg"} <= set(files)
+    done = bring(files)
+    placed = {row.path for row in rows(done.map_id).values() if row.x_px is not None}
+    assert placed == {"unplaced/photos/0.jpg", "unplaced/2.jpg"}
+    assert set(tray(rows(done.map_id)).values()) == set(tray(rows(map_id)).values())
