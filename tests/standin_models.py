@@ -63,7 +63,8 @@ def _rest(g, number, by):
 def glue(names=("matches0", "mscores0"), *, width=128, by="place"):
     """LightGlue: for each query keypoint the one in the photo that is nearest in place, or most alike.
 
-    By place, the score falls to 0 half a photo away. The most alike are found by an Einsum.
+    By place, the score falls to 0 half a photo away. The most alike are found by an Einsum: by look, by one
+    that is a product of matrices; by odd look, by another.
     """
     g = Writer()
     c = g.constant
@@ -73,6 +74,8 @@ def glue(names=("matches0", "mscores0"), *, width=128, by="place"):
         apart = g.node("Sub", g.node("Unsqueeze", here, c([2])), g.node("Unsqueeze", there, c([1])))
         square = g.node("ReduceSum", g.node("Mul", apart, apart), c([3]), keepdims=0)
         like = g.node("Sub", c([1.0]), g.node("Sqrt", square))
+    elif by == "odd look":
+        like = g.node("Einsum", shown, seen, equation="bmd,bnd->bnm")
     else:
         like = g.node("Einsum", seen, shown, equation="bnd,bmd->bnm")
     best = g.node("Reshape", g.node("ReduceMax", like, axes=[2], keepdims=0), c([-1]))

@@ -123,7 +123,7 @@ def how_to_get(file: ModelFile, chosen: Path | None) -> str:
         return f"take {file.name} from a folder that has it: expmap models fetch --from FOLDER"
     return (
         f"it is yours to supply: put it into {models_folder(chosen)} as {file.name}; docs/localization.md, "
-        "Features, says which export"
+        "Models that you supply, says which export"
     )
 
 

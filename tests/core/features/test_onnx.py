@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.onnx_writer import Writer
-from webapp.core.features.onnx import Convolution, Graph, read_convolutions, read_interface
+from webapp.core.features.onnx import Convolution, Graph, read_convolutions, read_interface, with_products
 
 
 def random_layer(rng, out, channels, side):
@@ -78,3 +78,43 @@ def test_any_bytes_have_an_interface_or_none(data, cut):
             inputs, outputs = read_interface(file)
             assert isinstance(inputs, dict)
             assert isinstance(outputs, set)
+
+
+@pytest.mark.parametrize(
+    ("equation", "kept"),
+    [
+        ("bnd,bmd->bnm", False),
+        ("b h i j, b h j d -> b h i d", False),
+        ("bhid,bhjd->bhij", False),
+        ("ij,kj->ik", False),
+        ("ij,jk->ik", False),
+        ("ij,kj->ki", True),
+        ("iij,ikj->iik", True),
+    ],
+)
+def test_an_einsum_that_is_a_product_of_matrices_is_computed_for_any_sizes(equation, kept):
+    one, other = equation.replace(" ", "").split("->")[0].split(",")
+    rng, model = np.random.default_rng(2), Writer()
+    for name, letters in (("one", one), ("other", other)):
+        model.input(name, *(f"{name}{letter}" for letter in letters))
+    model.node("Einsum", "one", "other", name="answer", equation=equation)
+    model.output("answer", *"xyzw"[: len(one)])
+    written = with_products(model.to_bytes())
+    assert (b"Einsum" in written) == kept
+    if kept:
+        assert sorted(written) == sorted(model.to_bytes())  # at most in another order
+        return
+    net = cv2.dnn.readNetFromONNX(np.frombuffer(written, np.uint8))
+    for _ in range(3):
+        sides = {letter: int(rng.integers(1, 9)) for letter in one + other}
+        a, b = (rng.normal(size=[sides[i] for i in letters]).astype(np.float32) for letters in (one, other))
+        net.setInput(a, "one")
+        net.setInput(b, "other")
+        expected = np.einsum(equation.replace(" ", ""), a, b)
+        assert np.abs(net.forward("answer").reshape(expected.shape) - expected).max() < 1e-4
+
+
+def test_what_is_no_model_has_no_products():
+    for wrong in (b"", b"\xff" * 40, b"no model at all"):
+        with pytest.raises(ValueError, match=r"model|digits"):
+            with_products(wrong)

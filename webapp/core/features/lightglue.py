@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.modelfile import Expected, quietly
+from webapp.core.features.onnx import with_products
 from webapp.core.features.types import Features
 from webapp.threads import OnePerThread
 
@@ -82,7 +83,10 @@ class LightGlue:
     def __init__(self, model: bytes, path: str) -> None:
         EXPECTED.check(model, path)
         self._path = path
-        self._onnx = np.frombuffer(model, np.uint8)
+        try:
+            self._onnx = np.frombuffer(with_products(model), np.uint8)
+        except ValueError as error:
+            raise EXPECTED.refused(path) from error
         self._net = OnePerThread(self._opened)
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
@@ -106,7 +110,7 @@ class LightGlue:
         try:
             return _matches(self._net.get(), query, photo)
         except cv2.error:
-            # OpenCV 5.0 keeps the numbers of keypoints of a network's first pair where it has an Einsum.
+            # Where an Einsum is left, OpenCV 5.0 can do the numbers of keypoints of the first pair only.
             return _matches(self._net.renew(), query, photo)
 
     def _opened(self) -> cv2.LightGlueMatcher:

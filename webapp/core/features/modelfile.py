@@ -63,7 +63,7 @@ class Expected:
             f"this is no {self.name} model that OpenCV can run",
             where=path,
             hint=f"it takes one with the inputs {takes} and the outputs {gives}; docs/localization.md, "
-            "Features, says which export that is",
+            "Models that you supply, says more",
         )
 
 

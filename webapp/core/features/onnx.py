@@ -6,6 +6,7 @@ kinds of layers out. The numbers of the fields are those of `onnx.proto3`.
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -14,8 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+Attributes = Mapping[str, str | list[int]]
+"""Of a node."""
+
 _FLOAT, _INT, _STRING, _INTS = 1, 2, 3, 7
 _OPSET = 11
+
+_PRODUCT = r"(\w*)(\w)(\w),\1\3(\w)->\1\2\4"
+_WITH_TRANSPOSE = r"(\w*)(\w)(\w),\1(\w)\3->\1\2\4"
+"""Equations of an Einsum; no letter may stand for two sides."""
 
 _MOST_SIDE = 1 << 31
 """Numbers that are larger stand for negative ones, which mean that the side is not fixed."""
@@ -95,6 +103,51 @@ def _tensor(message: _Message) -> tuple[str, NDArray[np.float32]]:
     return message.texts(8)[0], np.frombuffer(raw, "<f4").reshape(message.numbers[1])
 
 
+def with_products(model: bytes) -> bytes:
+    """Write each Einsum of a model that is a product of matrices, or with another's transpose, as such.
+
+    OpenCV 5.0 computes an Einsum for the sizes only that it sees first, and such products for all.
+
+    Raises
+    ------
+    ValueError
+        It is no model.
+    """
+    try:
+        whole = _Message(model)
+        graph = _Message(whole.parts[7][0])
+        graph.parts[1] = [memoryview(part) for node in graph.parts[1] for part in _as_product(node)]
+    except IndexError as error:
+        raise ValueError("a part of the model is missing") from error
+    whole.parts[7] = [memoryview(graph.to_bytes())]
+    return whole.to_bytes()
+
+
+def _as_product(node: memoryview) -> list[bytes]:
+    """Give the nodes that stand for a node: itself, or what computes the same Einsum."""
+    message = _Message(node)
+    if message.texts(4) != ["Einsum"]:
+        return [bytes(node)]
+    equation = _Message(message.parts[5][0]).texts(4)[0].replace(" ", "")
+    inputs, output = message.texts(1), message.texts(2)[0]
+    if _is(_PRODUCT, equation):
+        return [_node("MatMul", output, inputs=inputs)]
+    if not _is(_WITH_TRANSPOSE, equation):
+        return [bytes(node)]
+    batch = len(equation.split(",")[0]) - 2
+    order = {"perm": [*range(batch), batch + 1, batch]}
+    turned = f"{output}.transposed"
+    return [
+        _node("Transpose", turned, inputs=inputs[1:], attributes=order),
+        _node("MatMul", output, inputs=[inputs[0], turned]),
+    ]
+
+
+def _is(form: str, equation: str) -> bool:
+    found = re.fullmatch(form, equation)
+    return found is not None and len({*"".join(found.groups())}) == len("".join(found.groups()))
+
+
 class _Message:
     """What is in a message: by the number of the field, its numbers, and its parts of other kinds."""
 
@@ -116,6 +169,13 @@ class _Message:
     def texts(self, field: int) -> list[str]:
         """Read the parts of a field as text."""
         return [bytes(part).decode() for part in self.parts[field]]
+
+    def to_bytes(self) -> bytes:
+        """Write a message whose parts are texts, bytes and messages."""
+        numbers = b"".join(_field(field, n) for field, values in self.numbers.items() for n in values)
+        return numbers + b"".join(
+            _field(field, bytes(p)) for field, parts in self.parts.items() for p in parts
+        )
 
 
 def _number(view: memoryview, at: int) -> tuple[int, int]:
@@ -185,18 +245,25 @@ class Graph:
         name: str,
         *,
         inputs: Sequence[str],
-        attributes: Mapping[str, str | list[int]] = MappingProxyType({}),
+        attributes: Attributes = MappingProxyType({}),
     ) -> str:
-        node = b"".join(_field(1, i.encode()) for i in inputs)
-        node += _field(2, name.encode()) + _field(3, name.encode()) + _field(4, kind.encode())
-        for key, value in attributes.items():
-            if isinstance(value, str):
-                content, form = _field(4, value.encode()), _STRING
-            else:
-                content, form = b"".join(_field(8, v) for v in value), _INTS
-            node += _field(5, _field(1, key.encode()) + content + _field(20, form))
-        self._nodes.append(node)
+        self._nodes.append(_node(kind, name, inputs=inputs, attributes=attributes))
         return name
+
+
+def _node(
+    kind: str, name: str, *, inputs: Sequence[str], attributes: Attributes = MappingProxyType({})
+) -> bytes:
+    """Write a node; its output has its name."""
+    node = b"".join(_field(1, i.encode()) for i in inputs)
+    node += _field(2, name.encode()) + _field(3, name.encode()) + _field(4, kind.encode())
+    for key, value in attributes.items():
+        if isinstance(value, str):
+            content, form = _field(4, value.encode()), _STRING
+        else:
+            content, form = b"".join(_field(8, v) for v in value), _INTS
+        node += _field(5, _field(1, key.encode()) + content + _field(20, form))
+    return node
 
 
 def _declared(name: str, channels: int) -> bytes:
