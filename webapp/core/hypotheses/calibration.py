@@ -43,7 +43,7 @@ class Calibration:
     cases: int = 0
 
 
-DEFAULT = Calibration(slope=(0.7, 2.0, 6.0, 0.7), offset=-2.5, radius_scale=1.0)
+DEFAULT = Calibration(slope=(0.5, 4.5, 6.0, 0.5), offset=-3.7, radius_scale=1.0)
 """Rounded from the fits on maps indoors and outdoors."""
 
 

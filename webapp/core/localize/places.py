@@ -103,11 +103,6 @@ class Place:
     support: float
 
     @property
-    def votes(self) -> float:
-        """Sum of the votes of its photos."""
-        return sum(v.matched.votes for v in self.photos)
-
-    @property
     def merit(self) -> float:
         """What places are ranked by: geometry, and where there is little of it, votes."""
         return self.score + _SUPPORT_WEIGHT * self.support
@@ -132,7 +127,7 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
         if not _taken(places, place.position, indexed):
             places.append(place)
     where = indexed.position[[v.matched.photo for v in checked]]
-    support = _support(indexed, checked, where)
+    support = support_at(indexed, checked, where)
     for n in np.argsort(-support, kind="stable"):
         if not _taken(places, MapPixel(*map(float, where[n])), indexed):
             places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
@@ -157,7 +152,7 @@ def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place
         photos = [v for _, v in sorted(near, key=lambda pair: -pair[0])]
         if not photos:
             continue
-        support = float(_support(indexed, checked, np.array([[pose.x, pose.y]]))[0])
+        support = float(support_at(indexed, checked, np.array([[pose.x, pose.y]]))[0])
         if len(photos) < MIN_ORIENTED:
             places.append(_photo_place(indexed, photos, score=pose.score, support=support))
             continue
@@ -191,14 +186,28 @@ def _by_bearings(indexed: IndexedMap, checked: list[Verified], *, others: list[V
         near = [v for v, agrees in zip(usable, fix.agreement, strict=True) if agrees >= _AGREES]
         at = np.array([[fix.x, fix.y]])
         if near:
-            places.append(_place(indexed, near, fix, support=float(_support(indexed, checked, at)[0])))
+            places.append(_place(indexed, near, fix, support=float(support_at(indexed, checked, at)[0])))
     return places
 
 
-def _support(
+def support_at(
     indexed: IndexedMap, checked: list[Verified], position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Share of the votes around (m, 2) positions: photos of one place vote together; (m,)."""
+    """Tell which share of the votes is around positions: photos of one place vote together.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    checked : list of Verified
+        Whose votes count.
+    position : (m, 2) float64
+        Map pixels.
+
+    Returns
+    -------
+    (m,) float64
+        0 to 1.
+    """
     votes = np.array([v.matched.votes for v in checked])
     if not votes.any():
         return np.zeros(len(position))

@@ -23,7 +23,7 @@ from webapp.core.features.types import Features
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, NoPose
 from webapp.core.localize.indexed import IndexedMap, candidates
-from webapp.core.localize.places import Place, Verified, join
+from webapp.core.localize.places import Place, Verified, join, support_at
 from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
 from webapp.core.localize.vote import match_statistics
 from webapp.threads import in_threads
@@ -42,9 +42,9 @@ class Found:
     places : list of Place
         The best first.
     evidence : (h, EVIDENCE) float64
-        Of each place: log of the inliers that agree on the best place, share of the votes that the best
-        place has, log of the place's merit over the best one's, and log of the most votes of a photo over
-        the median.
+        Of each place: log of the inliers that agree on the best place, share of the votes that photos
+        around the best place have, log of the place's merit over the best one's, and log of the most votes
+        of a photo over the median.
     answer : Answer
         Statistics and seconds, and the reason where there is no place.
     """
@@ -137,7 +137,7 @@ def find_places(
     stages = ("retrieve", "verify", "position")
     return Found(
         places,
-        _weigh(places, checked[:voted]),
+        _weigh(indexed, places, voted=checked[:voted]),
         Answer(
             hypotheses=(),
             off_map_probability=1.0,
@@ -185,16 +185,17 @@ _NO_MERIT = 0.02
 """Stands for the merit of a place that has next to none."""
 
 
-def _weigh(places: list[Place], voted: list[Verified]) -> NDArray[np.float64]:
+def _weigh(indexed: IndexedMap, places: list[Place], *, voted: list[Verified]) -> NDArray[np.float64]:
     """Describe each place for its probability, by the photos that had most votes; see `Found`."""
     if not places:
         return np.zeros((0, EVIDENCE))
     best = places[0]
     votes = np.array([v.matched.votes for v in voted] or [_NO_VOTES])
-    agreed, share = math.log1p(INLIER_SCALE * best.score), best.votes / votes.sum()
+    agreed = math.log1p(INLIER_SCALE * best.score)
+    around = float(support_at(indexed, voted, np.array([best.position]))[0]) if voted else 0.0
     peak = math.log(votes.max() / np.median(votes))
     merits = [math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT)) for p in places]
-    return np.array([(agreed, share, merit, peak) for merit in merits])
+    return np.array([(agreed, around, merit, peak) for merit in merits])
 
 
 def _hypothesis(
