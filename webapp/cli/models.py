@@ -55,7 +55,7 @@ def fetch(names: tuple[str, ...], source: Path | None) -> None:
             click.echo(task.fetch(file, source, settings=settings, progress=progress))
     for name in missing:
         if name not in wanted:
-            click.echo(f"{name}: not fetched; {how_to_get(MODELS[name][0], settings.models)}", err=True)
+            click.echo(f"{name}: not fetched; {how_to_get(MODELS[name][0])}", err=True)
 
 
 def _line(file: ModelFile) -> str:

@@ -115,15 +115,15 @@ def is_that(data: bytes, file: ModelFile) -> bool:
     return len(data) == file.bytes and hashlib.sha256(data).hexdigest() == file.sha256
 
 
-def how_to_get(file: ModelFile, chosen: Path | None) -> str:
-    """Say how a file comes here."""
+def how_to_get(file: ModelFile) -> str:
+    """Say how a file comes here, without the folder: that of a server is nobody's business."""
     if file.address:
         return _FETCH
     if file.published:
         return f"take {file.name} from a folder that has it: expmap models fetch --from FOLDER"
     return (
-        f"it is yours to supply: put it into {models_folder(chosen)} as {file.name}; docs/localization.md, "
-        "Models that you supply, says which export"
+        f"it is yours to supply: put it as {file.name} into the folder that expmap models list prints; "
+        "docs/localization.md, Models that you supply, says which export"
     )
 
 
@@ -226,7 +226,7 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
 def _there(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     file = installed(model, chosen)
     if file is None:
-        hint = how_to_get(MODELS[model][0], chosen)
+        hint = how_to_get(MODELS[model][0])
         raise MissingPart(f"the weights of {model} are not here", where="models", hint=hint)
     return models_folder(chosen) / file.name, file
 
@@ -252,10 +252,10 @@ def _checked(model: str, path: Path, *, sha256: str) -> bytes:
     if hashlib.sha256(data).hexdigest() == sha256:
         return data
     if any(file.sha256 == sha256 for file in MODELS[model]):
-        raise MissingPart("the file is not the published one", where=str(path), hint=_FETCH)
+        raise MissingPart("the file is not the published one", where=path.name, hint=_FETCH)
     raise MissingPart(
         "the file is another one than when the map was opened",
-        where=str(path),
+        where=path.name,
         hint="run expmap build on the map, and start a server that is running anew",
     )
 

@@ -60,7 +60,7 @@ def missing(names: Collection[str], *, settings: Settings, models: Models = MODE
     wanted = [name for name in models if name in names or (not names and models[name][0].published)]
     own = next((models[name][0] for name in wanted if not models[name][0].published), None)
     if own is not None:
-        hint = how_to_get(own, settings.models)
+        hint = how_to_get(own)
         raise UsageError("no published file is pinned, so none is fetched", where=own.name, hint=hint)
     here = {state.model for state in states(settings, models=models) if state.state == "here"}
     return [name for name in wanted if name not in here]
@@ -93,7 +93,7 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
     files = models[name]
     if source is None:
         if not files[0].address:
-            hint = how_to_get(files[0], None)
+            hint = how_to_get(files[0])
             raise UsageError("there is no sure address to fetch it from", where=files[0].name, hint=hint)
         return files[0]
     found = next((file for file in files if (source / file.name).is_file()), None)

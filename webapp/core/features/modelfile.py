@@ -36,7 +36,7 @@ class Expected:
         model : bytes
             The file.
         path : str
-            Where it is, for people.
+            Where it is; people are told the file's name only.
 
         Returns
         -------
@@ -61,7 +61,7 @@ class Expected:
         takes, gives = ", ".join(self.inputs), ", ".join(self.outputs)
         return InputError(
             f"this is no {self.name} model that OpenCV can run",
-            where=path,
+            where=path.replace("\\", "/").rpartition("/")[2],  # the folder is nobody's business on the web
             hint=f"it takes one with the inputs {takes} and the outputs {gives}; docs/localization.md, "
             "Models that you supply, says more",
         )
