@@ -17,7 +17,7 @@ from webapp.core.features.aliked import AlikedNetwork
 from webapp.core.features.disk import DiskNetwork
 from webapp.core.features.extract import Network
 from webapp.core.features.lightglue import LighterGlue, LightGlue, PairMatcher
-from webapp.core.features.table import FeatureChoice
+from webapp.core.features.table import BUNDLES, METHODS, PAIR_MATCHERS, FeatureChoice, Method, choose
 from webapp.core.features.xfeatnet import XFeatNetwork
 from webapp.errors import MissingPart, StorageError, UsageError
 
@@ -99,9 +99,6 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
 }
 """Of each model, files with the same weights: any one of them is enough. The first is the one to fetch."""
 
-PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
-"""The model that matches photos with features of a name."""
-
 
 def models_folder(chosen: Path | None) -> Path:
     """Tell where weights are kept: in what was chosen, else in the user's cache."""
@@ -135,6 +132,19 @@ def installed(model: str, chosen: Path | None) -> ModelFile | None:
         if size is not None and size == (file.bytes if file.published else size):
             return file
     return None
+
+
+def usable_features(chosen: Path | None) -> list[str]:
+    """List the bundles of features that need no model, or one that is here."""
+    models = {name: choose("vote", features=name).model for name in BUNDLES}
+    return [name for name, model in models.items() if model is None or installed(model, chosen)]
+
+
+def usable_methods(chosen: Path | None) -> list[Method]:
+    """List the methods that need no model, or one that is here for their usual features."""
+    features = choose("thorough").name
+    here = features in usable_features(chosen) and installed(PAIR_MATCHERS[features], chosen)
+    return [method for method in METHODS if method != "thorough" or here]
 
 
 def with_weights(choice: FeatureChoice, chosen: Path | None) -> FeatureChoice:

@@ -83,7 +83,7 @@ class PhotoLocalizer:
         clock = [time.perf_counter()]
         limits, options = self.settings.photo, self.settings.extract
         gray = read_gray(photo_path, limits=limits, max_side=options.max_side_px)
-        fov = self._fov(photo_path, gray.full_size) if self.method == "verified" else None
+        fov = self._fov(photo_path, gray.full_size) if self.method != "vote" else None
         clock.append(time.perf_counter())
         choice = self.opened.choice
         features = extract(

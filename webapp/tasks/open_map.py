@@ -27,7 +27,7 @@ from webapp.errors import IndexDamaged, MapError, NotReady
 from webapp.files.featurefile import read_segment
 from webapp.files.indexstore import IndexFolder, Manifest, read_search_index
 from webapp.files.mapfolder import read_map
-from webapp.files.models import with_weights
+from webapp.files.models import pair_matcher, with_weights
 from webapp.files.vladfile import read_codebook, read_signatures
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -84,7 +84,7 @@ class OpenMap:
     ----------
     cfg : Path
     map : Map
-    method : {"vote", "verified"}
+    method : {"vote", "verified", "thorough"}
     choice : FeatureChoice
     folder : IndexFolder
     writable : Path
@@ -157,6 +157,8 @@ def run(
     bases = index_bases(cfg, options.index)
     # What is missing is told before anything is built.
     choice = with_weights(_choice(bases, options, settings=settings), settings.models)
+    if options.method == "thorough":
+        pair_matcher(choice.name, settings.models)
     the_map = read_map(cfg) if the_map is None else the_map
     choice = within_memory(choice, the_map, options=options, settings=settings)
     if not the_map.experiences:
@@ -172,6 +174,8 @@ def run(
         request = BuildRequest(cfg, the_map, folder.folder, choice, options.jobs)
         built = build_index.run(request, settings=settings, progress=progress)
     manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
+    if options.method == "thorough":
+        indexed = replace(indexed, pair_matcher=pair_matcher(choice.name, settings.models))
     choice = _as_built(choice, manifest)
     return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
 
@@ -212,6 +216,7 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
     old = opened.indexed
     loaded = _Loaded(old.segments, old.search)
     indexed = _indexed(the_map, loaded, manifest=opened.manifest, options=options)
+    indexed = replace(indexed, pair_matcher=old.pair_matcher)
     return replace(opened, map=the_map, indexed=indexed, built=None)
 
 

@@ -36,7 +36,7 @@ class Way:
     Attributes
     ----------
     method : str
-        `vote` or `verified`.
+        `vote`, `verified` or `thorough`.
     features : str
         Of the index to use; `auto` for those that the library's own index has.
     """
@@ -177,7 +177,7 @@ class ReadyMaps:
         slot.opened_with = _files(opened)
         if opened.folder.read_manifest() != opened.manifest:
             slot.opened_with = ()
-        verifies = opened.method == "verified"
+        verifies = opened.method != "vote"
         if verifies:
             opened = orient_map.attach(opened, orient_map.newest(opened))
         stored = calibrate.newest(opened) if verifies else None

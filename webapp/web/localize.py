@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from flask import Blueprint, render_template
 
-from webapp.core.features.table import BUNDLES
+from webapp.files.models import usable_features, usable_methods
 from webapp.store.schema import MapRecord
 from webapp.web import map_state
 from webapp.web.answer_colours import answer_colours
-from webapp.web.context import account, library, open_map
+from webapp.web.context import account, library, open_map, settings
 
 blueprint = Blueprint("localize", __name__, url_prefix="/maps/<slug>")
 
@@ -24,6 +24,7 @@ def show(slug: str) -> str:
         map=record,
         tab="localize",
         state=state,
-        features=sorted(BUNDLES),
+        features=sorted(usable_features(settings().models)),
+        methods=usable_methods(settings().models),
         colours=answer_colours(),
     )

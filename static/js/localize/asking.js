@@ -137,7 +137,7 @@ export class Asking extends EventTarget {
 
   _wantsMore({ method, hypotheses: [first] }) {
     const photos = this._files?.length || this.session.query.options?.photos || 1;
-    return method === "verified" && photos < MOST_OF_ONE_SPOT && !(first?.probability >= SURE);
+    return method !== "vote" && photos < MOST_OF_ONE_SPOT && !(first?.probability >= SURE);
   }
 
   _failed(error, send) {

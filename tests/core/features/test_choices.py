@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS, Method, choose
+from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, Method, choose
 from webapp.errors import UsageError
 
 FITTING = {
@@ -27,7 +27,9 @@ def goes_with(detector: str, extractor: str) -> bool:
 
 
 PAIRS = [pair for pair in itertools.product(DETECTORS, EXTRACTORS) if goes_with(*pair)]
-ALL = [(method, *pair, matcher) for method in METHODS for pair in PAIRS for matcher in MATCHERS]
+ALL = [
+    (method, *pair, matcher) for method in ("vote", "verified") for pair in PAIRS for matcher in MATCHERS
+]
 
 
 def works(method: Method, extractor: str, matcher: str) -> bool:
@@ -59,14 +61,14 @@ def test_combinations_that_cannot_work_are_refused_with_those_that_can(method, d
         assert choose(method, detector=detector, extractor=extractor, matcher=name).matcher == name
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ("vote", "verified"))
 @pytest.mark.parametrize("features", ["auto", *BUNDLES])
 def test_every_bundle_has_a_matcher_for_every_method(method, features):
     choice = choose(method, features=features)
     assert choice.name == ("sift" if features == "auto" else features)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ("vote", "verified"))
 @pytest.mark.parametrize(("detector", "extractor"), PAIRS)
 def test_every_pair_has_a_usual_matcher(method, detector, extractor):
     choice = choose(method, detector=detector, extractor=extractor)
@@ -140,3 +142,21 @@ def test_descriptors_of_learned_features_have_their_width():
     assert {name: choose("vote", features=name).width for name in LEARNED} == {
         "xfeat": 64, "aliked": 128, "disk": 128
     }  # fmt: skip
+
+
+def test_thorough_takes_features_that_a_network_matches():
+    assert choose("thorough").name == "xfeat"
+    assert choose("thorough", features="aliked", matcher="vlad").matcher == "vlad"
+
+
+@pytest.mark.parametrize("features", sorted(BUNDLES.keys() - {"xfeat", "aliked"}))
+def test_thorough_refuses_others_and_says_which_do(features):
+    with pytest.raises(UsageError, match="thorough") as refused:
+        choose("thorough", features=features)
+    assert refused.value.where == "--features"
+    assert refused.value.hint == "take --features xfeat or aliked"
+
+
+def test_thorough_refuses_features_of_two_kinds():
+    with pytest.raises(UsageError, match=r"sift\+xfeat"):
+        choose("thorough", detector="sift", extractor="xfeat")

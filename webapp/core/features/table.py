@@ -17,9 +17,14 @@ from webapp.core.features.xfeat import XFeat
 from webapp.core.index.tiers import Engine
 from webapp.errors import UsageError
 
-Method = Literal["vote", "verified"]
+Method = Literal["vote", "verified", "thorough"]
 
-METHODS: tuple[Method, ...] = ("vote", "verified")
+METHODS: tuple[Method, ...] = ("vote", "verified", "thorough")
+
+_VERIFY: tuple[Method, ...] = ("verified", "thorough")
+
+PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
+"""Features that `thorough` can work with, and the model that matches them in two photos; the usual first."""
 
 DETECTORS: dict[str, Callable[[], Detector]] = {
     "sift": Sift,
@@ -65,9 +70,9 @@ MATCHERS: dict[str, MatcherEntry] = {
     "l2": MatcherEntry(("float",), METHODS, "brute force, Euclidean distance"),
     "hamming": MatcherEntry(("binary",), METHODS, "brute force, number of different bits"),
     "hamming2": MatcherEntry(("binary",), METHODS, "brute force, number of different pairs of bits"),
-    "ivf": MatcherEntry(_BOTH, ("verified",), "approximate: inverted file, read from the index"),
+    "ivf": MatcherEntry(_BOTH, _VERIFY, "approximate: inverted file, read from the index"),
     "vlad": MatcherEntry(
-        ("float",), ("verified",), "two stages: aggregated vectors name photos, which are compared exactly"
+        ("float",), _VERIFY, "two stages: aggregated vectors name photos, which are compared exactly"
     ),
 }
 
@@ -167,7 +172,7 @@ def choose(
 
     Parameters
     ----------
-    method : {"vote", "verified"}
+    method : {"vote", "verified", "thorough"}
     features : str
         A bundle's name, or "auto".
     detector, extractor, matcher : str, optional
@@ -179,7 +184,7 @@ def choose(
         A name is unknown or the parts do not fit each other; the hint lists what would.
     """
     bundle = _known(features, {"auto": None, **BUNDLES}, "features")
-    base_detector, base_extractor = BUNDLES[BEST_FIRST[0] if bundle == "auto" else bundle]
+    base_detector, base_extractor = BUNDLES[_best(method) if bundle == "auto" else bundle]
     chosen_detector = _known(detector, DETECTORS, "detector") if detector else base_detector
     chosen_extractor = _known(extractor, EXTRACTORS, "extractor") if extractor else base_extractor
     if detector and not extractor and bundle == "auto" and chosen_detector in EXTRACTORS:
@@ -194,6 +199,10 @@ def choose(
     _refuse_strangers(choice)
     _refuse_what_cannot_work(choice, method)
     return choice
+
+
+def _best(method: Method) -> str:
+    return next(iter(PAIR_MATCHERS)) if method == "thorough" else BEST_FIRST[0]
 
 
 def _fits(matcher: str, extractor: str, method: Method) -> bool:
@@ -217,6 +226,10 @@ def _refuse_strangers(choice: FeatureChoice) -> None:
 
 
 def _refuse_what_cannot_work(choice: FeatureChoice, method: Method) -> None:
+    if method == "thorough" and choice.name not in PAIR_MATCHERS:
+        fitting = " or ".join(PAIR_MATCHERS)
+        message = f"method thorough has no network for features {choice.name}"
+        raise UsageError(message, where="--features", hint=f"take --features {fitting}")
     if _fits(choice.matcher, choice.extractor, method):
         return
     fitting = ", ".join(m for m in MATCHERS if _fits(m, choice.extractor, method))

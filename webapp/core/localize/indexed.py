@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.types import Features
 from webapp.core.hypotheses.paths import Paths, paths_of
 from webapp.core.index.segment import Segment
@@ -39,6 +40,8 @@ class IndexedMap:
         How far an answer may be off and still be right.
     orientations : Orientations or None
         How the photos were held, where that is known.
+    pair_matcher : PairMatcher or None
+        Matches the photos that are verified, instead of what the search found of them.
     first_row : (e + 1,) int64
         Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
     paths : Paths
@@ -53,6 +56,7 @@ class IndexedMap:
     search: DescriptorSearch | TwoStage
     place_radius_px: float
     orientations: Orientations | None = None
+    pair_matcher: PairMatcher | None = None
     first_row: NDArray[np.int64] = field(init=False)
     paths: Paths = field(init=False)
     _entry_of_photo: NDArray[np.int64] = field(init=False)

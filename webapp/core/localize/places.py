@@ -127,7 +127,7 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
         if not _taken(places, place.position, indexed):
             places.append(place)
     where = indexed.position[[v.matched.photo for v in checked]]
-    support = support_at(indexed, checked, where)
+    support = support_at(indexed, checked, position=where)
     for n in np.argsort(-support, kind="stable"):
         if not _taken(places, MapPixel(*map(float, where[n])), indexed):
             places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
@@ -152,7 +152,7 @@ def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place
         photos = [v for _, v in sorted(near, key=lambda pair: -pair[0])]
         if not photos:
             continue
-        support = float(support_at(indexed, checked, np.array([[pose.x, pose.y]]))[0])
+        support = float(support_at(indexed, checked, position=np.array([[pose.x, pose.y]]))[0])
         if len(photos) < MIN_ORIENTED:
             places.append(_photo_place(indexed, photos, score=pose.score, support=support))
             continue
@@ -186,12 +186,13 @@ def _by_bearings(indexed: IndexedMap, checked: list[Verified], *, others: list[V
         near = [v for v, agrees in zip(usable, fix.agreement, strict=True) if agrees >= _AGREES]
         at = np.array([[fix.x, fix.y]])
         if near:
-            places.append(_place(indexed, near, fix, support=float(support_at(indexed, checked, at)[0])))
+            support = float(support_at(indexed, checked, position=at)[0])
+            places.append(_place(indexed, near, fix, support=support))
     return places
 
 
 def support_at(
-    indexed: IndexedMap, checked: list[Verified], position: NDArray[np.float64]
+    indexed: IndexedMap, checked: list[Verified], *, position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Tell which share of the votes is around positions: photos of one place vote together.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.types import Features
 from webapp.core.localize.indexed import Candidates, IndexedMap
 
@@ -132,3 +133,31 @@ def shortlist(
         matches = mine[first]
         listed.append(Shortlisted(int(p), float(votes[p]), rows, query.xy[rows], photo_xy[matches]))
     return listed
+
+
+def matched_anew(
+    indexed: IndexedMap, query: Features, *, listed: list[Shortlisted], matcher: PairMatcher
+) -> list[Shortlisted]:
+    """Have a network match the photos of a shortlist with the query; their votes stay.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    query : Features
+    listed : list of Shortlisted
+    matcher : PairMatcher
+        For the map's features.
+
+    Returns
+    -------
+    list of Shortlisted
+        In the same order.
+    """
+    found = []
+    for one in listed:
+        photo = indexed.features(one.photo)
+        if photo is None:
+            raise IndexError(f"photo {one.photo} has no features")
+        rows, theirs = matcher.match(query, photo).T
+        found.append(replace(one, query_row=rows, query_xy=query.xy[rows], photo_xy=photo.xy[theirs]))
+    return found

@@ -1,7 +1,8 @@
-"""Method `verified`: votes of the whole map, geometry for a shortlist, position from bearings.
+"""Methods `verified` and `thorough`: votes of all photos, geometry for a shortlist, position from bearings.
 
 1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos.
-2. Verify: the photos with most votes are checked by the relative pose of the two cameras.
+2. Verify: the photos with most votes are checked by the relative pose of the two cameras; `thorough` has
+   a network match them with the query before.
 3. Position: all matches with photos whose orientations are known fix position and heading; where they are
    not known, bearings to three or more photos do. Separate solutions are separate hypotheses. With fewer
    photos that agree, the best photo's own place is all that is known.
@@ -24,7 +25,13 @@ from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilit
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, NoPose
 from webapp.core.localize.indexed import IndexedMap, candidates
 from webapp.core.localize.places import Place, Verified, join, support_at
-from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
+from webapp.core.localize.shortlist import (
+    Shortlisted,
+    consistent,
+    matched_anew,
+    shortlist,
+    weighted_votes,
+)
 from webapp.core.localize.vote import match_statistics
 from webapp.threads import in_threads
 
@@ -126,6 +133,8 @@ def find_places(
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
         listed += _looked_at_closer(indexed, query, votes=votes, closer=closer)
     clock.append(time.perf_counter())
+    if indexed.pair_matcher is not None:
+        listed = matched_anew(indexed, query, listed=listed, matcher=indexed.pair_matcher)
     camera = Camera(*query.photo_size, fov_deg)
     checked = in_threads(lambda m: _verify(indexed, m, camera), listed)
     clock.append(time.perf_counter())
@@ -192,7 +201,8 @@ def _weigh(indexed: IndexedMap, places: list[Place], *, voted: list[Verified]) -
     best = places[0]
     votes = np.array([v.matched.votes for v in voted] or [_NO_VOTES])
     agreed = math.log1p(INLIER_SCALE * best.score)
-    around = float(support_at(indexed, voted, np.array([best.position]))[0]) if voted else 0.0
+    at = np.array([best.position])
+    around = float(support_at(indexed, voted, position=at)[0]) if voted else 0.0
     peak = math.log(votes.max() / np.median(votes))
     merits = [math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT)) for p in places]
     return np.array([(agreed, around, merit, peak) for merit in merits])

@@ -1,0 +1,71 @@
+"""A network's matches take the place of those that the search found; votes and order stay."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from webapp.core.features.types import Features
+from webapp.core.index.bruteforce import BruteForce
+from webapp.core.index.segment import Segment
+from webapp.core.localize.indexed import IndexedMap
+from webapp.core.localize.shortlist import Shortlisted, matched_anew
+from webapp.core.localize.verified import find_places
+
+PHOTOS, KEYPOINTS, WIDTH = 3, 30, 32
+
+
+class Reversed:
+    """Matches the first keypoint with the last, and so on: no search would."""
+
+    def match(self, query: Features, photo: Features) -> np.ndarray:
+        rows = np.arange(len(query))
+        return np.column_stack([rows, rows[::-1]])
+
+
+def map_and_query():
+    rng = np.random.default_rng(0)
+    rows = rng.integers(0, 256, (PHOTOS * KEYPOINTS, WIDTH)).astype(np.uint8)
+    segment = Segment(
+        content=[f"{i:064x}" for i in range(PHOTOS)],
+        first=np.arange(0, len(rows) + 1, KEYPOINTS),
+        xy=rng.uniform(0, 400, (len(rows), 2)).astype(np.float32),
+        size=np.ones(len(rows), np.float32),
+        angle=np.zeros(len(rows), np.float32),
+        descriptors=rows,
+        photo_size=np.full((PHOTOS, 2), 400, np.int32),
+        fov_deg=np.full(PHOTOS, 60.0),
+    )
+    indexed = IndexedMap(
+        ids=np.arange(PHOTOS),
+        position=np.column_stack([np.arange(PHOTOS) * 100.0, np.zeros(PHOTOS)]),
+        fov_deg=np.full(PHOTOS, 60.0),
+        segments=[segment],
+        photo_of_entry=np.arange(PHOTOS),
+        search=BruteForce([rows], "l2"),
+        place_radius_px=10.0,
+    )
+    return indexed, segment.entry(0).features
+
+
+def test_matches_are_the_networks_and_votes_the_searchs():
+    indexed, query = map_and_query()
+    found_by_search = np.arange(4)
+    listed = [
+        Shortlisted(photo, votes, found_by_search, query.xy[:4], query.xy[:4])
+        for photo, votes in ((2, 7.0), (0, 3.0))
+    ]
+    anew = matched_anew(indexed, query, listed=listed, matcher=Reversed())
+    assert [(one.photo, one.votes) for one in anew] == [(2, 7.0), (0, 3.0)]
+    for one in anew:
+        assert np.array_equal(one.query_row, np.arange(KEYPOINTS))
+        assert np.array_equal(one.query_xy, query.xy)
+        assert np.array_equal(one.photo_xy, indexed.features(one.photo).xy[::-1])
+
+
+def test_places_are_found_with_the_networks_matches():
+    indexed, query = map_and_query()
+    usual = find_places(indexed, query, fov_deg=60.0).places[0].photos[0].matched
+    thorough = replace(indexed, pair_matcher=Reversed())
+    anew = find_places(thorough, query, fov_deg=60.0).places[0].photos[0].matched
+    assert np.array_equal(usual.photo_xy[:5], query.xy[:5])
+    assert np.array_equal(anew.photo_xy, query.xy[::-1])

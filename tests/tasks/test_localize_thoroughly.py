@@ -1,0 +1,62 @@
+"""Method `thorough`: what it needs, and that it answers."""
+
+from dataclasses import replace
+
+import pytest
+
+from webapp.core.localize import shortlist
+from webapp.errors import MissingPart
+from webapp.files import models as files
+from webapp.progress import Progress
+from webapp.tasks import open_map, prepare
+from webapp.tasks.open_map import OpenOptions
+
+THOROUGH = OpenOptions(method="thorough", jobs=1)
+
+
+def test_photos_are_matched_by_the_network_and_calibrated_for_it(
+    tmp_path, make_map, quick, shared_models, monkeypatch
+):
+    matched = []
+    anew = shortlist.matched_anew
+    monkeypatch.setattr(
+        "webapp.core.localize.verified.matched_anew",
+        lambda *given, **named: matched.append(given) or anew(*given, **named),
+    )
+    cfg = make_map(tmp_path, 6)
+    settings = replace(quick, models=shared_models)
+    localizer = prepare.run(cfg, THOROUGH, settings=settings, progress=Progress())
+    matched.clear()
+    answer = localizer.localize(tmp_path / "photos" / "3.jpg", top=3)
+    assert len(matched) == 1
+    assert localizer.features == "xfeat"
+    assert answer.hypotheses[0].experiences[0] == localizer.map.experiences[3].id
+    assert localizer.opened.folder.folder.joinpath("calibration-thorough-ivf.json").exists()
+
+
+def test_positions_that_change_keep_the_network(tmp_path, make_map, quick, shared_models):
+    settings = replace(quick, models=shared_models)
+    opened = open_map.run(make_map(tmp_path, 3), THOROUGH, settings=settings, progress=Progress())
+    again = open_map.with_positions(opened, opened.map, options=THOROUGH)
+    assert again.indexed.pair_matcher is opened.indexed.pair_matcher is not None
+
+
+def test_weights_that_are_missing_are_told_before_anything_is_built(tmp_path, make_map, quick, shared_models):
+    models = tmp_path / "models"
+    models.mkdir()
+    weights = files.installed("xfeat", shared_models)
+    (models / weights.name).write_bytes((shared_models / weights.name).read_bytes())
+    cfg = make_map(tmp_path, 2)
+    with pytest.raises(MissingPart, match="lighterglue") as missing:
+        open_map.run(cfg, THOROUGH, settings=replace(quick, models=models), progress=Progress())
+    assert "expmap models fetch --from" in missing.value.hint
+    assert not (tmp_path / "derived").exists()
+
+
+def test_what_can_be_chosen_depends_on_the_weights_that_are_here(tmp_path, shared_models):
+    assert files.usable_methods(tmp_path) == ["vote", "verified"]
+    assert "xfeat" not in files.usable_features(tmp_path)
+    assert "sift" in files.usable_features(tmp_path)
+    assert files.usable_methods(shared_models) == ["vote", "verified", "thorough"]
+    assert "xfeat" in files.usable_features(shared_models)
+    assert "disk" not in files.usable_features(shared_models)
