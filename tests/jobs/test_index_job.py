@@ -39,6 +39,16 @@ def test_index(library, quick, queue, seen, row):
     assert seen(again)["result"]["computed"] == 0
 
 
+def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shared_models):
+    asked = {"features": "xfeat", "method": "thorough"}
+    id = queue("index", map_id=row, arguments=asked, key="xfeat thorough")
+    worker = Worker(library, replace(quick, models=shared_models))
+    for _ in range(2):  # the library's own index is before it
+        worker.run(once=True)
+    assert (seen(id)["state"], seen(id)["result"]["features"]) == ("done", "xfeat")
+    assert list(library.map_folder("row").glob("derived/**/calibration-thorough-ivf.json"))
+
+
 def test_evaluate(library, quick, queue, seen, row):
     id = queue("evaluate", map_id=row, arguments={"limit": 2})
     Worker(library, quick).run(once=True)

@@ -58,7 +58,8 @@ _INDEX_OPTIONS = [
         type=click.Choice(METHODS),
         default="verified",
         show_default=True,
-        help="vote: most matches; verified: geometry, position and probabilities.",
+        help="vote: most matches; verified: geometry, position and probabilities; thorough: the same with "
+        "a network that matches photos, in seconds.",
     ),
     click.option(
         "--index",

@@ -18,9 +18,13 @@ _NAMED = 100
 def run(context: Context) -> dict[str, Any]:
     """Build, as `expmap build` does; what is finished when it is interrupted stays finished.
 
-    The argument `features` names others than the library's own.
+    The arguments `features` and `method` name others than the library's own.
     """
-    features = context.arguments.get("features") or Way().resolved()[1]
+    usual = Way()
+    way = Way(
+        context.arguments.get("method", usual.method), context.arguments.get("features") or usual.features
+    )
+    method, features = way.resolved()
     library, record = context.library, context.map()
     library_export.run(library, record.id)
     with library.database.read() as session:
@@ -29,7 +33,7 @@ def run(context: Context) -> dict[str, Any]:
     context.progress.note("describing photos")
     report = build_map.run(
         library.cfg(record.slug),
-        OpenOptions(features=features),
+        OpenOptions(method=method, features=features),
         settings=context.settings,
         progress=context.progress,
     )

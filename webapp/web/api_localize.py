@@ -16,7 +16,7 @@ from flask import current_app, request
 from flask.blueprints import BlueprintSetupState
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.features.table import BUNDLES, METHODS
+from webapp.core.features.table import BUNDLES, METHODS, Method
 from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.near import Near
@@ -264,18 +264,21 @@ def ask(record: MapRecord, question: Question) -> Asked:
         ) from error
     if asked.ready.not_indexed:
         _build_index(record, features)
+    if question.way.method == "thorough" and not asked.ready.calibrated:
+        _build_index(record, features, method="thorough")
     return asked
 
 
-def _build_index(record: MapRecord, features: str) -> bool:
-    """Have the index built, if nobody has yet; False for a map that has nothing to build from."""
-    own = Way().resolved()[1]
-    key = "" if features == own else features
+def _build_index(record: MapRecord, features: str, *, method: Method = "verified") -> bool:
+    """Have the index built and calibrated, if nobody has; False for a map that has nothing to build from."""
+    other = "" if features == Way().resolved()[1] else features
+    key = other if method == "verified" else f"{features} {method}"
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id)
         if not maps.counts(session, row)[1] or row.satellite_path is None:
             return False
         at_work = [j for j in jobs.current(session, row.id) if j.kind == INDEX_JOB and j.key == key]
         if all(job.state in jobs.ENDED for job in at_work):
-            jobs.enqueue(session, INDEX_JOB, map_id=row.id, arguments={"features": features}, key=key)
+            arguments = {"features": features, "method": method}
+            jobs.enqueue(session, INDEX_JOB, map_id=row.id, arguments=arguments, key=key)
     return True

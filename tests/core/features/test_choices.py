@@ -27,9 +27,7 @@ def goes_with(detector: str, extractor: str) -> bool:
 
 
 PAIRS = [pair for pair in itertools.product(DETECTORS, EXTRACTORS) if goes_with(*pair)]
-ALL = [
-    (method, *pair, matcher) for method in ("vote", "verified") for pair in PAIRS for matcher in MATCHERS
-]
+ALL = [(method, *pair, matcher) for method in ("vote", "verified") for pair in PAIRS for matcher in MATCHERS]
 
 
 def works(method: Method, extractor: str, matcher: str) -> bool:

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import shutil
+from dataclasses import replace
 
 import pytest
 from sqlalchemy import select
@@ -12,7 +13,8 @@ from sqlalchemy import select
 from webapp.store import members
 from webapp.store import queries as stored
 from webapp.store.schema import Job, MapRecord, QueryRecord
-from webapp.tasks import adopt_map
+from webapp.tasks import adopt_map, localize_upload
+from webapp.tasks.ready_maps import Way
 
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
@@ -214,6 +216,29 @@ def test_a_map_that_is_not_ready_says_so_and_is_made_ready(
     assert [job for job in jobs_of(library) if job[0] == "index"] == [("index", "")]
     response = ask(client, queries / "query_01.jpg", features="orb")
     assert response.status_code == 409 and ("index", "orb") in jobs_of(library)
+
+
+def test_thorough_without_its_weights_says_how_to_get_them(client, sample, ask, queries):
+    response = ask(client, queries / "query_01.jpg", method="thorough")
+    error = response.get_json()["error"]
+    assert response.status_code == 503 and "weights" in error["message"] and "expmap models" in error["hint"]
+
+
+def test_the_first_thorough_answer_has_its_calibration_made_once(
+    client, library, sample, ask, queries, monkeypatch
+):
+    run = localize_upload.run
+
+    def uncalibrated(ready_maps, map_id, *, question, settings):
+        usual = replace(question, way=Way())
+        asked = run(ready_maps, map_id, question=usual, settings=settings)
+        return replace(asked, ready=replace(asked.ready, calibrated=False))
+
+    monkeypatch.setattr(localize_upload, "run", uncalibrated)
+    for _ in range(2):
+        answer = ask(client, queries / "query_01.jpg", method="thorough").get_json()
+        assert answer["calibrated"] is False
+    assert [job for job in jobs_of(library) if job[1]] == [("index", "xfeat thorough")]
 
 
 def test_a_map_without_photos_cannot_answer(client, park, ask, queries):
