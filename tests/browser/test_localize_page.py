@@ -269,3 +269,23 @@ def test_an_unsure_answer_asks_for_more_photos_of_the_spot(page, sample_map, api
     expect(page.locator("#query-about")).to_contain_text("2 photos of one spot")
     is_right(page, truth[QUERY])
     expect(more).to_have_count(0)
+
+
+def test_an_unsure_answer_can_be_looked_at_thoroughly(page, sample_map, api, queries):
+    """Where the weights are: here the page is made to think so, and the server is asked as usual."""
+    asked = []
+
+    def as_usual(route):
+        asked.append(route.request.post_data_buffer)
+        route.continue_(post_data=asked[0].replace(b"thorough", b"verified"))
+
+    open_page(page, sample_map, api)
+    page.evaluate("document.getElementById('option-method').append(new Option('thorough', 'thorough'))")
+    choose(page, queries / "off_map.jpg")
+    closer = page.get_by_test_id("look-closer")
+    expect(closer).to_be_visible()
+    page.route("**/localize", as_usual)
+    closer.click()
+    expect(page.locator("#options-count")).to_have_text("1")
+    expect(page.get_by_test_id("off-map")).to_be_visible()
+    assert len(asked) == 1 and b"thorough" in asked[0]

@@ -200,7 +200,14 @@ def test_a_georeferenced_map_gives_latitude_and_metres(expmap, sample_folder, tm
         assert answer["fov_source"] == "exif"
         best = answer["hypotheses"][0]
         assert None not in (best["lat"], best["lon"], best["radius_m"])
-    code, out, err = expmap("localize", sample_folder / "map.cfg", queries[0], *index)
+    code, out, err = expmap("localize", sample_folder / "map.cfg", queries[1], *index)
     assert (code, err) == (0, "")
     assert "latitude" in out
     assert " m " in out
+
+
+def test_what_is_not_sure_can_be_looked_at_closer(expmap, sample_folder, tmp_path):
+    elsewhere = sample_folder / "queries" / "off_map.jpg"
+    asked = ["localize", sample_folder / "map.cfg", elsewhere, "--index", tmp_path / "index"]
+    assert "--method thorough" in expmap(*asked)[2]
+    assert expmap(*asked, "--json")[2] == ""

@@ -35,6 +35,12 @@ from webapp.tasks.localize_photo import PhotoLocalizer
 _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
 
+_SURE = 0.5
+_LOOK_CLOSER = (
+    "what is not sure can become surer with --method thorough: a second a photo; "
+    "expmap models list tells what it needs"
+)
+
 
 @click.command(short_help="Say where photos were taken.")
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
@@ -87,7 +93,7 @@ def localize(
     output = _Output(
         localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1, sequence=sequence
     )
-    forms, failed = [], False
+    forms, failed, unsure = [], False, False
     for number, photo in enumerate(photos, 1):
         try:
             answer = localizer.localize(photo, top=top)
@@ -97,6 +103,7 @@ def localize(
             forms.append(failure_to_json(query=str(photo), error=str(error)))
             continue
         forms.append(output.form(photo, answer))
+        unsure |= not answer.hypotheses or answer.hypotheses[0].probability < _SURE
         if not as_json:
             output.tell(photo, answer, last=number == len(photos))
         try:
@@ -106,6 +113,8 @@ def localize(
             click.echo(f"expmap: {error}", err=True)
     if as_json:
         click.echo(json.dumps(forms, indent=2))
+    elif unsure and localizer.method == "verified":
+        click.echo(_LOOK_CLOSER, err=True)
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
 

@@ -16,7 +16,7 @@ const SURE = 0.8;
 export class Asking extends EventTarget {
   /**
    * @param {{session: import("./session.js").Session, store: import("../editor/store.js").Store, server: Object,
-   *   options: {values: function(): Object}, say: function(string): void}} page
+   *   options: import("./options.js").Options, say: function(string): void}} page
    */
   constructor(page) {
     super();
@@ -130,14 +130,18 @@ export class Asking extends EventTarget {
     if (answer.calibrated === false) notes.push(t("The probabilities are those of most maps: this map's own are still being worked out."));
     if (answer.not_indexed) notes.push(tn("{n} new photo of the map cannot be found yet.", "{n} new photos of the map cannot be found yet.", answer.not_indexed));
     for (const text of notes) byId("notes").append(note("info", text));
-    const text = t("Not sure yet. Photos from the same spot in other directions make the answer surer.");
-    const more = this._wantsMore(answer) && note("info", text, null, chooseMore((files) => this._add(files)));
-    byId("further").replaceChildren(...(more ? [more] : []));
+    byId("further").replaceChildren(...(isSure(answer) ? [] : [this._whatHelps(answer)]));
   }
 
-  _wantsMore({ method, hypotheses: [first] }) {
+  _whatHelps({ method }) {
     const photos = this._files?.length || this.session.query.options?.photos || 1;
-    return method !== "vote" && photos < MOST_OF_ONE_SPOT && !(first?.probability >= SURE);
+    const more = photos < MOST_OF_ONE_SPOT && chooseMore((files) => this._add(files));
+    const closer = method === "verified" && this.options.offers("method", "thorough") && lookCloser(() => {
+      this.options.set("method", "thorough");
+      this.again();
+    });
+    const text = t("Not sure yet. Photos from the same spot in other directions make the answer surer.");
+    return note("info", text, null, h("div", { class: "lo-more" }, more, closer));
   }
 
   _failed(error, send) {
@@ -196,12 +200,21 @@ export class Asking extends EventTarget {
   }
 }
 
+/** Whether nothing more needs to be known; `vote` has no probabilities that would tell. */
+function isSure({ method, hypotheses: [first] }) {
+  return method === "vote" || first?.probability >= SURE;
+}
+
+function lookCloser(run) {
+  return h("button", { class: "button", type: "button", "data-testid": "look-closer", onclick: run }, icon("target"), t("Compare thoroughly"));
+}
+
 function chooseMore(take) {
   const input = h("input", {
     class: "ed-file", id: "more-input", type: "file", multiple: true, accept: byId("query-input").accept,
     "data-testid": "more-input", onchange: () => take(usable(input.files)),
   });
-  return h("div", { class: "lo-more" }, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos of this spot")));
+  return h("span", {}, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos of this spot")));
 }
 
 /** A message in the panel. */

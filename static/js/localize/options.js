@@ -55,6 +55,11 @@ export class Options {
     return hint ? { ...fields, hint_x_px: hint.x_px, hint_y_px: hint.y_px, hint_radius_px: hint.radius_px } : fields;
   }
 
+  /** Tell whether a field can have a value. */
+  offers(name, value) {
+    return [...this.form.elements[name].options].some((option) => option.value === value);
+  }
+
   /** Set one of the fields. */
   set(name, value) {
     this.form.elements[name].value = value;
