@@ -145,14 +145,15 @@ def test_flann_is_the_same_every_time(kind):
     assert np.array_equal(one.distance, two.distance)
 
 
-def test_among_many_cells_nearly_the_same_are_searched():
+@pytest.mark.parametrize("width", [64, 128])
+def test_among_many_cells_nearly_the_same_are_searched(width):
     rows = 64_000
-    held = descriptors("float", rows, seed=1)
+    held = np.ascontiguousarray(descriptors("float", rows, seed=1)[:, :width])
     codebook = ivf.train(held, rows, kind="float")
     assert codebook.nlist > 1000
     query = varied(held[::200], "float", seed=3).astype(np.float32)
     _, exact = codebook.quantizer.search(query, 4)
     _, found = ivf._cell_search(codebook).search(query, 4)
     same = [len(set(a) & set(b)) / 4 for a, b in zip(exact, found, strict=True)]
-    assert np.mean(same) > 0.9
-    assert (exact[:, 0] == found[:, 0]).mean() > 0.95
+    assert np.mean(same) > 0.93
+    assert (exact[:, 0] == found[:, 0]).mean() > 0.97
