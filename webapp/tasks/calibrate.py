@@ -86,12 +86,11 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
     ------
     Cancelled, StorageError
     """
-    photos = _photos(opened)
-    radius = opened.indexed.place_radius_px
     for there in paths(opened):
         known = calibrationfile.read(there)
-        if known is not None and known.map_fov_deg == map_fov_deg and _still_fits(known, photos, radius):
+        if known is not None and still_fits(known, opened, map_fov_deg=map_fov_deg):
             return known
+    photos, radius = _photos(opened), opened.indexed.place_radius_px
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
     key = f"{calibrationfile.FORMAT} {opened.map_hash} {radius} {map_fov_deg}"
@@ -106,6 +105,15 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
 def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's calibration may be; the last one is written."""
     return opened.beside(f"calibration-{opened.method}-{opened.choice.matcher}.json")
+
+
+def still_fits(known: StoredCalibration, opened: OpenMap, *, map_fov_deg: float | None) -> bool:
+    """Tell whether a map has changed so little since it was calibrated that this need not be repeated."""
+    if known.map_fov_deg != map_fov_deg:
+        return False
+    changed = len(known.photos ^ _photos(opened)) > _CHANGED_SHARE * max(len(known.photos), 1)
+    radius = opened.indexed.place_radius_px
+    return not changed and abs(math.log(radius / known.place_radius_px)) <= _CHANGED_SHARE
 
 
 def newest(opened: OpenMap) -> StoredCalibration | None:
@@ -204,8 +212,3 @@ def _photos(opened: OpenMap) -> frozenset[str]:
     cell = 2.0 ** round(math.log2(opened.indexed.place_radius_px))
     cells = np.floor(opened.indexed.position / cell).astype(int).tolist()
     return frozenset(f"{c[:_PREFIX]}@{x},{y}" for c, (x, y) in zip(opened.contents, cells, strict=True) if c)
-
-
-def _still_fits(known: StoredCalibration, photos: frozenset[str], radius: float) -> bool:
-    changed = len(known.photos ^ photos) > _CHANGED_SHARE * max(len(known.photos), 1)
-    return not changed and abs(math.log(radius / known.place_radius_px)) <= _CHANGED_SHARE

@@ -71,12 +71,15 @@ class ReadyMap:
         Photos of the map that cannot be found yet.
     calibrated : bool
         False while its probabilities are those of most maps.
+    to_calibrate : bool
+        Whether it has no calibration, or has changed much since.
     """
 
     localizer: PhotoLocalizer
     revision: int
     not_indexed: int
     calibrated: bool
+    to_calibrate: bool
 
 
 _Files = tuple[tuple[int, int] | None, ...]
@@ -185,7 +188,9 @@ class ReadyMaps:
             PhotoLocalizer(opened, self._settings, stored),
             revision=the_map.revision,
             not_indexed=opened.not_indexed,
-            calibrated=stored is not None or opened.method == "vote",
+            calibrated=stored is not None or not verifies,
+            to_calibrate=verifies
+            and (stored is None or not calibrate.still_fits(stored, opened, map_fov_deg=options.map_fov_deg)),
         )
 
 

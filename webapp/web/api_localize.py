@@ -14,6 +14,7 @@ from apiflask.fields import Boolean, File, Float, Integer, List, String
 from apiflask.validators import Length, OneOf, Range, Regexp
 from flask import current_app, request
 from flask.blueprints import BlueprintSetupState
+from sqlalchemy.orm import Session
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.features.table import BUNDLES, METHODS, Method
@@ -23,7 +24,7 @@ from webapp.core.hypotheses.near import Near
 from webapp.errors import IndexDamaged, NotReady, UsageError
 from webapp.files.partfile import check_space, discard, receive
 from webapp.store import jobs, maps, queries
-from webapp.store.schema import MapRecord
+from webapp.store.schema import Job, MapRecord
 from webapp.tasks import follow_sequence, localize_upload, show_query
 from webapp.tasks.add_photo import tidy_name
 from webapp.tasks.adopt_query import link_or_copy
@@ -251,7 +252,7 @@ def ask(record: MapRecord, question: Question) -> Asked:
         It is being built.
     PhotoError, UsageError, MapError, NotFound
     """
-    features = question.way.resolved()[1]
+    method, features = question.way.resolved()
     try:
         asked = localize_upload.run(ready_maps(), record.id, question=question, settings=settings())
     except (NotReady, IndexDamaged) as error:
@@ -264,21 +265,41 @@ def ask(record: MapRecord, question: Question) -> Asked:
         ) from error
     if asked.ready.not_indexed:
         _build_index(record, features)
-    if question.way.method == "thorough" and not asked.ready.calibrated:
-        _build_index(record, features, method="thorough")
+    if asked.ready.to_calibrate:
+        _calibrate(record, method, features)
     return asked
 
 
-def _build_index(record: MapRecord, features: str, *, method: Method = "verified") -> bool:
-    """Have the index built and calibrated, if nobody has; False for a map that has nothing to build from."""
-    other = "" if features == Way().resolved()[1] else features
-    key = other if method == "verified" else f"{features} {method}"
-    with library().database.write() as session:
+def _build_index(record: MapRecord, features: str) -> bool:
+    """Have the index built, if nobody has yet; False for a map that has nothing to build from."""
+    with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         if not maps.counts(session, row)[1] or row.satellite_path is None:
             return False
-        at_work = [j for j in jobs.current(session, row.id) if j.kind == INDEX_JOB and j.key == key]
-        if all(job.state in jobs.ENDED for job in at_work):
-            arguments = {"features": features, "method": method}
-            jobs.enqueue(session, INDEX_JOB, map_id=row.id, arguments=arguments, key=key)
+        at_work = _index_jobs(session, row.id, key=_job_key("verified", features))
+    if all(job.state in jobs.ENDED for job in at_work):
+        _enqueue(record, "verified", features)
     return True
+
+
+def _calibrate(record: MapRecord, method: Method, features: str) -> None:
+    """Have the map calibrated for a method, but not again at once where that has just failed."""
+    with library().database.read() as session:
+        at_work = _index_jobs(session, record.id, key=_job_key(method, features))
+    if all(job.state == "done" for job in at_work):
+        _enqueue(record, method, features)
+
+
+def _job_key(method: Method, features: str) -> str:
+    other = "" if features == Way().resolved()[1] else features
+    return other if method == "verified" else f"{features} {method}"
+
+
+def _index_jobs(session: Session, map_id: int, *, key: str) -> list[Job]:
+    return [job for job in jobs.current(session, map_id) if job.kind == INDEX_JOB and job.key == key]
+
+
+def _enqueue(record: MapRecord, method: Method, features: str) -> None:
+    arguments, key = {"features": features, "method": method}, _job_key(method, features)
+    with library().database.write() as session:
+        jobs.enqueue(session, INDEX_JOB, map_id=record.id, arguments=arguments, key=key)

@@ -8,8 +8,9 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from sqlalchemy import select
+from sqlalchemy import func, select, update
 
+from webapp.files.calibrationfile import FORMAT
 from webapp.store import members
 from webapp.store import queries as stored
 from webapp.store.schema import Job, MapRecord, QueryRecord
@@ -232,13 +233,22 @@ def test_the_first_thorough_answer_has_its_calibration_made_once(
     def uncalibrated(ready_maps, map_id, *, question, settings):
         usual = replace(question, way=Way())
         asked = run(ready_maps, map_id, question=usual, settings=settings)
-        return replace(asked, ready=replace(asked.ready, calibrated=False))
+        return replace(asked, ready=replace(asked.ready, to_calibrate=True))
 
     monkeypatch.setattr(localize_upload, "run", uncalibrated)
     for _ in range(2):
-        answer = ask(client, queries / "query_01.jpg", method="thorough").get_json()
-        assert answer["calibrated"] is False
+        assert ask(client, queries / "query_01.jpg", method="thorough").status_code == 200
     assert [job for job in jobs_of(library) if job[1]] == [("index", "xfeat thorough")]
+
+
+@pytest.mark.parametrize("before", ["done", "failed"])
+def test_a_calibration_of_an_older_program_is_made_anew(client, library, sample, ask, queries, before):
+    with library.database.write() as session:
+        session.execute(update(Job).values(state=before, ended_at=func.now()))
+    (kept,) = library.map_folder("sample").glob("derived/**/calibration-verified-ivf.json")
+    kept.write_text(kept.read_text().replace(f'"format": {FORMAT}', f'"format": {FORMAT - 1}'))
+    assert ask(client, queries / "query_01.jpg").get_json()["calibrated"] is False
+    assert jobs_of(library) == ([("index", "")] if before == "done" else [])
 
 
 def test_a_map_without_photos_cannot_answer(client, park, ask, queries):
