@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Generic, TypeVar
 
 In = TypeVar("In")
@@ -41,8 +41,10 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
         return list(pool.map(function, listed))
 
 
-class OnePerThread(Generic[Out]):
-    """A thing that may be used by one thread at a time: each thread gets its own, made when it first asks.
+class Pool(Generic[Out]):
+    """Things that may be used by one thread at a time: lent, and kept for whoever comes next.
+
+    There are as many as were ever used at the same time, not as many as there are threads.
 
     Parameters
     ----------
@@ -52,16 +54,21 @@ class OnePerThread(Generic[Out]):
 
     def __init__(self, make: Callable[[], Out]) -> None:
         self._make = make
-        self._kept = threading.local()
+        self._idle: list[Out] = []
 
-    def get(self) -> Out:
-        """Give this thread's own."""
-        if not hasattr(self._kept, "thing"):
-            return self.renew()
-        thing: Out = self._kept.thing
-        return thing
+    @contextmanager
+    def lent(self) -> Iterator[Out]:
+        """Lend the one that came back last, or a new one; after an error nobody gets it again."""
+        try:
+            thing = self._idle.pop()
+        except IndexError:
+            thing = self._make()
+        yield thing
+        self._idle.append(thing)
 
-    def renew(self) -> Out:
-        """Make this thread's own anew, and give it."""
-        thing = self._kept.thing = self._make()
-        return thing
+    @contextmanager
+    def renewed(self) -> Iterator[Out]:
+        """Lend a new one, which is kept as the others are."""
+        thing = self._make()
+        yield thing
+        self._idle.append(thing)

@@ -1,5 +1,7 @@
 """LightGlue and LighterGlue: with stand-ins that compute something simple, and with the published weights."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 import pytest
@@ -106,6 +108,18 @@ def test_each_thread_gives_the_same():
     alone = [find.match(*pair) for pair in pairs]
     for one, other in zip(alone, in_threads(lambda pair: find.match(*pair), pairs), strict=True):
         assert np.array_equal(one, other)
+
+
+def test_threads_that_match_in_turn_share_a_network(monkeypatch):
+    made, make = [], cv2.LightGlueMatcher.createFromMemory
+    monkeypatch.setattr(
+        cv2.LightGlueMatcher, "createFromMemory", lambda *a: made.append(make(*a)) or made[-1]
+    )
+    find, points = matcher("lightglue"), photo(scattered(20, 400), (400, 400))
+    for _ in range(3):
+        with ThreadPoolExecutor(1) as thread:
+            assert len(thread.submit(find.match, points, points).result()) == 20
+    assert len(made) == 1
 
 
 def test_a_file_that_is_no_such_model_is_one_clear_error():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from webapp.core.features.modelfile import Expected, quietly
 from webapp.core.features.points import WIDTH, PointFeatures, Points
-from webapp.threads import OnePerThread
+from webapp.threads import Pool
 
 EXPECTED = Expected("ALIKED", inputs=("image",), outputs=("keypoints", "descriptors", "scores"))
 
@@ -26,9 +26,9 @@ class Aliked(PointFeatures):
 
 
 class AlikedNetwork:
-    """The network with its weights; may be used by several threads, each of which gets its own copy.
+    """The network with its weights; may be used by several threads.
 
-    OpenCV opens the file itself, for each thread and each size of photo.
+    OpenCV opens the file itself, for each size of photo and each one that is looked at at the same time.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class AlikedNetwork:
             raise EXPECTED.refused(path)
         self.sides = (image[3], image[2])
         self._path, self._look = path, look
-        self._of_size = OnePerThread(lambda: lru_cache(maxsize=_SIZES)(self._opened))
+        self._of_size = Pool(lambda: lru_cache(maxsize=_SIZES)(self._opened))
 
     def points(self, image: NDArray[np.uint8]) -> Points:
         """Find and describe keypoints in an (h, w, 3) uint8 image.
@@ -67,7 +67,8 @@ class AlikedNetwork:
         """
         height, width = image.shape[:2]
         try:
-            found, descriptors = self._of_size.get()((width, height)).detectAndCompute(image, None)
+            with self._of_size.lent() as opened:
+                found, descriptors = opened((width, height)).detectAndCompute(image, None)
         except cv2.error as error:
             raise EXPECTED.refused(self._path) from error
         if descriptors is None:

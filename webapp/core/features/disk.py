@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from webapp.core.features.modelfile import Expected, quietly
 from webapp.core.features.points import WIDTH, PointFeatures, Points
-from webapp.threads import OnePerThread
+from webapp.threads import Pool
 
 EXPECTED = Expected("DISK", inputs=("image",), outputs=("keypoints", "scores", "descriptors"))
 
@@ -22,7 +22,7 @@ class Disk(PointFeatures):
 
 
 class DiskNetwork:
-    """The network with its weights; may be used by several threads, each of which gets its own copy.
+    """The network with its weights; may be used by several threads.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class DiskNetwork:
         self.sides = (image[3], image[2])
         self._path = path
         self._onnx = np.frombuffer(model, np.uint8)
-        self._net = OnePerThread(self._opened)
+        self._nets = Pool(self._opened)
 
     def points(self, image: NDArray[np.uint8]) -> Points:
         """Find and describe keypoints in an (h, w, 3) uint8 image.
@@ -57,19 +57,19 @@ class DiskNetwork:
             OpenCV cannot run the model.
         """
         try:
-            return self._points(image)
+            with self._nets.lent() as net:
+                return self._points(net, image)
         except cv2.error as error:
             # OpenCV 5.0 fails where a network finds nothing, too. One that works finds something in noise.
             noise = np.random.default_rng(0).integers(0, 256, image.shape, dtype=np.uint8)
             try:
-                self._net.renew()
-                self._points(noise)
+                with self._nets.renewed() as net:
+                    self._points(net, noise)
             except cv2.error:
                 raise EXPECTED.refused(self._path) from error
             return Points(*(np.zeros(shape, np.float32) for shape in ((0, 2), 0, (0, WIDTH))))
 
-    def _points(self, image: NDArray[np.uint8]) -> Points:
-        net = self._net.get()
+    def _points(self, net: cv2.DISK, image: NDArray[np.uint8]) -> Points:
         net.setImageSize(image.shape[1::-1])
         found, descriptors = net.detectAndCompute(image, None)
         if descriptors is None:

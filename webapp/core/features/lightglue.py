@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from webapp.core.features.modelfile import Expected, quietly
 from webapp.core.features.onnx import with_products
 from webapp.core.features.types import Features
-from webapp.threads import OnePerThread
+from webapp.threads import Pool
 
 _LEAST_SCORE = 0.1
 """Probability of a match, at least; what its authors take."""
@@ -40,7 +40,7 @@ class PairMatcher(Protocol):
 
 
 class LighterGlue:
-    """LightGlue for XFeat, smaller (Potje et al. 2024); each thread gets its own copy.
+    """LightGlue for XFeat, smaller (Potje et al. 2024); may be used by several threads.
 
     Parameters
     ----------
@@ -50,22 +50,22 @@ class LighterGlue:
 
     def __init__(self, model: bytes) -> None:
         onnx = np.frombuffer(model, np.uint8)
-        self._net = OnePerThread(lambda: cv2.dnn.readNetFromONNX(onnx))
+        self._nets = Pool(lambda: cv2.dnn.readNetFromONNX(onnx))
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos with XFeat's features: (m, 2) rows, the surest first."""
         if not (len(query) and len(photo)):
             return _surest(np.zeros((0, 2), np.int64), np.zeros(0, np.float32))
-        net = self._net.get()
         blobs = (_centred(query), _centred(photo), _units(query), _units(photo))
-        for name, blob in zip(_INPUTS, blobs, strict=True):
-            net.setInput(blob[None], name)
-        pairs, scores = net.forward(["matches", "scores"])
+        with self._nets.lent() as net:
+            for name, blob in zip(_INPUTS, blobs, strict=True):
+                net.setInput(blob[None], name)
+            pairs, scores = net.forward(["matches", "scores"])
         return _surest(pairs.reshape(-1, 2), scores.ravel())
 
 
 class LightGlue:
-    """LightGlue for ALIKED as OpenCV runs it; each thread gets its own copy.
+    """LightGlue for ALIKED as OpenCV runs it; may be used by several threads.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class LightGlue:
             self._onnx = np.frombuffer(with_products(model), np.uint8)
         except ValueError as error:
             raise EXPECTED.refused(path) from error
-        self._net = OnePerThread(self._opened)
+        self._nets = Pool(self._opened)
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos with ALIKED's features: (m, 2) rows, the surest first.
@@ -108,10 +108,12 @@ class LightGlue:
 
     def _matched(self, query: Features, photo: Features) -> Sequence[cv2.DMatch]:
         try:
-            return _matches(self._net.get(), query, photo)
+            with self._nets.lent() as net:
+                return _matches(net, query, photo)
         except cv2.error:
             # Where an Einsum is left, OpenCV 5.0 can do the numbers of keypoints of the first pair only.
-            return _matches(self._net.renew(), query, photo)
+            with self._nets.renewed() as net:
+                return _matches(net, query, photo)
 
     def _opened(self) -> cv2.LightGlueMatcher:
         with quietly():

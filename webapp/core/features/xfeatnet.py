@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.onnx import Convolution, Graph, read_convolutions
-from webapp.threads import OnePerThread
+from webapp.threads import Pool
 
 MULTIPLE = 32
 """Width and height of what goes through the network are multiples of this."""
@@ -61,7 +61,7 @@ class Maps(NamedTuple):
 
 
 class XFeatNetwork:
-    """The network with its weights; may be used by several threads, each of which gets its own copy.
+    """The network with its weights; may be used by several threads.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class XFeatNetwork:
         layers = {_short(name): layer for name, layer in read_convolutions(model).items()}
         self._first = layers["block1.0"]
         onnx = np.frombuffer(_any_size(layers), np.uint8)
-        self._net = OnePerThread(lambda: cv2.dnn.readNetFromONNX(onnx))
+        self._nets = Pool(lambda: cv2.dnn.readNetFromONNX(onnx))
 
     def maps(self, image: NDArray[np.float32]) -> Maps:
         """Run the network.
@@ -87,10 +87,11 @@ class XFeatNetwork:
         -------
         Maps
         """
-        net = self._net.get()
-        for name, blob in zip(_INPUTS, self._blobs(image), strict=True):
-            net.setInput(blob, name)
-        descriptors, logits, reliability = net.forward([name for name, _ in _OUTPUTS])
+        blobs = self._blobs(image)
+        with self._nets.lent() as net:
+            for name, blob in zip(_INPUTS, blobs, strict=True):
+                net.setInput(blob, name)
+            descriptors, logits, reliability = net.forward([name for name, _ in _OUTPUTS])
         return Maps(descriptors[0], logits[0], reliability[0, 0])
 
     def _blobs(self, image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
