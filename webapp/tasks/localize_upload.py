@@ -28,8 +28,11 @@ from webapp.tasks.ready_maps import ReadyMap, ReadyMaps, Way
 MOST_PHOTOS = 8
 """Of one spot, in one question."""
 
-_AT_ONCE = BoundedSemaphore(2)
+_QUICK = BoundedSemaphore(2)
 """More at the same time would only wait for each other, and each takes memory for its photo."""
+
+_THOROUGH = BoundedSemaphore(1)
+"""Takes a second or two a photo, and memory for its networks: others do not wait for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +117,7 @@ def run(ready_maps: ReadyMaps, map_id: int, *, question: Question, settings: Set
     ready = ready_maps.get(map_id, question.way)
     localizer = replace(ready.localizer, fov_deg=question.fov_deg)
     hints = Hints(question.near, question.heading_deg)
-    with _AT_ONCE:
+    with _THOROUGH if localizer.method == "thorough" else _QUICK:
         answers = [_look(localizer, photo, hints) for photo in question.photos]
     if question.sequence is None:
         answer, best = localize_hinted.join(localizer, answers, hints=hints, top=question.top)

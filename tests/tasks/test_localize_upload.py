@@ -1,0 +1,90 @@
+"""Questions that are quick do not wait for slow ones, and no more are answered at once than the cores bear."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from webapp.settings import Settings
+from webapp.tasks import localize_hinted, localize_upload
+from webapp.tasks.localize_upload import Question, Sent
+from webapp.tasks.ready_maps import Way
+
+
+@dataclass(frozen=True)
+class Localizer:
+    """Knows how it was asked."""
+
+    method: str
+    fov_deg: float | None = None
+    features: str = "any"
+    map: SimpleNamespace = SimpleNamespace(georeference=None)
+
+
+class Looks:
+    """Looks at photos that last until they are let go, by method."""
+
+    def __init__(self):
+        self.busy, self.most, self.changed = {}, {}, threading.Condition()
+        self.go = {method: threading.Event() for method in ("verified", "thorough")}
+
+    def look(self, localizer, _photo, *, hints):
+        method = localizer.method
+        with self.changed:
+            self.busy[method] = self.busy.get(method, 0) + 1
+            self.most[method] = max(self.most.get(method, 0), self.busy[method])
+            self.changed.notify_all()
+        assert self.go[method].wait(10)
+        with self.changed:
+            self.busy[method] -= 1
+
+    def wait_for(self, method, busy):
+        """Wait until so many of a method are being looked at."""
+        with self.changed:
+            assert self.changed.wait_for(lambda: self.busy.get(method) == busy, 10)
+
+
+@pytest.fixture
+def looks(monkeypatch):
+    made = Looks()
+    monkeypatch.setattr(localize_hinted, "look", made.look)
+    monkeypatch.setattr(localize_hinted, "join", lambda *_, **__: (SimpleNamespace(evidence=()), 0))
+    monkeypatch.setattr(localize_upload, "read_facts", lambda *_, **__: None)
+    monkeypatch.setattr(localize_upload, "answer_to_json", lambda *_, **__: {})
+    yield made
+    for go in made.go.values():
+        go.set()
+
+
+@pytest.fixture
+def threads():
+    with ThreadPoolExecutor(8) as pool:
+        yield pool
+
+
+def asked(method):
+    maps = SimpleNamespace(get=lambda _id, way: SimpleNamespace(localizer=Localizer(way.method), revision=1))
+    question = Question((Sent(Path("a.jpg"), "a.jpg"),), Way(method))
+    return localize_upload.run(maps, 1, question=question, settings=Settings())
+
+
+def test_quick_questions_do_not_wait_for_thorough_ones(threads, looks):
+    slow = [threads.submit(asked, "thorough") for _ in range(3)]
+    looks.wait_for("thorough", 1)
+    looks.go["verified"].set()
+    for _ in range(3):
+        threads.submit(asked, "verified").result(timeout=5)
+    assert not any(run.done() for run in slow)
+
+
+@pytest.mark.parametrize(("method", "most"), [("verified", 2), ("thorough", 1)])
+def test_so_many_are_answered_at_once(threads, looks, method, most):
+    runs = [threads.submit(asked, method) for _ in range(6)]
+    looks.wait_for(method, most)
+    looks.go[method].set()
+    for run in runs:
+        run.result(timeout=5)
+    assert looks.most[method] == most
