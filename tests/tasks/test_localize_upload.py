@@ -1,4 +1,4 @@
-"""Questions that are quick do not wait for slow ones, and no more are answered at once than the cores bear."""
+"""Questions that are quick do not wait for slow ones, and no more are answered at once than is good."""
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +21,7 @@ class Localizer:
     method: str
     fov_deg: float | None = None
     features: str = "any"
-    map: SimpleNamespace = SimpleNamespace(georeference=None)
+    map = SimpleNamespace(georeference=None)
 
 
 class Looks:

@@ -49,13 +49,13 @@ class Spelling:
         self._last: dict[str, list[str]] = {}
         self._numbers: dict[tuple[str, str], list[str]] = {}
         for name in sorted(self._names):
-            self._folded.setdefault(_folded(name), name)
+            self._folded.setdefault(folded(name), name)
             self._last.setdefault(_last(name), []).append(name)
             self._numbers.setdefault(_numbers(name), []).append(name)
 
     def same(self, name: str) -> str | None:
         """Find the file whose name looks the same but is coded differently."""
-        return None if name in self._names else self._folded.get(_folded(name))
+        return None if name in self._names else self._folded.get(folded(name))
 
     def similar(self, name: str) -> str | None:
         """Find the file that was probably meant: the same name in another folder, or nearly the same here."""
@@ -67,15 +67,16 @@ class Spelling:
         return next(iter(difflib.get_close_matches(name, siblings, n=1, cutoff=0.8)), None)
 
 
-def _folded(name: str) -> str:
+def folded(name: str) -> str:
+    """Give names that are one on many disks, which know no letter case or one coding of accents, one form."""
     return unicodedata.normalize("NFC", name).casefold()
 
 
 def _last(name: str) -> str:
-    return _folded(PurePosixPath(name).name)
+    return folded(PurePosixPath(name).name)
 
 
 def _numbers(name: str) -> tuple[str, str]:
     """Give the folder of a file and the digits in its name."""
     path = PurePosixPath(name)
-    return _folded(str(path.parent)), "".join(letter for letter in path.name if letter.isdigit())
+    return folded(str(path.parent)), "".join(letter for letter in path.name if letter.isdigit())

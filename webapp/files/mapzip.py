@@ -10,7 +10,6 @@ import lzma
 import os
 import shutil
 import stat
-import unicodedata
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -23,6 +22,7 @@ from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import InputError, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.imageprobe import PHOTO_SUFFIXES
+from webapp.files.listing import folded
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
 
@@ -114,7 +114,7 @@ def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[li
         if not _wanted(name):
             left_out.append(name)
             continue
-        same = unicodedata.normalize("NFC", name).casefold()
+        same = folded(name)
         if same in seen:
             raise InputError(
                 f"the zip has {quoted(name)} and {quoted(seen[same])}, which are one file on many disks",
@@ -124,7 +124,7 @@ def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[li
         _check_size(info, name, limits)
         files.append(_File(info, name))
     for name in seen.values():
-        above = (unicodedata.normalize("NFC", str(p)).casefold() for p in PurePosixPath(name).parents)
+        above = (folded(str(p)) for p in PurePosixPath(name).parents)
         if any(parent in seen for parent in above):
             raise InputError(f"{quoted(name)} in the zip is below a file", hint="zip the map's folder again")
     total = sum(file.info.file_size for file in files) / 1e6

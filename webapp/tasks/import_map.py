@@ -36,7 +36,7 @@ class Imported:
     findings : tuple of Finding
         What the linter says about it.
     left_out : tuple of str
-        Files of the zip that are no part of a map.
+        Files of the zip that are no part of a map; photos without a place with the reason.
     """
 
     map_id: int
@@ -170,10 +170,10 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
             add_placements(cfg)
             progress.note("reading photos")
             contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
-            contents, refused = import_tray.take_back(
+            contents, not_taken = import_tray.take_back(
                 contents, tray, cfg=cfg, limits=settings.photo, progress=progress
             )
-        yield _Found(cfg, contents, findings, (*unpacked.left_out, *refused))
+        yield _Found(cfg, contents, findings, (*unpacked.left_out, *not_taken))
     finally:
         shutil.rmtree(place, ignore_errors=True)
 

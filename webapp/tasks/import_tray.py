@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from webapp.errors import PhotoError
+from webapp.files.atomic import storage_error
 from webapp.files.cfg import read_bytes
 from webapp.files.cfgscan import scan
-from webapp.files.listing import list_photos
+from webapp.files.listing import folded, list_photos
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.store.schema import Photo
@@ -42,11 +43,15 @@ def set_aside(cfg: Path, folder: Path) -> Tray:
     cfg : Path
     folder : Path
         New, on the same disk, and not below the map's.
+
+    Raises
+    ------
+    StorageError
     """
     orphans = orphan_photos(cfg, scan(read_bytes(cfg)), present=list_photos(cfg.parent))
     names = tuple(name.removeprefix(f"{UNPLACED}/") for name in orphans if name.startswith(f"{UNPLACED}/"))
     for name in names:
-        _move(cfg.parent / UNPLACED / name, folder / name)
+        _move(cfg.parent / UNPLACED / name, folder / name, name=name)
     _drop_empty(cfg.parent / UNPLACED)
     return Tray(folder, names)
 
@@ -61,37 +66,62 @@ def take_back(
     Returns
     -------
     contents : Contents
-    refused : tuple of str
-        Files that are no photos, as the zip names them.
+    left_out : tuple of str
+        Files as the zip names them, each with the reason.
 
     Raises
     ------
-    Cancelled
+    StorageError, Cancelled
     """
     rows: list[Photo] = []
-    refused: list[str] = []
+    left_out: list[str] = []
     known = {row.sha256 for row in contents.photos}
+    names = _Names(cfg.parent)
     for name in tray.names:
         progress.check()
         try:
             row = adopt_map.tray_row(tray.folder / name, limits=limits)
-        except PhotoError:
-            refused.append(f"{UNPLACED}/{name}")
+        except PhotoError as error:
+            left_out.append(f"{UNPLACED}/{name}: {error.message}")
             continue
         if row.sha256 in known:
+            left_out.append(f"{UNPLACED}/{name}: the map has this photo already")
             continue
         known.add(row.sha256)
-        row.id, row.path = contents.map.next_id + len(rows), _free(cfg.parent, name)
-        _move(tray.folder / name, cfg.parent / row.path)
+        row.id, row.path = contents.map.next_id + len(rows), names.take(name)
+        _move(tray.folder / name, cfg.parent / row.path, name=name)
         rows.append(row)
-    return replace(contents, tray=tuple(rows)), tuple(refused)
+    return replace(contents, tray=tuple(rows)), tuple(left_out)
 
 
-def _free(folder: Path, name: str) -> str:
-    """Name a file as it was, or below `unplaced/` where the map has such a file."""
-    while (folder / name).exists():
-        name = f"{UNPLACED}/{name}"
-    return name
+class _Names:
+    """The names of a folder's files, as a disk has them that knows no letter case."""
+
+    def __init__(self, folder: Path) -> None:
+        self._files: set[str] = set()
+        self._folders: set[str] = set()
+        for path in folder.rglob("*"):
+            if path.is_file():
+                self._add(path.relative_to(folder).as_posix())
+
+    def take(self, name: str) -> str:
+        """Name a new file as it was, or below `unplaced/` where another is in its way."""
+        while self._is_barred(name):
+            name = f"{UNPLACED}/{name}"
+        self._add(name)
+        return name
+
+    def _add(self, name: str) -> None:
+        self._files.add(folded(name))
+        self._folders.update(_above(name))
+
+    def _is_barred(self, name: str) -> bool:
+        above_or_below = folded(name) in self._folders or not self._files.isdisjoint(_above(name))
+        return above_or_below or folded(name) in self._files
+
+
+def _above(name: str) -> list[str]:
+    return [folded(str(parent)) for parent in PurePosixPath(name).parents]
 
 
 def _drop_empty(folder: Path) -> None:
@@ -102,6 +132,9 @@ def _drop_empty(folder: Path) -> None:
             path.rmdir()
 
 
-def _move(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    source.rename(target)
+def _move(source: Path, target: Path, *, name: str) -> None:
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source.rename(target)
+    except OSError as error:
+        raise storage_error(error, where=f"{UNPLACED}/{name}") from error

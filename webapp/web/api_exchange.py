@@ -52,7 +52,10 @@ class NewMapOut(Schema):
     slug = String()
     job = Integer(allow_none=True)
     findings = List(Dict(), metadata={"description": "warnings of the linter: code, severity, message, fix"})
-    left_out = List(String(), metadata={"description": "files of the zip that are no part of a map"})
+    left_out = List(
+        String(),
+        metadata={"description": "files that are no part of a map; photos of `unplaced/` with the reason"},
+    )
 
 
 class CopyIn(Schema):

@@ -2,9 +2,11 @@
 
 import io
 import zipfile
+from pathlib import Path
 
 import pytest
 
+from webapp.errors import StorageError
 from webapp.files.mapfolder import read_map
 from webapp.settings import Settings
 from webapp.store import maps
@@ -112,7 +114,51 @@ def test_in_a_folder_made_by_hand(adopt, exported, bring, make_map, tmp_path, ro
     }
     done = bring({f"Park/{n}": c for n, c in {**files, **more, "unplaced/broken.jpg": b"no photo"}.items()})
     assert list(tray(rows(done.map_id))) == ["later.jpg"]
-    assert done.left_out == ("unplaced/broken.jpg",) and done.findings == ()
+    broken, *known = done.left_out
+    assert broken.startswith("unplaced/broken.jpg: ") and len(broken) > 25
+    assert known == [f"unplaced/{n}.jpg: the map has this photo already" for n in ("known", "same")]
+    assert done.findings == ()
+
+
+@pytest.mark.parametrize(
+    "name", ["map.cfg/x.jpg", "photos/0.jpg/x.jpg", "PHOTOS/0.jpg", "Photos/0.JPG/y/x.jpg", "Plan.PNG"]
+)
+def test_a_name_that_a_file_of_the_map_bars(adopt, exported, bring, make_map, tmp_path, rows, library, name):
+    files = exported(adopt())
+    extra = (make_map(tmp_path / "more", 5).parent / "photos" / "4.jpg").read_bytes()
+    done = bring({**files, f"unplaced/{name}": extra})
+    assert done.left_out == ()
+    assert list(tray(rows(done.map_id))) == [f"unplaced/{name}"]
+    assert (library.map_folder(done.slug) / "unplaced" / name).read_bytes() == extra
+    again = exported(done.map_id)
+    assert again[f"unplaced/unplaced/{name}"] == extra
+    assert list(tray(rows(bring(again).map_id)).values()) == list(tray(rows(done.map_id)).values())
+
+
+def test_a_photo_named_like_a_folder_of_the_map(adopt, exported, bring, make_map, tmp_path, rows):
+    def rename(cfg):
+        (cfg.parent / "photos").rename(cfg.parent / "a.jpg")
+        cfg.write_text(cfg.read_text().replace("photos/", "a.jpg/"))
+
+    files = exported(adopt(change=rename))
+    extra = (make_map(tmp_path / "more", 5).parent / "photos" / "4.jpg").read_bytes()
+    done = bring({**files, "unplaced/A.jpg": extra})
+    assert list(tray(rows(done.map_id))) == ["unplaced/A.jpg"]
+
+
+def test_a_disk_that_refuses_is_an_error_of_ours(park, exported, bring, monkeypatch):
+    files = exported(park)
+    rename = Path.rename
+
+    def refused(self, target):
+        if "tray" in self.parts:
+            raise PermissionError(13, "Permission denied")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    with pytest.raises(StorageError, match="Permission denied") as told:
+        bring(files)
+    assert told.value.where == "unplaced/photos/1.jpg"
 
 
 def test_a_map_whose_own_folder_has_that_name(adopt, edit, exported, bring, rows):
