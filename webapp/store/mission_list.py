@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from webapp.store.schema import Account, MapRecord, Member
 from webapp.store.schema_missions import Mission, MissionObject, MissionPhoto, Track
 
 _LAST_CHANGED_FIRST = (Mission.changed_at.desc(), Mission.id.desc())
+_MOST_PARAMETERS = 10_000
 
 
 class Spot(NamedTuple):
@@ -104,13 +106,21 @@ def _entries(session: Session, account: Account, ids: Select[Any]) -> list[Entry
     found = select(Mission, Member.role, MapRecord.slug, objects, photos)
     found = found.outerjoin(MapRecord, MapRecord.id == Mission.map_id).outerjoin(Member, member)
     rows = session.execute(found.where(Mission.id.in_(ids)).order_by(*_LAST_CHANGED_FIRST)).all()
-    tracks = defaultdict(list)
-    for track in session.scalars(select(Track).where(Track.mission_id.in_(ids)).order_by(Track.id)):
-        tracks[track.mission_id].append(track)
+    tracks = _tracks(session, [mission.id for mission, *_ in rows])
     return [
         Entry(mission, _role(mission, account, role), slug, tracks[mission.id], *counts)
         for mission, role, slug, *counts in rows
     ]
+
+
+def _tracks(session: Session, ids: Sequence[int]) -> Mapping[int, list[Track]]:
+    """Read tracks by the ids of their missions: the page may begin elsewhere when it is asked for again."""
+    tracks = defaultdict(list)
+    for begin in range(0, len(ids), _MOST_PARAMETERS):
+        mine = Track.mission_id.in_(ids[begin : begin + _MOST_PARAMETERS])
+        for track in session.scalars(select(Track).where(mine).order_by(Track.id)):
+            tracks[track.mission_id].append(track)
+    return tracks
 
 
 def _role(mission: Mission, account: Account, on_map: str | None) -> str | None:

@@ -3,6 +3,8 @@
 import pytest
 from sqlalchemy import event
 
+from webapp.store import mission_list
+from webapp.store.schema import Account
 from webapp.store.schema_missions import Mission
 
 
@@ -112,6 +114,34 @@ def test_a_mission_that_changes_meanwhile_is_not_listed_twice(new_mission, ask, 
     assert (names, ask(limit=2, after=after)[0]) == (["3", "2"], ["1", "0"])
 
 
+def test_a_mission_that_changes_between_two_statements_keeps_its_tracks(library, new_mission, send, walk):
+    """As with a database whose statements each see what was committed before them."""
+    ids = [new_mission(name=str(number)) for number in range(3)]
+    for id in ids:
+        send(walk(3), id=id)
+
+    def batch(connection, _cursor, statement, *_rest):
+        if "FROM track" in statement:
+            latest = "UPDATE mission SET changed_at = '2100-01-01 00:00:00.000000' WHERE id = ?"
+            connection.exec_driver_sql(latest, (ids[0],))
+
+    event.listen(library.database.engine, "before_cursor_execute", batch)
+    try:
+        with library.database.write() as session:
+            account = session.query(Account).filter_by(is_owner=True).one()
+            page = mission_list.listed(session, account, limit=2)
+    finally:
+        event.remove(library.database.engine, "before_cursor_execute", batch)
+    assert [(entry.mission.id, entry.poses) for entry in page] == [(ids[2], 3), (ids[1], 3)]
+
+
+def test_tracks_of_more_missions_than_a_statement_takes_values(new_mission, send, walk, client, monkeypatch):
+    monkeypatch.setattr(mission_list, "_MOST_PARAMETERS", 2)
+    for number in range(5):
+        send(walk(number + 1), id=new_mission(name=str(number)))
+    assert [m["poses"] for m in client.get("/api/v1/missions").json["missions"]][:5] == [5, 4, 3, 2, 1]
+
+
 def test_pages_of_the_bin_and_of_a_map(client, new_mission, new_map, owner, ask):
     slug = new_map(owner)
     for number in range(3):
@@ -124,7 +154,15 @@ def test_pages_of_the_bin_and_of_a_map(client, new_mission, new_map, owner, ask)
 
 
 @pytest.mark.parametrize(
-    "query", [{"limit": 0}, {"limit": 10_001}, {"after": "x"}, {"after": "1.2.3"}, {"after": "9" * 18 + ".1"}]
+    "query",
+    [
+        {"limit": 0},
+        {"limit": 10_001},
+        {"after": "x"},
+        {"after": "1.2.3"},
+        {"after": "9" * 18 + ".1"},
+        {"after": "12.3\n"},
+    ],
 )
 def test_no_such_page(client, query):
     assert client.get("/api/v1/missions", query_string=query).status_code == 422
