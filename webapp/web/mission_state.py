@@ -16,7 +16,7 @@ from webapp.store.schema import Account, MapRecord
 from webapp.store.schema_missions import Mission, Track
 from webapp.web import map_state
 
-SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$(?!\n)"  # `$` lets a line break follow, and `\Z` is nothing in the browsers' expressions
+SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$(?!\n)"  # which `$` alone would let pass
 """What a place in a list looks like: microseconds since 1970, and the id of a mission."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
