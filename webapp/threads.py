@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import wraps
+from threading import Lock
 from typing import Generic, TypeVar
 
 In = TypeVar("In")
@@ -39,6 +41,21 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
         return [function(item) for item in listed]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, listed))
+
+
+def one_at_a_time(
+    block: Callable[[], AbstractContextManager[None]],
+) -> Callable[[], AbstractContextManager[None]]:
+    """Let one thread at a time into a block that changes what all threads share; the others wait."""
+    lock = Lock()
+
+    @contextmanager
+    @wraps(block)
+    def alone() -> Iterator[None]:
+        with lock, block():
+            yield
+
+    return alone
 
 
 class Pool(Generic[Out]):

@@ -1,7 +1,10 @@
 """ALIKED and DISK: OpenCV's classes are run with stand-ins whose keypoints are the brightest pixels."""
 
+import threading
+import time
 from functools import partial
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,10 +12,11 @@ from tests.standin_models import TABLE, brighter, brightest, glue
 from webapp.core.features.aliked import Aliked, AlikedNetwork
 from webapp.core.features.disk import Disk, DiskNetwork
 from webapp.core.features.extract import extract
+from webapp.core.features.modelfile import quietly
 from webapp.core.features.table import choose
 from webapp.core.features.types import unit_as_bytes
 from webapp.errors import InputError, MissingPart, UsageError
-from webapp.threads import in_threads
+from webapp.threads import Pool, in_threads
 
 KINDS = ("aliked", "disk")
 DOTS = [(3, 5), (70, 8), (10, 60), (20, 30), (99, 41)]
@@ -159,6 +163,58 @@ def test_a_model_that_only_looks_right_is_refused_when_it_is_run(opened, kind, w
     network = opened(kind, model)
     with pytest.raises(InputError, match="that OpenCV can run"):
         features(kind, network, gray=dotted((64, 128)))
+
+
+def test_a_photo_that_opencv_fails_with_is_no_photo_without_keypoints(opened):
+    network = opened("disk", brightest("disk"))
+    gray = dotted((64, 128))
+
+    class Short:
+        """A network whose memory is too short for one photo."""
+
+        def __init__(self):
+            self._net = network._opened()
+            self.setImageSize = self._net.setImageSize
+
+        def detectAndCompute(self, image, mask):  # noqa: N802 -- OpenCV's name
+            if image[0, 0, 0] == gray[0, 0]:
+                raise cv2.error(
+                    "OpenCV(5.0.0) alloc.cpp:73: error: (-4:Insufficient memory) Failed to allocate"
+                )
+            return self._net.detectAndCompute(image, mask)
+
+    network._nets = Pool(Short)
+    with pytest.raises(InputError, match="that OpenCV can run") as failed:
+        features("disk", network, gray=gray)
+    assert "Insufficient memory" in str(failed.value.__cause__)
+
+
+def test_opencv_is_quiet_in_all_threads_and_loud_again_afterwards():
+    log = cv2.utils.logging
+    before = log.getLogLevel()
+    first_in, second_asks, levels = threading.Event(), threading.Event(), []
+
+    def first():
+        with quietly():
+            first_in.set()
+            second_asks.wait(5)
+            time.sleep(0.1)
+
+    def second():
+        first_in.wait(5)
+        second_asks.set()
+        with quietly():
+            one.join(5)
+            levels.append(log.getLogLevel())
+
+    one, two = threading.Thread(target=first), threading.Thread(target=second)
+    try:
+        one.start(), two.start()
+        one.join(), two.join()
+        assert levels == [log.LOG_LEVEL_SILENT]
+        assert log.getLogLevel() == before
+    finally:
+        log.setLogLevel(before)
 
 
 def test_a_file_that_changes_is_not_opened_again(tmp_path):

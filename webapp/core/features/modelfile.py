@@ -11,6 +11,7 @@ import cv2
 
 from webapp.core.features.onnx import Sides, read_interface
 from webapp.errors import InputError
+from webapp.threads import one_at_a_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,7 @@ class Expected:
         )
 
 
+@one_at_a_time
 @contextmanager
 def quietly() -> Iterator[None]:
     """Keep OpenCV from writing to the terminal what it thinks of a model; what matters it raises."""
