@@ -143,6 +143,22 @@ def test_opening_says_what_is_missing_or_wrong(settings):
         files.network("xfeat", settings.models)
 
 
+@pytest.mark.parametrize(
+    ("model", "file", "hint"),
+    [("lighterglue", 0, "--from FOLDER"), ("xfeat", 1, "--from FOLDER"), ("xfeat", 0, "expmap models fetch")],
+)
+def test_a_damaged_file_is_told_with_the_way_to_get_it(settings, model, file, hint):
+    settings.models.mkdir(parents=True)
+    published = files.MODELS[model][file]
+    (settings.models / published.name).write_bytes(bytes(published.bytes))
+    with pytest.raises(MissingPart, match="not the published one") as damaged:
+        files.pair_matcher("xfeat", settings.models) if model == "lighterglue" else files.network(
+            model, settings.models
+        )
+    assert damaged.value.where == published.name
+    assert damaged.value.hint.endswith(hint)
+
+
 def test_a_model_is_opened_once(shared_models):
     assert files.network("xfeat", shared_models) is files.network("xfeat", shared_models)
 

@@ -261,8 +261,9 @@ def _checked(model: str, path: Path, *, sha256: str) -> bytes:
     data = _read(path)
     if hashlib.sha256(data).hexdigest() == sha256:
         return data
-    if any(file.sha256 == sha256 for file in MODELS[model]):
-        raise MissingPart("the file is not the published one", where=path.name, hint=_FETCH)
+    published = next((file for file in MODELS[model] if file.sha256 == sha256), None)
+    if published is not None:
+        raise MissingPart("the file is not the published one", where=path.name, hint=how_to_get(published))
     raise MissingPart(
         "the file is another one than when the map was opened",
         where=path.name,
