@@ -251,10 +251,16 @@ def test_the_live_camera_is_followed_and_its_last_picture_kept(camera_page, samp
     assert len(api.ask("GET", f"/maps/{sample_map}/queries")["queries"]) == before + 1
 
 
+def unsure_photo(queries, path):
+    """A ninth of a query, enlarged: too little to be sure."""
+    with Image.open(queries / QUERY) as photo:
+        third, row = photo.width // 3, photo.height // 3
+        photo.crop((0, row, third, 2 * row)).resize(photo.size).save(path)
+    return path
+
+
 def test_an_unsure_answer_asks_for_more_photos_of_the_spot(page, sample_map, api, queries, truth, tmp_path):
-    near, far = queries / QUERY, tmp_path / "near.jpg"
-    with Image.open(near) as photo:
-        photo.crop((0, 0, photo.width // 3, photo.height // 3)).resize(photo.size).save(far)
+    near, far = queries / QUERY, unsure_photo(queries, tmp_path / "near.jpg")
     open_page(page, sample_map, api)
     choose(page, near)
     expect(entries(page).first).to_be_visible()
@@ -269,9 +275,24 @@ def test_an_unsure_answer_asks_for_more_photos_of_the_spot(page, sample_map, api
     expect(page.locator("#query-about")).to_contain_text("2 photos of one spot")
     is_right(page, truth[QUERY])
     expect(more).to_have_count(0)
+    choose(page, far)
+    expect(page.locator("#query-name")).to_have_text("near.jpg")
+    more.set_input_files([near])
+    expect(page.locator("#query-about")).to_contain_text("2 photos of one spot")
 
 
-def test_an_unsure_answer_can_be_looked_at_thoroughly(page, sample_map, api, queries):
+def test_a_file_that_is_no_photo_takes_no_answer_away(context, page, sample_map, api, queries, tmp_path):
+    context.watch.expect(422)
+    (tmp_path / "notes.jpg").write_text("no photo")
+    open_page(page, sample_map, api)
+    choose(page, unsure_photo(queries, tmp_path / "near.jpg"))
+    page.get_by_test_id("more-input").set_input_files([tmp_path / "notes.jpg"])
+    expect(page.get_by_test_id("error-message")).to_contain_text("notes.jpg")
+    expect(entries(page).first).to_be_visible()
+    expect(page.get_by_test_id("more-input")).to_be_attached()
+
+
+def test_an_unsure_answer_can_be_looked_at_thoroughly(page, sample_map, api, queries, tmp_path):
     """Where the weights are: here the page is made to think so, and the server is asked as usual."""
     asked = []
 
@@ -281,11 +302,11 @@ def test_an_unsure_answer_can_be_looked_at_thoroughly(page, sample_map, api, que
 
     open_page(page, sample_map, api)
     page.evaluate("document.getElementById('option-method').append(new Option('thorough', 'thorough'))")
-    choose(page, queries / "off_map.jpg")
+    choose(page, unsure_photo(queries, tmp_path / "near.jpg"))
     closer = page.get_by_test_id("look-closer")
     expect(closer).to_be_visible()
     page.route("**/localize", as_usual)
     closer.click()
     expect(page.locator("#options-count")).to_have_text("1")
-    expect(page.get_by_test_id("off-map")).to_be_visible()
+    expect(entries(page).first).to_be_visible()
     assert len(asked) == 1 and b"thorough" in asked[0]

@@ -59,7 +59,7 @@ _INDEX_OPTIONS = [
         default="verified",
         show_default=True,
         help="vote: most matches; verified: geometry, position and probabilities; thorough: the same with "
-        "a network that matches photos, in seconds.",
+        "a network that matches photos, which takes seconds.",
     ),
     click.option(
         "--index",

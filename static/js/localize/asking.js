@@ -23,8 +23,8 @@ export class Asking extends EventTarget {
     Object.assign(this, page);
     this.waiting = null;
     this._abort = null;
-    this._files = null;
     this.store.on("jobs", () => this._jobs());
+    this.session.on("answer", () => byId("further").replaceChildren());
   }
 
   /** Localize photos that were chosen, dropped or pasted. @param {File[]} files */
@@ -41,8 +41,7 @@ export class Asking extends EventTarget {
   /** @param {File[]} files of one spot @returns {Promise<boolean>} whether there is an answer */
   ask(files) {
     const { session } = this;
-    this._files = files;
-    session.setQuery({ name: files.map(({ name }) => name).join(", "), url: URL.createObjectURL(files[0]) });
+    session.setQuery({ name: files.map(({ name }) => name).join(", "), url: URL.createObjectURL(files[0]), files });
     const told = (sent, all) => this._progress(sent < all ? sent / all : null);
     return this._run((signal) => this.server.ask(files, this.options.values(), told, signal));
   }
@@ -51,7 +50,7 @@ export class Asking extends EventTarget {
   again() {
     const { query } = this.session;
     if (this.waiting) return this._run(this.waiting);
-    if (this._files?.length > 1) return this.ask(this._files);
+    if (query?.files?.length > 1) return this.ask(query.files);
     if (query?.id) return this._run(() => this.server.askAgain(query.id, this.options.values()));
     return null;
   }
@@ -60,7 +59,6 @@ export class Asking extends EventTarget {
   async open(id) {
     this._abort?.abort();
     this.waiting = null;
-    this._files = null;
     try {
       this._show(await this.server.query(id));
     } catch (error) {
@@ -78,17 +76,26 @@ export class Asking extends EventTarget {
 
   /** Ask anew, with further photos of the same spot. @param {File[]} files */
   async _add(files) {
-    const { query } = this.session;
-    if (!files.length || !query) return;
+    const { session } = this;
+    const { query, answer } = session;
+    if (!files.length) return;
+    let first = query.files;
     try {
-      this._files ||= [new File([await this.server.photo(query.id)], query.name)];
+      first ||= [new File([await this.server.photo(query.id)], query.name)];
     } catch (error) {
       this._problem(error);
       return;
     }
-    const all = [...this._files, ...files];
+    if (session.query !== query) return; // something else was asked meanwhile
+    const all = [...first, ...files];
     if (all.length > MOST_OF_ONE_SPOT) toast(tn("{n} photo of one spot is enough.", "{n} photos of one spot are enough.", MOST_OF_ONE_SPOT));
-    await this.ask(all.slice(0, MOST_OF_ONE_SPOT));
+    const asked = this.ask(all.slice(0, MOST_OF_ONE_SPOT));
+    const ours = session.query;
+    if ((await asked) || this.waiting || session.query !== ours) return;
+    session.setQuery(query); // the answer that there was still holds
+    session.setAnswer(answer);
+    history.replaceState(null, "", `?query=${query.id}`);
+    this._offerMore(answer);
   }
 
   async _run(send) {
@@ -102,9 +109,10 @@ export class Asking extends EventTarget {
     byId("notes").replaceChildren();
     history.replaceState(null, "", location.pathname);
     try {
+      const { files } = this.session.query;
       const answer = await send(abort.signal);
       if (abort.signal.aborted) return false;
-      this._show(await this.server.query(answer.id), answer);
+      this._show({ ...(await this.server.query(answer.id)), files }, answer);
       this.dispatchEvent(new Event("asked"));
       return true;
     } catch (error) {
@@ -130,18 +138,26 @@ export class Asking extends EventTarget {
     if (answer.calibrated === false) notes.push(t("The probabilities are those of most maps: this map's own are still being worked out."));
     if (answer.not_indexed) notes.push(tn("{n} new photo of the map cannot be found yet.", "{n} new photos of the map cannot be found yet.", answer.not_indexed));
     for (const text of notes) byId("notes").append(note("info", text));
-    byId("further").replaceChildren(...(isSure(answer) ? [] : [this._whatHelps(answer)]));
+    this._offerMore(answer);
   }
 
-  _whatHelps({ method }) {
-    const photos = this._files?.length || this.session.query.options?.photos || 1;
-    const more = photos < MOST_OF_ONE_SPOT && chooseMore((files) => this._add(files));
-    const closer = method === "verified" && this.options.offers("method", "thorough") && lookCloser(() => {
-      this.options.set("method", "thorough");
-      this.again();
-    });
+  /** Offer what may make an answer surer. */
+  _offerMore(answer) {
+    const { files, options } = this.session.query;
+    const photos = files?.length || options.photos;
+    const whole = Boolean(files) || photos === 1; // the server keeps one photo of several
+    const buttons = [];
+    if (whole && photos < MOST_OF_ONE_SPOT) buttons.push(chooseMore((chosen) => this._add(chosen)));
+    if (whole && answer.method === "verified" && this.options.offers("method", "thorough")) {
+      buttons.push(lookCloser(() => {
+        this.options.set("method", "thorough");
+        this.options.set("features", "auto");
+        this.again();
+      }));
+    }
+    if (isSure(answer) || !buttons.length) return;
     const text = t("Not sure yet. Photos from the same spot in other directions make the answer surer.");
-    return note("info", text, null, h("div", { class: "lo-more" }, more, closer));
+    byId("further").replaceChildren(note("info", text), h("div", { class: "lo-more" }, ...buttons));
   }
 
   _failed(error, send) {
@@ -153,8 +169,10 @@ export class Asking extends EventTarget {
     this._problem(error);
   }
 
-  _problem(error) {
-    byId("notes").replaceChildren(note("danger", sentence(error.message), error.hint && sentence(error.hint)));
+  _problem({ message, hint, where }) {
+    const oneOfSeveral = this.session.query?.files?.length > 1 && where;
+    const text = oneOfSeveral ? `${where}: ${message}` : sentence(message);
+    byId("notes").replaceChildren(note("danger", text, hint && sentence(hint)));
   }
 
   _building() {
@@ -201,8 +219,8 @@ export class Asking extends EventTarget {
 }
 
 /** Whether nothing more needs to be known; `vote` has no probabilities that would tell. */
-function isSure({ method, hypotheses: [first] }) {
-  return method === "vote" || first?.probability >= SURE;
+function isSure({ method, hypotheses: [first], off_map_probability: off }) {
+  return method === "vote" || Math.max(first?.probability ?? 0, off) >= SURE;
 }
 
 function lookCloser(run) {
