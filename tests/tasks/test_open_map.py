@@ -2,11 +2,14 @@
 
 import os
 import shutil
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.standin_models import brightest, glue
 from webapp.core.index.ivf import InvertedFile
 from webapp.errors import IndexDamaged, MapError, StorageError, UsageError
 from webapp.files.lock import writer_lock
@@ -126,6 +129,39 @@ def test_auto_takes_the_newest_index_that_fits(tmp_path, make_map, opening):
     fitting, notes = opening(cfg, matcher="l1")
     assert (fitting.choice.name, notes) == ("sift", [])
     assert opening(cfg, matcher="hamming")[0].choice.name == "orb"
+
+
+def test_auto_takes_no_index_whose_model_is_not_here_any_more(tmp_path, make_map, quick):
+    cfg = make_map(tmp_path / "map", 3)
+    settings = replace(quick, models=tmp_path / "models")
+    settings.models.mkdir()
+    (settings.models / "aliked.onnx").write_bytes(brightest("aliked"))
+
+    def chosen(method="vote", features="auto"):
+        asked = OpenOptions(method=method, jobs=1, features=features)
+        return open_map.run(cfg, asked, settings=settings, progress=Progress()).choice.name
+
+    assert (chosen(), chosen(features="aliked"), chosen()) == ("sift", "aliked", "aliked")
+    (settings.models / "aliked.onnx").unlink()
+    assert chosen() == "sift"
+
+
+def test_auto_takes_no_index_for_thorough_whose_pair_matcher_is_not_here(tmp_path, make_map, quick):
+    cfg = make_map(tmp_path / "map", 3)
+    settings = replace(quick, models=tmp_path / "models")
+    settings.models.mkdir()
+    (settings.models / "aliked.onnx").write_bytes(brightest("aliked"))
+    asked = OpenOptions(method="vote", jobs=1, features="aliked")
+    open_map.run(cfg, asked, settings=settings, progress=Progress())
+
+    def chosen(method):
+        bases = index_place.index_bases(cfg, None)
+        ask = partial(index_place.newest_choice, bases, quick.extract, method=method, matcher=None)
+        return ask(models=settings.models).name
+
+    assert (chosen("verified"), chosen("thorough")) == ("aliked", "xfeat")
+    (settings.models / "aliked_lightglue.onnx").write_bytes(glue())
+    assert chosen("thorough") == "aliked"
 
 
 def test_an_index_with_other_settings_is_not_taken(tmp_path, make_map, opening, quick):

@@ -134,17 +134,20 @@ def installed(model: str, chosen: Path | None) -> ModelFile | None:
     return None
 
 
+def is_usable(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> bool:
+    """Tell whether the models are here that a method needs with these features, or none is needed."""
+    needed = [choice.model, PAIR_MATCHERS[choice.name] if method == "thorough" else None]
+    return all(model is None or installed(model, chosen) for model in needed)
+
+
 def usable_features(chosen: Path | None) -> list[str]:
     """List the bundles of features that need no model, or one that is here."""
-    models = {name: choose("vote", features=name).model for name in BUNDLES}
-    return [name for name, model in models.items() if model is None or installed(model, chosen)]
+    return [name for name in BUNDLES if is_usable(choose("vote", features=name), chosen, method="vote")]
 
 
 def usable_methods(chosen: Path | None) -> list[Method]:
     """List the methods that need no model, or one that is here for their usual features."""
-    features = choose("thorough").name
-    here = features in usable_features(chosen) and installed(PAIR_MATCHERS[features], chosen)
-    return [method for method in METHODS if method != "thorough" or here]
+    return [method for method in METHODS if is_usable(choose(method), chosen, method=method)]
 
 
 def with_weights(choice: FeatureChoice, chosen: Path | None) -> FeatureChoice:

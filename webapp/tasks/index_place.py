@@ -13,6 +13,7 @@ from webapp.core.features.table import FeatureChoice, Method, choose
 from webapp.errors import IndexDamaged, UsageError
 from webapp.files.indexstore import IndexFolder, index_key
 from webapp.files.listing import DERIVED
+from webapp.files.models import is_usable
 from webapp.settings import ExtractSettings
 
 
@@ -42,9 +43,17 @@ def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
 
 
 def newest_choice(
-    bases: Iterable[Path], extract: ExtractSettings, *, method: Method, matcher: str | None
+    bases: Iterable[Path],
+    extract: ExtractSettings,
+    *,
+    method: Method,
+    matcher: str | None,
+    models: Path | None,
 ) -> FeatureChoice:
     """Resolve `auto`: the features of the newest complete index that fits, or else the best there are.
+
+    An index does not fit where a model that is needed to ask it is not in `models`, which is None for the
+    user's cache.
 
     Raises
     ------
@@ -55,9 +64,11 @@ def newest_choice(
         try:
             manifest = folder.read_manifest()
             if manifest is not None and manifest.extract == extract:
-                return choose(
+                choice = choose(
                     method, detector=manifest.detector, extractor=manifest.extractor, matcher=matcher
                 )
+                if is_usable(choice, models, method=method):
+                    return choice
         except (IndexDamaged, UsageError):
             continue  # a build of its features mends the one; for the other, the next may fit
     return choose(method, matcher=matcher)

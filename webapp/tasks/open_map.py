@@ -240,7 +240,13 @@ def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
 def _choice(bases: Sequence[Path], options: OpenOptions, *, settings: Settings) -> FeatureChoice:
     """Resolve what was asked for; `auto` takes the newest index that is there."""
     if options.features == "auto" and options.detector is None and options.extractor is None:
-        return newest_choice(bases, settings.extract, method=options.method, matcher=options.matcher)
+        return newest_choice(
+            bases,
+            settings.extract,
+            method=options.method,
+            matcher=options.matcher,
+            models=settings.models,
+        )
     return options.choice()
 
 
