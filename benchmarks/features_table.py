@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("map", type=Path)
     parser.add_argument("queries", type=Path)
     parser.add_argument("--features", default="surf,sift,orb,xfeat", help="names, with commas")
-    parser.add_argument("--method", default="vote", choices=("vote", "verified"))
+    parser.add_argument("--method", default="vote", choices=("vote", "verified", "thorough"))
     parser.add_argument("--limit", type=int, help="queries, evenly spread")
     parser.add_argument("--json", type=Path, help="write all figures there")
     return parser

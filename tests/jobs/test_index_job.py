@@ -45,7 +45,8 @@ def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shar
     worker = Worker(library, replace(quick, models=shared_models))
     for _ in range(2):  # the library's own index is before it
         worker.run(once=True)
-    assert (seen(id)["state"], seen(id)["result"]["features"]) == ("done", "xfeat")
+    result = seen(id)["result"]
+    assert (seen(id)["state"], result["features"], result["method"]) == ("done", "xfeat", "thorough")
     assert list(library.map_folder("row").glob("derived/**/calibration-thorough-ivf.json"))
 
 

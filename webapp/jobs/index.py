@@ -43,5 +43,6 @@ def run(context: Context) -> dict[str, Any]:
         "computed": report.index.extracted,
         "failed": failed[:_NAMED],
         "features": report.features,
+        "method": method,
         "seconds": round(report.index.seconds + (report.calibration_seconds or 0.0), 3),
     }

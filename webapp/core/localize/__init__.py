@@ -1,1 +1,1 @@
-"""The methods: `vote` (the thesis of 2013, exactly) and `verified` (ours)."""
+"""The methods: `vote` (the thesis of 2013, exactly), `verified` (ours), and `thorough` (with a network's matches)."""
