@@ -127,9 +127,10 @@ def _moment(library: Library, database: Path) -> _Moment:
     with library.database.engine.connect() as connection:
         slugs = {str(slug) for (slug,) in connection.exec_driver_sql("SELECT slug FROM map")}
     with ExitStack() as writers:
-        writers.enter_context(_held(library.inner / fuse_mission.LOCK, where="fused missions"))
         for slug in sorted(slugs):
             writers.enter_context(_no_export(library.map_folder(slug)))
+        fusing = library.inner / fuse_mission.LOCK
+        writers.enter_context(_held(fusing, what="the fused track of a mission", where=MISSIONS))
         contents = snapshot.copy_to(library.database, database)
         if not set(contents.maps.values()) <= slugs:  # a map is new: its writers were not asked to wait
             writers.close()
@@ -148,25 +149,29 @@ def _no_export(folder: Path) -> Iterator[None]:
         try:
             (folder / _DERIVED).mkdir(exist_ok=True)
             path = folder / _DERIVED / library_export.LOCK
-            stack.enter_context(_held(path, where=folder.name))
+            stack.enter_context(_held(path, what="the .cfg file of a map", where=folder.name))
         except FileNotFoundError:
             pass  # it has none yet, or is being deleted
         yield
 
 
 @contextmanager
-def _held(path: Path, *, where: str) -> Iterator[None]:
-    """Hold a lock, which writers hold for moments only."""
+def _held(path: Path, *, what: str, where: str) -> Iterator[None]:
+    """Hold a lock, which the writers of `what` hold for moments only."""
     with ExitStack() as stack:
         try:
             stack.enter_context(FileLock(path, timeout=_WAIT_S))
         except Timeout as error:
-            raise StorageError("files are being written", where=where, hint="try again") from error
+            raise StorageError(
+                f"a backup waited {_WAIT_S} s for {what}, which is being written",
+                where=where,
+                hint="try again",
+            ) from error
         yield
 
 
 def _exported(library: Library, slug: str) -> list[Path]:
-    """List the files of a map that change under their names."""
+    """List the .cfg file of a map that change under their names."""
     folder = library.map_folder(slug)
     return [
         p for p in folder.glob("*") if p.suffix in _EXPORTED and p.is_file() and not p.name.startswith(".")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from filelock import FileLock
+from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
@@ -32,7 +32,7 @@ REPORT = "fusion.json"
 """In the folder of the mission: what was thought of each fix."""
 
 LOCK = "fusion.lock"
-"""In the inner folder of the library: held while a fused track is replaced, and its report with it."""
+"""In the inner folder of the library: held while a fused track is committed and its report written."""
 
 MOST_TOLD = 1000
 """Fixes that were left out, told one by one."""
@@ -102,19 +102,10 @@ def run(library: Library, mission_id: int, *, write: Write, progress: Progress) 
     progress.advance(2)
     gated = [one for source, fixes in fixed.items() for one in _gated(fusion, source, fixes)]
     report = _report(fusion, fixed, odometry=reckoned)
-    with FileLock(library.inner / LOCK):
-        with write() as session:
-            mission = session.get_one(Mission, mission_id, with_for_update=True)
-            track = tracks.get_or_create(session, mission_id, source="fused")
-            tracks.clear(session, track)
-            tracks.append(session, track, fusion.poses)
-            _mark_photos(session, mission_id, gated)
-            missions.changed(mission)
-            report |= {"track": track.id, "revision": mission.revision}
-            report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
-        folder = missions.folder(library, mission_id)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_text(folder / REPORT, json.dumps(report))
+    report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
+    while not _kept(library, mission_id, write=write, poses=fusion.poses, gated=gated, report=report):
+        with FileLock(library.inner / LOCK):
+            pass  # waited for here, where no writer waits for us
     progress.advance()
     return report
 
@@ -131,6 +122,35 @@ def read_report(library: Library, mission_id: int) -> dict[str, Any]:
     if not path.is_file():
         raise NotFound("the tracks of this mission were not fused yet", where=f"mission {mission_id}")
     return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
+
+
+def _kept(
+    library: Library,
+    mission_id: int,
+    *,
+    write: Write,
+    poses: Poses,
+    gated: list[dict[str, Any]],
+    report: dict[str, Any],
+) -> bool:
+    """Replace the fused track and complete its report; False, with nothing done, where a backup is made."""
+    with ExitStack() as held:
+        try:
+            with write() as session:
+                mission = session.get_one(Mission, mission_id, with_for_update=True)
+                track = tracks.get_or_create(session, mission_id, source="fused")
+                tracks.clear(session, track)
+                tracks.append(session, track, poses)
+                _mark_photos(session, mission_id, gated)
+                missions.changed(mission)
+                report |= {"track": track.id, "revision": mission.revision}
+                held.enter_context(FileLock(library.inner / LOCK, timeout=0))
+        except Timeout:
+            return False
+        folder = missions.folder(library, mission_id)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / REPORT, json.dumps(report))
+    return True
 
 
 def _read(session: Session, track: Track) -> tuple[Poses, NDArray[np.int64]]:

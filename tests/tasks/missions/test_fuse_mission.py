@@ -5,7 +5,9 @@ import threading
 
 import numpy as np
 import pytest
+from filelock import FileLock, Timeout
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from tests.core.trajectory.simulated import Drive
 from tests.core.trajectory.test_fusion import FRAME, error_m, gps_of, odometry_of
@@ -101,6 +103,52 @@ def test_who_reads_meanwhile_sees_the_old_or_the_new(library, driven):
         seen.append(len(fused(library, mission_id)[1]))
     worker.join()
     assert set(seen) == {count}
+
+
+def test_a_backup_waits_for_the_commit_and_the_report_only(library, driven, monkeypatch):
+    mission_id, _ = driven
+    held = {}
+
+    def watched(module, name):
+        original = getattr(module, name)
+
+        def call(*args, **named):
+            try:
+                with FileLock(library.inner / fuse_mission.LOCK, timeout=0):
+                    held[name] = False
+            except Timeout:
+                held[name] = True
+            return original(*args, **named)
+
+        monkeypatch.setattr(module, name, call)
+
+    watched(tracks, "append")
+    watched(fuse_mission, "_mark_photos")
+    watched(Session, "commit")
+    watched(fuse_mission, "write_text")
+    run(library, mission_id)
+    assert held == {"append": False, "_mark_photos": False, "commit": True, "write_text": True}
+
+
+def test_nobody_waits_for_a_fusion_that_waits_for_a_backup(library, driven, monkeypatch):
+    mission_id, _ = driven
+    rewritten = threading.Event()
+    mark = fuse_mission._mark_photos
+    monkeypatch.setattr(fuse_mission, "_mark_photos", lambda *args: (mark(*args), rewritten.set()))
+    worker = threading.Thread(target=run, args=(library, mission_id))
+    with FileLock(library.inner / fuse_mission.LOCK):
+        worker.start()
+        assert rewritten.wait(10)
+        with library.database.write() as session:
+            session.get_one(Mission, mission_id).name = "Renamed"
+            assert [t.source for t in tracks.listed(session, mission_id)] == ["odometry", "gps"]
+        with pytest.raises(NotFound):
+            fuse_mission.read_report(library, mission_id)
+    worker.join(20)
+    report = fuse_mission.read_report(library, mission_id)
+    assert fused(library, mission_id)[0].poses == report["poses"]
+    with library.database.read() as session:
+        assert session.get_one(Mission, mission_id).revision == report["revision"] == 1
 
 
 def test_a_photo_whose_fix_was_left_out_says_so(library, driven):

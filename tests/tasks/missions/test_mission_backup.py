@@ -14,8 +14,17 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store import accounts, missions, snapshot, tracks
 from webapp.store.library import DATABASE, open_library
+from webapp.store.schema import Account
 from webapp.store.schema_missions import Pose
-from webapp.tasks import add_mission_photo, backup_library, fuse_mission, restore_library, take_batch
+from webapp.tasks import (
+    add_mission_photo,
+    adopt_map,
+    backup_library,
+    fuse_mission,
+    library_export,
+    restore_library,
+    take_batch,
+)
 from webapp.tasks.add_mission_photo import About
 from webapp.tasks.take_batch import Numbered
 
@@ -102,9 +111,32 @@ def test_a_backup_waits_while_a_fused_track_is_replaced(library, fused, tmp_path
     monkeypatch.setattr(backup_library, "_WAIT_S", 0)
     with (
         FileLock(library.inner / fuse_mission.LOCK),
-        pytest.raises(StorageError, match="files are being written"),
+        pytest.raises(StorageError, match="the fused track of a mission, which is being written"),
     ):
         backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+
+
+def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_map, tmp_path, monkeypatch):
+    monkeypatch.setattr(backup_library, "_WAIT_S", 0)
+    make_map(library.map_folder("park"), 2)
+    with library.database.read() as session:
+        owner = session.query(Account).one().id
+    adopt_map.run(library, "park", account_id=owner)
+    held, asked = backup_library._held, []
+
+    def noted(path, **named):
+        asked.append(path.name)
+        return held(path, **named)
+
+    monkeypatch.setattr(backup_library, "_held", noted)
+    (library.map_folder("park") / "derived").mkdir(exist_ok=True)
+    with (
+        FileLock(library.map_folder("park") / "derived" / library_export.LOCK),
+        pytest.raises(StorageError, match="the .cfg file of a map, which is being written") as refused,
+    ):
+        backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+    assert refused.value.where == "park"
+    assert asked == [library_export.LOCK]
 
 
 def test_a_database_from_before_missions(library):
