@@ -60,3 +60,14 @@ def test_what_can_be_chosen_depends_on_the_weights_that_are_here(tmp_path, share
     assert files.usable_methods(shared_models) == ["vote", "verified", "thorough"]
     assert "xfeat" in files.usable_features(shared_models)
     assert "disk" not in files.usable_features(shared_models)
+    assert files.usable_features(tmp_path, method="thorough") == []
+    assert files.usable_features(shared_models, method="thorough") == ["xfeat"]
+
+
+def test_features_fit_the_method_thorough_where_their_matcher_is_here_too(tmp_path):
+    (tmp_path / "aliked.onnx").touch()
+    assert "aliked" in files.usable_features(tmp_path)
+    assert files.usable_features(tmp_path, method="thorough") == []
+    (tmp_path / "aliked_lightglue.onnx").touch()
+    assert files.usable_features(tmp_path, method="thorough") == ["aliked"]
+    assert "thorough" not in files.usable_methods(tmp_path)

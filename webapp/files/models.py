@@ -140,9 +140,10 @@ def is_usable(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> 
     return all(model is None or installed(model, chosen) for model in needed)
 
 
-def usable_features(chosen: Path | None) -> list[str]:
-    """List the bundles of features that need no model, or one that is here."""
-    return [name for name in BUNDLES if is_usable(choose("vote", features=name), chosen, method="vote")]
+def usable_features(chosen: Path | None, *, method: Method = "verified") -> list[str]:
+    """List the bundles of features that fit a method and need no models, or ones that are here."""
+    fitting = PAIR_MATCHERS if method == "thorough" else BUNDLES
+    return [name for name in fitting if is_usable(choose(method, features=name), chosen, method=method)]
 
 
 def usable_methods(chosen: Path | None) -> list[Method]:

@@ -17,11 +17,12 @@ from flask.blueprints import BlueprintSetupState
 from sqlalchemy.orm import Session
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.features.table import BUNDLES, METHODS, Method
+from webapp.core.features.table import BUNDLES, METHODS, Method, choose
 from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.near import Near
 from webapp.errors import IndexDamaged, NotReady, UsageError
+from webapp.files.models import usable_features, usable_methods
 from webapp.files.partfile import check_space, discard, receive
 from webapp.store import jobs, maps, queries
 from webapp.store.schema import Job, MapRecord
@@ -134,7 +135,7 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
         known = queries.keyed(session, record, key=key, account_id=account().id)
     if known is not None:
         return {"id": known.id, **known.answer}
-    way = Way(given["method"], given["features"])
+    way = _way(given["method"], given["features"])
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
     with received(record, files, again=given.get("query")) as photos:
         question = replace(_question(photos, way, given), key=key, sequence=_sequence(record, given))
@@ -215,6 +216,22 @@ def received(record: MapRecord, files: list[FileStorage], *, again: int | None) 
     finally:
         for one in sent:
             discard(one.path)
+
+
+def _way(method: Method, features: str) -> Way:
+    """Give method and features as asked for, where this server has what they need."""
+    folder = settings().models
+    here = usable_features(folder, method=method)
+    if (choose(method).name if features == "auto" else features) in here:
+        return Way(method, features)
+    if features == "auto" or not here:
+        hint = f"these work: {', '.join(usable_methods(folder))}"
+        raise UsageError(f"this server has no models for method {method}", where="method", hint=hint)
+    raise UsageError(
+        f"features {features} cannot be used with method {method} on this server",
+        where="features",
+        hint=f"these can: {', '.join(here)}",
+    )
 
 
 def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Question:

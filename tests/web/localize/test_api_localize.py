@@ -16,6 +16,7 @@ from webapp.store import queries as stored
 from webapp.store.schema import Job, MapRecord, QueryRecord
 from webapp.tasks import adopt_map, localize_upload
 from webapp.tasks.ready_maps import Way
+from webapp.web import api_localize
 
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
@@ -219,16 +220,39 @@ def test_a_map_that_is_not_ready_says_so_and_is_made_ready(
     assert response.status_code == 409 and ("index", "orb") in jobs_of(library)
 
 
-def test_thorough_without_its_weights_says_how_to_get_them(client, sample, ask, queries):
-    response = ask(client, queries / "query_01.jpg", method="thorough")
+@pytest.mark.parametrize(
+    ("fields", "where"),
+    [
+        ({"method": "thorough"}, "method"),
+        ({"method": "thorough", "features": "xfeat"}, "method"),
+        ({"method": "thorough", "features": "sift"}, "method"),
+        ({"features": "aliked"}, "features"),
+        ({"method": "vote", "features": "disk"}, "features"),
+    ],
+)
+def test_what_this_server_has_no_models_for_is_refused_and_told(client, sample, ask, queries, fields, where):
+    response = ask(client, queries / "query_01.jpg", **fields)
     error = response.get_json()["error"]
-    assert response.status_code == 503 and "weights" in error["message"] and "expmap models" in error["hint"]
+    assert (response.status_code, error["where"]) == (400, where)
+    assert ("vote, verified" if where == "method" else "sift, ") in error["hint"]
+    assert fields[where] in error["message"]
+
+
+def test_features_that_do_not_fit_a_method_are_refused_by_their_field(
+    client, sample, ask, queries, monkeypatch
+):
+    monkeypatch.setattr(api_localize, "usable_features", lambda *_, method: ["xfeat"])
+    response = ask(client, queries / "query_01.jpg", method="thorough", features="sift")
+    error = response.get_json()["error"]
+    assert (response.status_code, error["where"]) == (400, "features")
+    assert "xfeat" in error["hint"] and "--" not in error["hint"]
 
 
 def test_the_first_thorough_answer_has_its_calibration_made_once(
     client, library, sample, ask, queries, monkeypatch
 ):
     run = localize_upload.run
+    monkeypatch.setattr(api_localize, "usable_features", lambda *_, method: ["xfeat"])
 
     def uncalibrated(ready_maps, map_id, *, question, settings):
         usual = replace(question, way=Way())
