@@ -9,17 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Described, Kind, strongest, unit_as_bytes
+from webapp.core.features.types import LEAST_CONTRAST, ONE_SIZE, Described, Kind, strongest, unit_as_bytes
 from webapp.errors import MissingPart, UsageError
 
 WIDTH = 128
 """Numbers of a descriptor."""
-
-_LEAST_CONTRAST = 1.0
-"""Standard deviation of the grey values (0 to 255) below which a photo shows nothing."""
-
-_SIZE = 32.0
-"""Stated as the described neighbourhood, pixels: there is one scale only."""
 
 
 class Points(NamedTuple):
@@ -75,7 +69,7 @@ class PointFeatures:
         """Find and describe the `keypoints` best keypoints; descriptors (n, 128) uint8."""
         if self._network is None:
             raise MissingPart(f"the model of {self.name} is not here", hint="see expmap models list")
-        if cv2.meanStdDev(gray)[1].item() < _LEAST_CONTRAST:
+        if cv2.meanStdDev(gray)[1].item() < LEAST_CONTRAST:
             return (), np.zeros((0, self.width), np.uint8)
         image, shown = _placed(gray, self._network)
         points = self._network.points(image)
@@ -85,7 +79,7 @@ class PointFeatures:
         length = np.linalg.norm(points.descriptors[inside], axis=1, keepdims=True)
         units = points.descriptors[inside] / np.maximum(length, np.float32(1e-9))
         scored = zip(xy.tolist(), points.score[inside].tolist(), strict=True)
-        found = [cv2.KeyPoint(x, y, _SIZE, 0.0, s) for (x, y), s in scored]
+        found = [cv2.KeyPoint(x, y, ONE_SIZE, 0.0, s) for (x, y), s in scored]
         return strongest((found, unit_as_bytes(units)), keypoints)
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:

@@ -53,6 +53,12 @@ class Features:
         )
 
 
+LEAST_CONTRAST = 1.0
+"""Standard deviation of the grey values (0 to 255) below which a photo shows a network nothing."""
+
+ONE_SIZE = 32.0
+"""Stated as the described neighbourhood by networks with one scale only, pixels."""
+
 Described = tuple[Sequence[cv2.KeyPoint], NDArray[np.uint8]]
 """n keypoints and their (n, width) uint8 descriptors."""
 

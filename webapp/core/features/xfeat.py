@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Described, Kind, unit_as_bytes
+from webapp.core.features.types import LEAST_CONTRAST, ONE_SIZE, Described, Kind, unit_as_bytes
 from webapp.core.features.xfeatnet import CELL, LEAST_SIDE, MULTIPLE, Maps, XFeatNetwork
 from webapp.errors import MissingPart
 
@@ -17,12 +17,6 @@ _LEAST_HEAT = 0.05
 
 _APART = np.ones((5, 5), np.uint8)
 """Keypoints are the hottest of so many pixels around them."""
-
-_LEAST_CONTRAST = 1.0
-"""Standard deviation of the grey values (0 to 255) below which a photo shows nothing."""
-
-_SIZE = 32.0
-"""Stated as the described neighbourhood, pixels: there is one scale only."""
 
 
 class XFeat:
@@ -66,7 +60,7 @@ class XFeat:
         if self._network is None:
             raise MissingPart("the weights of XFeat are not here", hint="get them with expmap models fetch")
         mean, contrast = (float(v.item()) for v in cv2.meanStdDev(gray))
-        if contrast < _LEAST_CONTRAST:
+        if contrast < LEAST_CONTRAST:
             return None
         height, width = gray.shape
         below = max(-height % MULTIPLE, LEAST_SIDE - height)
@@ -131,4 +125,6 @@ def _sampled(cells: NDArray[np.float32], xy: NDArray[np.float32], how: int) -> N
 
 
 def _as_keypoints(xy: NDArray[np.float32], score: NDArray[np.float32]) -> list[cv2.KeyPoint]:
-    return [cv2.KeyPoint(x, y, _SIZE, 0.0, s) for (x, y), s in zip(xy.tolist(), score.tolist(), strict=True)]
+    return [
+        cv2.KeyPoint(x, y, ONE_SIZE, 0.0, s) for (x, y), s in zip(xy.tolist(), score.tolist(), strict=True)
+    ]
