@@ -296,7 +296,7 @@ def asked(monkeypatch):
     def run(_maps, _map_id, *, question, settings):
         names.append(question.photos[0].name)
         form = {"query": names[-1], "hypotheses": [], "off_map_probability": 1.0, "other_probability": 0.0}
-        return Asked(form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0))
+        return Asked(form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0, to_calibrate=False))
 
     monkeypatch.setattr(localize_upload, "run", run)
     return names
