@@ -132,7 +132,7 @@ def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_ma
     (library.map_folder("park") / "derived").mkdir(exist_ok=True)
     with (
         FileLock(library.map_folder("park") / "derived" / library_export.LOCK),
-        pytest.raises(StorageError, match="the .cfg file of a map, which is being written") as refused,
+        pytest.raises(StorageError, match=r"the \.cfg file of a map, which is being written") as refused,
     ):
         backup_library.run(library, tmp_path / "b.zip", progress=Progress())
     assert refused.value.where == "park"
