@@ -13,10 +13,11 @@ for (const button of document.querySelectorAll("[data-action]")) {
     button.closest("details")?.removeAttribute("open");
     actions[button.dataset.action](slug, name).catch(toastError);
   });
+  button.disabled = false; // until now a click would have been lost
 }
 for (const button of document.querySelectorAll("#create, [data-opens='create']")) {
   button.addEventListener("click", create);
-  button.disabled = false; // until now a click would have been lost
+  button.disabled = false;
 }
 connectImport(document.getElementById("import"), document.getElementById("import-file"));
 
