@@ -8,7 +8,7 @@ from webapp.core.localize import shortlist
 from webapp.errors import MissingPart
 from webapp.files import models as files
 from webapp.progress import Progress
-from webapp.tasks import open_map, prepare
+from webapp.tasks import build_map, open_map, prepare
 from webapp.tasks.open_map import OpenOptions
 
 THOROUGH = OpenOptions(method="thorough", jobs=1)
@@ -47,9 +47,10 @@ def test_weights_that_are_missing_are_told_before_anything_is_built(tmp_path, ma
     weights = files.installed("xfeat", shared_models)
     (models / weights.name).write_bytes((shared_models / weights.name).read_bytes())
     cfg = make_map(tmp_path, 2)
-    with pytest.raises(MissingPart, match="lighterglue") as missing:
-        open_map.run(cfg, THOROUGH, settings=replace(quick, models=models), progress=Progress())
-    assert "expmap models fetch --from" in missing.value.hint
+    for run in (open_map.run, build_map.run):
+        with pytest.raises(MissingPart, match="lighterglue") as missing:
+            run(cfg, THOROUGH, settings=replace(quick, models=models), progress=Progress())
+        assert "expmap models fetch --from" in missing.value.hint
     assert not (tmp_path / "derived").exists()
 
 

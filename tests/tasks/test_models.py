@@ -198,18 +198,18 @@ def test_a_published_file_without_an_address_comes_from_a_folder_only(file, sett
 def test_a_file_of_ones_own_is_known_by_its_content(settings, kind):
     choice = choose("verified", features=kind)
     with pytest.raises(MissingPart, match="are not here") as missing:
-        files.with_weights(choice, settings.models)
+        files.with_weights(choice, settings.models, method="verified")
     assert f"as {kind}.onnx into the folder that expmap models list prints" in missing.value.hint
     assert str(settings.models) not in str(missing.value)
     settings.models.mkdir(parents=True)
     path = settings.models / f"{kind}.onnx"
     path.write_bytes(brightest(kind))
-    first = files.with_weights(choice, settings.models)
+    first = files.with_weights(choice, settings.models, method="verified")
     assert first.weights == hashlib.sha256(path.read_bytes()).hexdigest()
     opened = files.network(kind, settings.models, weights=first.weights)
     assert files.network(kind, settings.models) is opened
     path.write_bytes(brightest(kind, count=9))
-    second = files.with_weights(choice, settings.models)
+    second = files.with_weights(choice, settings.models, method="verified")
     assert index_key(second, Settings().extract) != index_key(first, Settings().extract)
     assert files.network(kind, settings.models, weights=second.weights) is not opened
     assert files.network(kind, settings.models, weights=first.weights) is opened
@@ -218,8 +218,9 @@ def test_a_file_of_ones_own_is_known_by_its_content(settings, kind):
     assert "expmap build" in changed.value.hint
     path.write_bytes(b"no model")
     with pytest.raises(InputError, match="model that OpenCV can run"):
-        files.with_weights(choice, settings.models)
-    assert files.with_weights(choose("verified", features="sift"), settings.models).weights == ""
+        files.with_weights(choice, settings.models, method="verified")
+    sift = choose("verified", features="sift")
+    assert files.with_weights(sift, settings.models, method="verified").weights == ""
 
 
 def test_aliked_is_not_opened_again_from_a_file_that_has_changed(settings):

@@ -151,24 +151,27 @@ def usable_methods(chosen: Path | None) -> list[Method]:
     return [method for method in METHODS if is_usable(choose(method), chosen, method=method)]
 
 
-def with_weights(choice: FeatureChoice, chosen: Path | None) -> FeatureChoice:
-    """Open the model of features, and note the file if the user supplied it.
+def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> FeatureChoice:
+    """Open the models that a method needs with features, and note the features' if the user supplied it.
 
     Parameters
     ----------
     choice : FeatureChoice
     chosen : Path or None
         Folder with the weights, instead of the user's cache.
+    method : {"vote", "verified", "thorough"}
 
     Raises
     ------
     MissingPart
-        It is not there, or not what it should be.
+        One is not there, or not what it should be.
     InputError
         The user's file is of another kind.
     StorageError
-        It cannot be read.
+        One cannot be read.
     """
+    if method == "thorough":
+        pair_matcher(choice.name, chosen)
     if choice.model is None:
         return choice
     path, file = _there(choice.model, chosen)

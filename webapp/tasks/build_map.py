@@ -43,7 +43,7 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
     ------
     MapError, UsageError, MissingPart, InputError, StorageError, Cancelled
     """
-    choice = with_weights(options.choice(), settings.models)
+    choice = with_weights(options.choice(), settings.models, method=options.method)
     the_map = read_map(cfg)
     choice = open_map.within_memory(choice, the_map, options=options, settings=settings)
     folder = index_folder(index_bases(cfg, options.index)[-1], choice, extract=settings.extract)

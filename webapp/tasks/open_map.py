@@ -156,9 +156,7 @@ def run(
     """
     bases = index_bases(cfg, options.index)
     # What is missing is told before anything is built.
-    choice = with_weights(_choice(bases, options, settings=settings), settings.models)
-    if options.method == "thorough":
-        pair_matcher(choice.name, settings.models)
+    choice = with_weights(_choice(bases, options, settings=settings), settings.models, method=options.method)
     the_map = read_map(cfg) if the_map is None else the_map
     choice = within_memory(choice, the_map, options=options, settings=settings)
     if not the_map.experiences:

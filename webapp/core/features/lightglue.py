@@ -55,7 +55,7 @@ class LighterGlue:
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos with XFeat's features: (m, 2) rows, the surest first."""
         if not (len(query) and len(photo)):
-            return _surest(np.zeros((0, 2), np.int64), np.zeros(0, np.float32))
+            return np.zeros((0, 2), np.int64)
         blobs = (_centred(query), _centred(photo), _units(query), _units(photo))
         with self._nets.lent() as net:
             for name, blob in zip(_INPUTS, blobs, strict=True):
@@ -98,7 +98,7 @@ class LightGlue:
             OpenCV cannot run the model.
         """
         if not (len(query) and len(photo)):
-            return _surest(np.zeros((0, 2), np.int64), np.zeros(0, np.float32))
+            return np.zeros((0, 2), np.int64)
         try:
             found = self._matched(query, photo)
         except cv2.error as error:
