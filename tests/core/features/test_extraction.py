@@ -136,3 +136,13 @@ def test_root_sift_of_a_single_peak_and_of_nothing_stays_in_a_byte():
     raw[0, 7] = 255.0
     assert root_sift(raw)[0, 7] == 255
     assert not root_sift(raw)[1].any()
+
+
+@pytest.mark.parametrize(("detector", "extractor"), PAIRS)
+def test_a_dim_photo_shows_half_the_keypoints_of_a_bright_one_and_they_match(scene, detector, extractor):
+    dim = np.clip(scene.astype(np.float32) * 0.1 + 4, 0, 255).astype(np.uint8)
+    bright = of(detector, extractor, gray=scene)
+    found = of(detector, extractor, gray=dim)
+    assert len(found) >= 200  # of 250; a few are too near to the border to be described
+    near = np.linalg.norm(found.xy[:, None] - bright.xy[None], axis=2).min(axis=1) < 2.0
+    assert near.mean() > 0.4

@@ -15,9 +15,6 @@ _OCTAVES = ((9, 15, 21, 27), (15, 27, 39, 51), (27, 51, 75, 99))
 """Sizes of the filters; each octave is sampled half as densely as the one before. The paper's fourth octave
 finds few blobs, and places them badly."""
 
-_LEAST = 26.0
-"""Smallest determinant of a keypoint, for grey values of 0 to 255: below it is mostly noise."""
-
 _BALANCE = 0.9
 """Makes up for boxes in place of Gaussians in the mixed derivative."""
 
@@ -42,7 +39,7 @@ class Blobs(NamedTuple):
     strength: NDArray[np.float32]
 
 
-def find_blobs(integral: NDArray[np.int32], most: int) -> Blobs:
+def find_blobs(integral: NDArray[np.int32], most: int, *, least: float) -> Blobs:
     """Find blobs of all scales.
 
     Parameters
@@ -51,6 +48,8 @@ def find_blobs(integral: NDArray[np.int32], most: int) -> Blobs:
         Sums of all pixels above and to the left.
     most : int
         At most so many, the strongest.
+    least : float
+        Smallest determinant of a keypoint, for grey values of 0 to 255.
     """
     known: dict[tuple[int, int], NDArray[np.float32]] = {}
     parts = []
@@ -66,7 +65,7 @@ def find_blobs(integral: NDArray[np.int32], most: int) -> Blobs:
             else:
                 known[size, step] = _determinant(integral, size, step)
             layers.append(known[size, step])
-        parts.append(_maxima(np.stack(layers), sizes, step))
+        parts.append(_maxima(np.stack(layers), sizes, step, least=least))
     if not parts:
         return Blobs(np.zeros((0, 2), np.float32), np.zeros(0, np.float32), np.zeros(0, np.float32))
     found = Blobs(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
@@ -112,13 +111,13 @@ def _determinant(integral: NDArray[np.int32], size: int, step: int) -> NDArray[n
     return answer
 
 
-def _maxima(stack: NDArray[np.float32], sizes: tuple[int, ...], step: int) -> Blobs:
+def _maxima(stack: NDArray[np.float32], sizes: tuple[int, ...], step: int, *, least: float) -> Blobs:
     """Find the maxima over place and scale of (4, rows, columns), to a fraction of a sample."""
     around = [cv2.dilate(layer, np.ones((3, 3), np.uint8)) for layer in stack]
     places = []
     for middle in range(1, len(stack) - 1):
         highest = np.maximum(np.maximum(around[middle - 1], around[middle + 1]), around[middle])
-        peak = (stack[middle] >= highest) & (stack[middle] > _LEAST)
+        peak = (stack[middle] >= highest) & (stack[middle] > least)
         peak[[0, -1], :] = peak[:, [0, -1]] = False
         y, x = np.nonzero(peak)
         places.append(np.column_stack([np.full(len(y), middle), y, x]))

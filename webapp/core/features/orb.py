@@ -8,11 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Described, Kind, strongest
+from webapp.core.features.types import Described, Kind, also_faint, strongest
 
 _SCALE_FACTOR = 1.2
 _LEVELS = 8
 _PATCH = 31
+_DIFFERENCE = (20.0, 3.0)
+"""How much brighter or darker a corner's surroundings are, grey values: as usual, and in dim photos."""
+
 _BORDER = 31
 """Pixels along each edge in which no corner is looked for."""
 
@@ -34,7 +37,7 @@ class Orb:
     def __init__(self, *, points_per_test: int = 2) -> None:
         self._points_per_test = points_per_test
 
-    def _orb(self, keypoints: int) -> cv2.ORB:
+    def _orb(self, keypoints: int, difference: float = _DIFFERENCE[0]) -> cv2.ORB:
         return cv2.ORB_create(
             keypoints,
             _SCALE_FACTOR,
@@ -42,20 +45,29 @@ class Orb:
             edgeThreshold=_BORDER,
             WTA_K=self._points_per_test,
             patchSize=_PATCH,
+            fastThreshold=int(difference),
         )
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
         """Find at most `keypoints` corners in an (h, w) uint8 image, the strongest first."""
         if _too_small(gray):
             return ()
-        found = self._orb(keypoints).detect(gray, None)
+        (found,) = also_faint(
+            lambda most, difference: (self._orb(most, difference).detect(gray, None),),
+            keypoints,
+            limits=_DIFFERENCE,
+        )
         return sorted(found, key=lambda k: -k.response)[:keypoints]
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
         """Find and describe the `keypoints` strongest corners; descriptors (n, 32) uint8."""
         if _too_small(gray):
             return (), self._or_none(None)
-        found, bits = self._orb(keypoints).detectAndCompute(gray, None)
+        found, bits = also_faint(
+            lambda most, difference: self._orb(most, difference).detectAndCompute(gray, None),
+            keypoints,
+            limits=_DIFFERENCE,
+        )
         return strongest((found, self._or_none(bits)), keypoints)
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:

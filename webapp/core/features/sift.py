@@ -8,12 +8,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Described, Kind, strongest
+from webapp.core.features.types import Described, Kind, also_faint, strongest
 
 _BASE_SIGMA = 1.6
 _LAYERS = 3
 _PATCH_OVER_SIZE = 6.0
 """SIFT describes 4 bins of 3 sigma each, 6 times the size that OpenCV states."""
+
+_CONTRAST = (0.04, 0.004)
+"""Least contrast of a keypoint (of grey values from 0 to 1, over all layers): Lowe's, and in dim photos."""
 
 _ROOT_SCALE = 512.0
 """A RootSIFT component is at most 1 and rarely over 0.5, so that one byte holds it in steps of 1/512."""
@@ -37,7 +40,9 @@ class Sift:
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
         """Find the `keypoints` keypoints of highest contrast in an (h, w) uint8 image."""
-        found = cv2.SIFT_create(keypoints).detect(gray, None)
+        (found,) = also_faint(
+            lambda most, contrast: (_sift(most, contrast).detect(gray, None),), keypoints, limits=_CONTRAST
+        )
         for keypoint in found:
             keypoint.size *= _PATCH_OVER_SIZE
         # Keypoints of equal contrast all stay in OpenCV's list, which can exceed the number asked for.
@@ -45,7 +50,11 @@ class Sift:
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
         """Find and describe the `keypoints` keypoints of highest contrast; descriptors (n, 128) uint8."""
-        found, raw = cv2.SIFT_create(keypoints).detectAndCompute(gray, None)
+        found, raw = also_faint(
+            lambda most, contrast: _sift(most, contrast).detectAndCompute(gray, None),
+            keypoints,
+            limits=_CONTRAST,
+        )
         return strongest((found, self._as_bytes(raw)), keypoints)
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
@@ -60,6 +69,10 @@ class Sift:
             return np.zeros((0, self.width), np.uint8)
         described: NDArray[np.uint8] = root_sift(raw) if self._root else raw.astype(np.uint8)
         return described
+
+
+def _sift(keypoints: int, contrast: float) -> cv2.SIFT:
+    return cv2.SIFT_create(keypoints, contrastThreshold=contrast)
 
 
 def root_sift(raw: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.hessian import find_blobs
-from webapp.core.features.types import Described, Kind, unit_as_bytes
+from webapp.core.features.types import Described, Kind, also_faint, unit_as_bytes
 
 _PATCH = 20.0
 """The described patch, times the scale."""
@@ -26,6 +26,9 @@ _RADIUS_SIGMA, _PATCH_SIGMA = 2.0, 3.3
 
 _BINS, _WINDOW = 72, 12
 """Directions of wavelets are summed in so many bins, and over a window of 60 degrees."""
+
+_DETERMINANT = (26.0, 0.26)
+"""Smallest determinant of a keypoint: below it is mostly noise; and in dim photos, of a tenth of contrast."""
 
 _REGIONS = 4
 _AT_ONCE = 256
@@ -54,7 +57,9 @@ class Surf:
         return keypoints, self._described(cv2.integral(gray), keypoints)
 
     def _find(self, integral: NDArray[np.int32], keypoints: int) -> list[cv2.KeyPoint]:
-        blobs = find_blobs(integral, keypoints)
+        blobs = also_faint(
+            lambda most, least: find_blobs(integral, most, least=least), keypoints, limits=_DETERMINANT
+        )
         angle = np.degrees(_orientation(integral, blobs.xy, blobs.scale)) % 360.0
         return [
             cv2.KeyPoint(x, y, size, turn, strength)

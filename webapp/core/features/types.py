@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -125,6 +125,31 @@ def strongest(described: Described, keypoints: int) -> Described:
     found, descriptors = described
     order = sorted(range(len(found)), key=lambda i: -found[i].response)[:keypoints]
     return [found[i] for i in order], descriptors[order]
+
+
+Found = TypeVar("Found", bound=tuple[Any, ...])
+"""What a detector gives: columns with an entry for each keypoint."""
+
+
+def also_faint(look: Callable[[int, float], Found], keypoints: int, *, limits: tuple[float, float]) -> Found:
+    """Look for keypoints, and where a photo shows few, as at night or in fog, once more for faint ones.
+
+    Limits of contrast keep noise out of a photo in good light, of which there is enough to choose from; in a
+    dim one they would keep out nearly everything. Half the number is enough then: the rest is mostly noise.
+
+    Parameters
+    ----------
+    look : callable
+        Finds at most so many keypoints, the strongest, of at least that strength.
+    keypoints : int
+        So many are wanted.
+    limits : (float, float)
+        The usual strength and that of faint keypoints.
+    """
+    usual, faint = limits
+    found = look(keypoints, usual)
+    few = keypoints // 2
+    return found if len(found[0]) >= few else look(few, faint)
 
 
 def unit_as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
