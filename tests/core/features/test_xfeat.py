@@ -69,7 +69,8 @@ def test_any_size_of_photo_gives_keypoints_inside_it(invented, shape):
     assert not found.angle.any()
     length = np.linalg.norm(found.descriptors.astype(float) - 128.0, axis=1)
     assert np.abs(length / 254.0 - 1.0).max() < 0.05
-    assert n == len(np.unique(np.rint(found.xy), axis=0))
+    enlarged = min(max(640 / max(shape), 1.0), 4.0)
+    assert n == len(np.unique(np.rint((found.xy + 0.5) * enlarged - 0.5), axis=0))
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (1, 1), (3, 200)])
@@ -80,7 +81,7 @@ def test_without_texture_there_is_nothing(invented, shape):
 
 
 def test_light_and_contrast_do_not_matter(invented):
-    gray = np.random.default_rng(3).integers(0, 100, (96, 128), dtype=np.uint8)
+    gray = np.random.default_rng(3).integers(0, 100, (96, 640), dtype=np.uint8)
     dark, bright = (extract(g, CHOICE, keypoints=80, network=invented) for g in (gray, 2 * gray + 40))
     assert np.abs(dark.xy - bright.xy).max() < 0.01
     assert np.abs(dark.descriptors.astype(int) - bright.descriptors).max() <= 1
@@ -123,6 +124,26 @@ def test_any_size_computes_what_the_published_network_does_for_its_own(published
             assert np.abs(as_it_is.transpose(1, 2, 0) - output[0]).max() < 1e-4
 
 
+def _mutual(a, b):
+    """Find the nearest of b for each of a, and the rows of a that are the nearest of theirs."""
+    there = BruteForce([b.descriptors], "l2").search(a.descriptors, 1).row[:, 0]
+    back = BruteForce([a.descriptors], "l2").search(b.descriptors, 1).row[:, 0]
+    return there, np.flatnonzero(back[there] == np.arange(len(a)))
+
+
+def test_a_small_photo_is_seen_as_well_as_one_of_640_pixels(published, shared_data):
+    network = XFeatNetwork(published)
+    photo = next((shared_data / "gardens_point" / "day_left").iterdir())
+    whole = cv2.imread(str(photo), cv2.IMREAD_GRAYSCALE)
+    small = cv2.resize(whole, (320, 180), interpolation=cv2.INTER_AREA)
+    a, b = (extract(g, CHOICE, keypoints=500, network=network) for g in (small, whole))
+    assert len(a) > 400
+    there, mutual = _mutual(a, b)
+    expected = (b.xy[there[mutual]] + 0.5) * 320 / whole.shape[1] - 0.5
+    off = np.linalg.norm(a.xy[mutual] - expected, axis=1)
+    assert (off < 1.0).sum() > 50
+
+
 def test_matches_follow_a_known_homography(published, shared_data):
     network = XFeatNetwork(published)
     photo = next((shared_data / "getty" / "photos").iterdir())
@@ -131,9 +152,7 @@ def test_matches_follow_a_known_homography(published, shared_data):
     turn = np.vstack([cv2.getRotationMatrix2D((width / 2, height / 2), 8, 0.9), [0, 0, 1]])
     warped = cv2.warpPerspective(gray, turn, (width, height))
     a, b = (extract(g, CHOICE, keypoints=1000, network=network) for g in (gray, warped))
-    there = BruteForce([b.descriptors], "l2").search(a.descriptors, 1).row[:, 0]
-    back = BruteForce([a.descriptors], "l2").search(b.descriptors, 1).row[:, 0]
-    mutual = np.flatnonzero(back[there] == np.arange(len(a)))
+    there, mutual = _mutual(a, b)
     moved = cv2.perspectiveTransform(a.xy[mutual][:, None].astype(np.float64), turn)[:, 0]
     off = np.linalg.norm(moved - b.xy[there[mutual]], axis=1)
     assert (off < 3.0).sum() > 300

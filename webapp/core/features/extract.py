@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +15,10 @@ from webapp.core.features.xfeatnet import XFeatNetwork
 
 Network = XFeatNetwork | AlikedNetwork | DiskNetwork
 """A model with its weights."""
+
+_ENLARGED_TO, _MOST_ENLARGED = 640, 4.0
+"""XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos, which
+are enlarged until the longer side has so many pixels, but not by more than that factor."""
 
 
 def extract(
@@ -53,6 +58,10 @@ def extract(
     InputError
         The network is of a file that the user supplied, and OpenCV cannot run it.
     """
+    size = photo_size or (gray.shape[1], gray.shape[0])
+    if choice.model == "xfeat":
+        gray, enlarged = _large_enough(gray)
+        scale *= enlarged
     learned = _around(network) if network is not None and choice.model else None
     extractor: Extractor = (
         learned if learned and choice.extractor == choice.model else EXTRACTORS[choice.extractor]()
@@ -64,8 +73,16 @@ def extract(
             learned if learned and choice.detector == choice.model else DETECTORS[choice.detector]()
         )
         found, descriptors = extractor.describe(gray, detector.detect(gray, keypoints))
-    size = photo_size or (gray.shape[1], gray.shape[0])
     return features_from_keypoints(found, descriptors, scale=scale, photo_size=size)
+
+
+def _large_enough(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
+    """Enlarge a small photo; returns it and by which factor."""
+    factor = min(_ENLARGED_TO / max(gray.shape), _MOST_ENLARGED)
+    if factor <= 1.0:
+        return gray, 1.0
+    large = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(large, np.uint8), factor
 
 
 def _around(network: Network) -> XFeat | Aliked | Disk:
