@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from webapp.core.index.bruteforce import BruteForce
 from webapp.core.reconstruction import pairs as pairs_module
 from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.types import USABLE_TRUST
@@ -150,3 +151,82 @@ def test_a_photo_without_features_has_no_pairs(cfg, monkeypatch):
     found = opened(cfg)
     monkeypatch.setattr(type(found.indexed), "features", lambda self, photo: None)
     assert len(pairs_module.pairs_of(found.indexed, 0)) == 0
+
+
+class MutualNearest:
+    """Matches by nearest neighbours, both ways, and remembers how often."""
+
+    def __init__(self):
+        self.asked = 0
+
+    def match(self, query, photo):
+        self.asked += 1
+        there = BruteForce([photo.descriptors], "l2").search(query.descriptors, 1).row[:, 0]
+        back = BruteForce([query.descriptors], "l2").search(photo.descriptors, 1).row[:, 0]
+        mutual = np.flatnonzero(back[there] == np.arange(len(query)))
+        return np.column_stack([mutual, there[mutual]])
+
+
+LITTLE_KNOWN = 10
+
+
+@pytest.fixture
+def with_network(cfg, monkeypatch):
+    """The sample, opened by a method that has a network; of the first ten photos nothing is known."""
+    monkeypatch.setitem(orient_map.PAIR_MATCHERS, "sift", "network")
+    found = opened(cfg)
+    path = found.writable / "pairs-ivf.arrays"
+    stored = orientationfile.read_pairs(path)
+    little = {stored.contents.index(content) for content in found.contents[:LITTLE_KNOWN]}
+    pairs = stored.pairs
+    left = np.array(
+        [k for k in range(len(pairs)) if not little & {int(pairs.first[k]), int(pairs.second[k])}]
+    )
+    rest = pairs.taken(left, first=pairs.first[left], second=pairs.second[left])
+    orientationfile.write_pairs(path, replace(stored, pairs=rest))
+    (found.writable / "orientations-ivf.arrays").unlink()
+    oriented(cfg)
+    monkeypatch.setattr(orient_map, "_WELL_KNOWN", 0.01)
+    return replace(found, indexed=replace(found.indexed, pair_matcher=MutualNearest()))
+
+
+def thoroughly(found, progress=None):
+    return orient_map.run(found, map_fov_deg=None, progress=progress or Progress())
+
+
+def test_a_network_compares_the_photos_of_which_little_is_known(cfg, with_network):
+    before = orient_map.newest(opened(cfg)).orientations
+    assert not before.trust[:LITTLE_KNOWN].any()
+    counted = Counting()
+    found = thoroughly(with_network, counted)
+    assert LITTLE_KNOWN <= counted.total == counted.done < len(before.trust)
+    assert (found.indexed.orientations.trust[:LITTLE_KNOWN] >= USABLE_TRUST).sum() >= LITTLE_KNOWN // 2
+    assert np.median(headings_off(cfg, found)) < 5.0
+
+
+def test_orientations_by_a_network_are_for_its_method_alone_and_made_once(cfg, with_network):
+    plain = orient_map.newest(opened(cfg)).orientations
+    found = thoroughly(with_network)
+    assert (orient_map.newest(opened(cfg)).orientations.trust == plain.trust).all()
+    counted, asked = Counting(), with_network.indexed.pair_matcher.asked
+    again = thoroughly(with_network, counted)
+    assert counted.total == 0
+    assert with_network.indexed.pair_matcher.asked == asked
+    assert (again.indexed.orientations.trust == found.indexed.orientations.trust).all()
+
+
+def test_before_a_network_has_compared_anything_the_usual_orientations_serve(cfg, with_network):
+    usual = orient_map.newest(opened(cfg)).orientations
+    assert (orient_map.newest(with_network).orientations.trust == usual.trust).all()
+
+
+def test_stopped_while_a_network_compares_it_goes_on(with_network, monkeypatch):
+    monkeypatch.setattr(orient_map, "_AT_ONCE_BY_NETWORK", 2)
+    monkeypatch.setattr(orient_map, "_SAVED_EVERY_S", 0.0)
+    with pytest.raises(Cancelled):
+        thoroughly(with_network, Counting(stop_after=4))
+    rest = Counting()
+    found = thoroughly(with_network, rest)
+    weak = orient_map.newest(opened(with_network.cfg)).orientations.trust < orient_map._WELL_KNOWN
+    assert rest.total == weak.sum() - 4 > 0
+    assert found.indexed.orientations.trust.sum() > 0

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.lightglue import PairMatcher
+from webapp.core.features.table import PAIR_MATCHERS
 from webapp.core.reconstruction.orientation import orient
-from webapp.core.reconstruction.pairs import Pairs, joined, pairs_of
+from webapp.core.reconstruction.pairs import Pairs, joined, pairs_of, surest
 from webapp.core.reconstruction.types import Orientations
 from webapp.files import orientationfile
 from webapp.files.orientationfile import StoredOrientations, StoredPairs
@@ -18,17 +21,21 @@ from webapp.progress import Progress
 from webapp.tasks.open_map import OpenMap
 from webapp.threads import in_threads
 
-_AT_ONCE = 32
-"""Photos between two looks at whether to stop."""
+_AT_ONCE, _AT_ONCE_BY_NETWORK = 32, 4
+"""Photos between two looks at whether to stop: a fraction of a second, or some seconds."""
 
 _SAVED_EVERY_S = 20.0
 _MOVED = 0.5
 """A photo that has been moved farther since, in place radii, has no known orientation."""
 
+_WELL_KNOWN = 2.0
+"""Sum of trust from which on comparing a photo by a network would tell little more."""
+
 
 def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
     """Bring the orientations of a map's photos up to date and attach them to it.
 
+    Where the method has a network to match photos with, it compares those that are not well known anew.
     What was found out of single photos is kept: photos that are new are compared with the others, and one
     that is moved changes nothing but the last, quick step. Killed, it goes on where it was.
 
@@ -46,28 +53,41 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
     StorageError, Cancelled
     """
     key = f"{opened.map_hash} {map_fov_deg}"
-    stored = newest(opened)
+    stored = _newest_of(_own_paths(opened))
     if stored is not None and stored.key == key:
         progress.size(0)
     else:
-        pairs = _pairs(opened, map_fov_deg=map_fov_deg, progress=progress)
-        progress.note("working out how the photos were held")
-        indexed = opened.indexed
-        found = orient(pairs, indexed.position, place_radius_px=indexed.place_radius_px)
-        stored = StoredOrientations(found, opened.contents, indexed.position, key)
+        found = _worked_out(opened, map_fov_deg=map_fov_deg, progress=progress)
+        stored = StoredOrientations(found, opened.contents, opened.indexed.position, key)
         orientationfile.write(paths(opened)[-1], stored)
     return attach(opened, stored)
 
 
-def paths(opened: OpenMap) -> tuple[Path, Path]:
-    """Name the files in which a map's orientations may be; the last one is written."""
-    return opened.beside(f"orientations-{opened.choice.matcher}.arrays")
+def paths(opened: OpenMap) -> tuple[Path, ...]:
+    """Name the files in which a map's orientations may be, the better ones later; the last one is written."""
+    usual = opened.beside(f"orientations-{opened.choice.matcher}.arrays")
+    own = _own_paths(opened)
+    return own if own == usual else (*usual, *own)
 
 
 def newest(opened: OpenMap) -> StoredOrientations | None:
     """Read the stored orientations, also where the map has changed since; None where there are none."""
-    known = (orientationfile.read(path) for path in reversed(paths(opened)))
+    return _newest_of(paths(opened))
+
+
+def _own_paths(opened: OpenMap) -> tuple[Path, Path]:
+    """Name the files with the orientations that are worked out for the map's method."""
+    network = f"-{_network(opened)}" if opened.indexed.pair_matcher is not None else ""
+    return opened.beside(f"orientations-{opened.choice.matcher}{network}.arrays")
+
+
+def _newest_of(files: tuple[Path, ...]) -> StoredOrientations | None:
+    known = (orientationfile.read(path) for path in reversed(files))
     return next((k for k in known if k is not None), None)
+
+
+def _network(opened: OpenMap) -> str:
+    return PAIR_MATCHERS[opened.choice.name]
 
 
 def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
@@ -88,30 +108,69 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     return replace(opened, indexed=replace(indexed, orientations=found))
 
 
-def _pairs(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Pairs:
-    """Take the pairs that are stored, look for those of new photos, and store them."""
-    path = opened.writable / f"pairs-{opened.choice.matcher}.arrays"
-    key = f"{opened.choice.matcher} {map_fov_deg}"
-    known = orientationfile.read_pairs(path)
-    indexed, contents = opened.indexed, opened.contents
-    number = {content: i for i, content in reversed([*enumerate(contents)]) if content}
-    parts, done = _still_there(known if known is not None and known.key == key else None, number)
-    todo = [i for content, i in number.items() if content not in done]
+def _worked_out(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Orientations:
+    indexed, matcher = opened.indexed, opened.indexed.pair_matcher
+    radius = indexed.place_radius_px
     progress.note("comparing the map's photos with each other")
-    progress.size(len(todo))
-    saved = time.monotonic()
-    for first in range(0, len(todo), _AT_ONCE):
-        progress.check()
-        chunk = todo[first : first + _AT_ONCE]
-        parts += in_threads(lambda i: pairs_of(indexed, i), chunk)
-        done |= {contents[i] for i in chunk}
-        progress.advance(len(chunk))
-        last = first + _AT_ONCE >= len(todo)
-        if last or time.monotonic() > saved + _SAVED_EVERY_S:
-            parts = [joined(parts)]
-            _store(path, parts[0], contents=contents, done=done, key=key)
-            saved = time.monotonic()
-    return joined(parts)
+    usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
+    pairs = usual.run(range(len(indexed.ids)), progress)
+    progress.note("working out how the photos were held")
+    found = orient(pairs, indexed.position, place_radius_px=radius)
+    if matcher is None:
+        return found
+    progress.note("comparing again, by a network, the photos of which little is known")
+    thorough = _Comparison(opened, _network(opened), matcher, map_fov_deg)
+    more = thorough.run(np.flatnonzero(found.trust < _WELL_KNOWN).tolist(), progress)
+    pairs = surest(joined([pairs, more]))
+    progress.note("working out how the photos were held")
+    return orient(pairs, indexed.position, place_radius_px=radius)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Comparison:
+    """How photos of a map are compared with each other.
+
+    Attributes
+    ----------
+    opened : OpenMap
+    name : str
+        Of the matcher; it has a file of its own.
+    matcher : PairMatcher or None
+    map_fov_deg : float or None
+    """
+
+    opened: OpenMap
+    name: str
+    matcher: PairMatcher | None
+    map_fov_deg: float | None
+
+    def run(self, photos: Iterable[int], progress: Progress) -> Pairs:
+        """Compare those of some photos that are not yet; gives all pairs that are known."""
+        path = self.opened.writable / f"pairs-{self.name}.arrays"
+        key = f"{self.name} {self.map_fov_deg}"
+        known = orientationfile.read_pairs(path)
+        contents = self.opened.contents
+        number = {content: i for i, content in reversed([*enumerate(contents)]) if content}
+        parts, done = _still_there(known if known is not None and known.key == key else None, number)
+        todo = [i for i in photos if number.get(contents[i]) == i and contents[i] not in done]
+        progress.size(len(todo))
+        saved = time.monotonic()
+        at_once = _AT_ONCE if self.matcher is None else _AT_ONCE_BY_NETWORK
+        for first in range(0, len(todo), at_once):
+            progress.check()
+            chunk = todo[first : first + at_once]
+            parts += in_threads(self._compare, chunk)
+            done |= {contents[i] for i in chunk}
+            progress.advance(len(chunk))
+            last = first + at_once >= len(todo)
+            if last or time.monotonic() > saved + _SAVED_EVERY_S:
+                parts = [joined(parts)]
+                _store(path, parts[0], contents=contents, done=done, key=key)
+                saved = time.monotonic()
+        return joined(parts)
+
+    def _compare(self, photo: int) -> Pairs:
+        return pairs_of(self.opened.indexed, photo, matcher=self.matcher)
 
 
 def _still_there(known: StoredPairs | None, number: dict[str, int]) -> tuple[list[Pairs], set[str]]:

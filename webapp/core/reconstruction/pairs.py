@@ -8,9 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.relative import Camera, RelativePose, relative_pose
 from webapp.core.localize.indexed import Candidates, IndexedMap, candidates
-from webapp.core.localize.shortlist import Shortlisted, consistent, shortlist, weighted_votes
+from webapp.core.localize.shortlist import (
+    Shortlisted,
+    consistent,
+    matched_anew,
+    shortlist,
+    weighted_votes,
+)
 
 _NEIGHBOURS = 11
 _PARTNERS = 12
@@ -97,7 +104,15 @@ def joined(parts: Sequence[Pairs]) -> Pairs:
     )
 
 
-def pairs_of(indexed: IndexedMap, photo: int) -> Pairs:
+def surest(pairs: Pairs) -> Pairs:
+    """Of several comparisons of the same photos keep the most trusted one."""
+    order = np.lexsort((-pairs.trust, pairs.second, pairs.first))
+    same = (np.diff(pairs.first[order]) == 0) & (np.diff(pairs.second[order]) == 0)
+    kept = np.sort(order[np.concatenate([[True], ~same])[: len(order)]])
+    return pairs.taken(kept, first=pairs.first[kept], second=pairs.second[kept])
+
+
+def pairs_of(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None = None) -> Pairs:
     """Find the photos that see the same as one of the map, taken elsewhere.
 
     Parameters
@@ -106,6 +121,8 @@ def pairs_of(indexed: IndexedMap, photo: int) -> Pairs:
         Its `fov_deg` must be known for every photo.
     photo : int
         Its number; it is the first of every pair.
+    matcher : PairMatcher, optional
+        Matches the photos that votes name, instead of their nearest neighbours.
 
     Returns
     -------
@@ -124,6 +141,8 @@ def pairs_of(indexed: IndexedMap, photo: int) -> Pairs:
     votes = weighted_votes(found, len(indexed.ids))
     ours = Camera(*features.photo_size, float(indexed.fov_deg[photo]))
     listed = shortlist(indexed, features, found=found, votes=votes, most=_PARTNERS)
+    if matcher is not None:
+        listed = matched_anew(indexed, features, listed=listed, matcher=matcher)
     return joined([pair for m in listed if (pair := _pair(indexed, photo, matched=m, ours=ours)) is not None])
 
 

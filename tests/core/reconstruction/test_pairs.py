@@ -1,0 +1,46 @@
+"""Pairs of photos: of several comparisons the most trusted one counts."""
+
+import numpy as np
+
+from webapp.core.reconstruction.pairs import Pairs, joined, surest
+
+
+def pair(first, second, trust, rays):
+    """Make a pair with so many matches, whose rays say how far it is trusted."""
+    ray = np.full((rays, 2), trust, np.float32)
+    return Pairs(
+        first=np.array([first]),
+        second=np.array([second]),
+        rotation=np.eye(3)[None],
+        shift=np.array([[0.0, 0.0, 1.0]]),
+        trust=np.array([trust]),
+        parallax=np.array([0.1]),
+        start=np.array([0, rays]),
+        ray_first=ray,
+        ray_second=ray,
+    )
+
+
+def test_of_the_same_photos_the_most_trusted_comparison_is_kept():
+    both = surest(
+        joined(
+            [
+                pair(3, 4, 0.2, 5),
+                pair(1, 2, 0.9, 3),
+                pair(4, 3, 0.1, 2),
+                pair(3, 4, 0.6, 4),
+                pair(1, 2, 0.5, 6),
+            ]
+        )
+    )
+    assert list(zip(both.first.tolist(), both.second.tolist(), both.trust.tolist(), strict=True)) == [
+        (1, 2, 0.9),
+        (4, 3, 0.1),
+        (3, 4, 0.6),
+    ]
+    assert np.diff(both.start).tolist() == [3, 2, 4]
+    assert np.allclose(both.ray_first[:, 0], np.repeat(both.trust, [3, 2, 4]))
+
+
+def test_no_pairs_stay_none():
+    assert len(surest(joined([]))) == 0
