@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.modelfile import Expected, quietly
+from webapp.core.features.networks import Networks
 from webapp.core.features.onnx import with_products
 from webapp.core.features.types import Features
-from webapp.threads import Pool
 
 _LEAST_SCORE = 0.1
 """Probability of a match, at least; what its authors take."""
@@ -50,7 +50,7 @@ class LighterGlue:
 
     def __init__(self, model: bytes) -> None:
         onnx = np.frombuffer(model, np.uint8)
-        self._nets = Pool(lambda: cv2.dnn.readNetFromONNX(onnx))
+        self._nets = Networks(lambda: cv2.dnn.readNetFromONNX(onnx))
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos with XFeat's features: (m, 2) rows, the surest first."""
@@ -87,7 +87,7 @@ class LightGlue:
             self._onnx = np.frombuffer(with_products(model), np.uint8)
         except ValueError as error:
             raise EXPECTED.refused(path) from error
-        self._nets = Pool(self._opened)
+        self._nets = Networks(self._opened)
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos with ALIKED's features: (m, 2) rows, the surest first.

@@ -1,0 +1,160 @@
+"""Measures how well photos are placed that are worse than a map's: dim, in fog, blurred, small, turned.
+
+Each query is changed in each of these ways and asked again; nothing else changes. What a camera would add
+(motion, lamps, colours of the night) is not imitated, so that this is a lower bound of the harm.
+
+    python benchmarks/worse_photos.py MAP.cfg QUERIES.csv [--features sift,xfeat] [--limit N] [--json OUT] [more]
+
+Other options, such as --fov, go to `expmap evaluate`. XFeat needs its weights (`expmap models fetch`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Photo = NDArray[np.uint8]
+
+GAMMA = 2.2
+QUALITY, BAD_QUALITY = 95, 10
+NOISE = 3.0
+"""Standard deviation of the noise of dim photos, grey values."""
+
+COLUMNS = {
+    "right": "right",
+    "median_px": "median px",
+    "ece": "ECE",
+    "answered_at_99_precision": "at 99 %",
+    "radius_coverage": "in radius",
+    "seconds_per_query_p50": "s",
+}
+
+
+def _as_bytes(values: NDArray[np.float64]) -> Photo:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def _light(photo: Photo, share: float, noise: float) -> Photo:
+    """Take the photo with that share of its light."""
+    linear = (photo / 255.0) ** GAMMA * share
+    grain = np.random.default_rng(photo.shape[0]).normal(0.0, noise, photo.shape) if noise else 0.0
+    return _as_bytes(255.0 * np.clip(linear, 0.0, 1.0) ** (1.0 / GAMMA) + grain)
+
+
+def _small(photo: Photo) -> Photo:
+    scale = 320.0 / max(photo.shape[:2])
+    return np.asarray(cv2.resize(photo, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _saved_badly(photo: Photo) -> Photo:
+    data = cv2.imencode(".jpg", photo, [cv2.IMWRITE_JPEG_QUALITY, BAD_QUALITY])[1]
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
+
+
+def _turned(photo: Photo, degrees: float) -> Photo:
+    height, width = photo.shape[:2]
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1.0)
+    return np.asarray(cv2.warpAffine(photo, turn, (width, height)), np.uint8)
+
+
+CHANGES: dict[str, Callable[[Photo], Photo]] = {
+    "as they are": lambda photo: photo,
+    "a twentieth of the light": lambda photo: _light(photo, 0.05, NOISE),
+    "a sixtieth of the light": lambda photo: _light(photo, 1 / 60, NOISE),
+    "three times the light": lambda photo: _light(photo, 3.0, 0.0),
+    "fog": lambda photo: _as_bytes(0.25 * photo + 160.0),
+    "blurred by 2.5 px": lambda photo: np.asarray(cv2.GaussianBlur(photo, (0, 0), 2.5), np.uint8),
+    "320 px wide": _small,
+    f"JPEG quality {BAD_QUALITY}": _saved_badly,
+    "held askew by 20 degrees": lambda photo: _turned(photo, 20.0),
+    "on its side": lambda photo: np.ascontiguousarray(np.rot90(photo)),
+}
+
+
+def main() -> None:
+    """Measure each change with each kind of features and print the tables."""
+    arguments, options = _parser().parse_known_args()
+    table: dict[str, dict[str, dict[str, float | None]]] = {}
+    for features in arguments.features.split(","):
+        print(features.ljust(28) + "".join(title.rjust(12) for title in COLUMNS.values()))
+        table[features] = {}
+        for name, change in CHANGES.items():
+            with tempfile.TemporaryDirectory() as scratch:
+                queries = _changed(arguments.queries, change, folder=Path(scratch), limit=arguments.limit)
+                figures = _evaluated(arguments.map, queries, options=["--features", features, *options])
+            table[features][name] = {key: figures[key] for key in COLUMNS}
+            cells = (_cell(figures[key]) for key in COLUMNS)
+            print(name.ljust(28) + "".join(cell.rjust(12) for cell in cells), flush=True)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(table, indent=2), "utf-8")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("map", type=Path)
+    parser.add_argument("queries", type=Path)
+    parser.add_argument("--features", default="sift", help="names, with commas")
+    parser.add_argument("--limit", type=int, help="queries, evenly spread")
+    parser.add_argument("--json", type=Path, help="write all figures there")
+    return parser
+
+
+def _changed(queries: Path, change: Callable[[Photo], Photo], *, folder: Path, limit: int | None) -> Path:
+    """Write the changed photos and their list; returns the list."""
+    with queries.open(encoding="utf-8", newline="") as file:
+        header, *rows = list(csv.reader(file, delimiter=";"))
+    count = min(limit or len(rows), len(rows))
+    chosen = [rows[i * len(rows) // count] for i in range(count)]
+    target = folder / "queries.csv"
+    with target.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, delimiter=";")
+        writer.writerow(header)
+        for number, (path, *truth) in enumerate(chosen):
+            photo = cv2.imread(str(queries.parent / path), cv2.IMREAD_COLOR)
+            if photo is None:
+                raise SystemExit(f"{queries.parent / path} cannot be read")
+            name = f"{number}.jpg"
+            changed = change(np.asarray(photo, np.uint8))
+            cv2.imwrite(str(folder / name), changed, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+            writer.writerow([name, *truth])
+    return target
+
+
+def _evaluated(cfg: Path, queries: Path, *, options: list[str]) -> dict[str, Any]:
+    call = [
+        sys.executable,
+        "-m",
+        "webapp.cli.main",
+        "evaluate",
+        str(cfg),
+        str(queries),
+        "--json",
+        *options,
+    ]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(call)} ended with {done.returncode}:\n{done.stderr}")
+    figures: dict[str, Any] = json.loads(done.stdout)
+    radius = figures["place_radius_px"]
+    errors = [query["error_px"] for query in figures["per_query"]]
+    right = sum(error is not None and error <= radius for error in errors)
+    return figures | {"right": right / len(errors)}
+
+
+def _cell(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+if __name__ == "__main__":
+    main()
