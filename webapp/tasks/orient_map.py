@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,6 +27,9 @@ _AT_ONCE, _AT_ONCE_BY_NETWORK = 32, 4
 _SAVED_EVERY_S = 20.0
 _MOVED = 0.5
 """A photo that has been moved farther since, in place radii, has no known orientation."""
+
+_NOTE = "comparing the map's photos with each other"
+_NOTE_BY_NETWORK = "comparing them by a network"
 
 _WELL_KNOWN = 2.0
 """Sum of trust from which on comparing a photo by a network would tell little more."""
@@ -53,26 +56,55 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
     StorageError, Cancelled
     """
     key = f"{opened.map_hash} {map_fov_deg}"
-    stored = _newest_of(_own_paths(opened))
-    if stored is not None and stored.key == key:
-        progress.size(0)
-    else:
-        found = _worked_out(opened, map_fov_deg=map_fov_deg, progress=progress)
-        stored = StoredOrientations(found, opened.contents, opened.indexed.position, key)
-        orientationfile.write(paths(opened)[-1], stored)
+    usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
+    everyone = range(len(opened.indexed.ids))
+    files = _usual_paths(opened)
+    stored = _up_to_date(
+        opened, files, key=key, progress=progress, compare=lambda: usual.run(everyone, progress)
+    )
+    if opened.indexed.pair_matcher is not None:
+        little = np.flatnonzero(stored.orientations.trust < _WELL_KNOWN).tolist()
+        again = _Comparison(opened, _network(opened), opened.indexed.pair_matcher, map_fov_deg)
+        stored = _up_to_date(
+            opened,
+            _own_paths(opened),
+            key=key,
+            progress=progress,
+            compare=lambda: surest(joined([usual.run(everyone, progress), again.run(little, progress)])),
+        )
     return attach(opened, stored)
+
+
+def _up_to_date(
+    opened: OpenMap, files: tuple[Path, Path], *, key: str, progress: Progress, compare: Callable[[], Pairs]
+) -> StoredOrientations:
+    """Take the orientations that are in one of the files, or work them out and write them."""
+    known = _newest_of(files)
+    if known is not None and known.key == key:
+        progress.size(0)
+        return known
+    pairs = compare()
+    progress.note("working out how the photos were held")
+    position = opened.indexed.position
+    found = orient(pairs, position, place_radius_px=opened.indexed.place_radius_px)
+    stored = StoredOrientations(found, opened.contents, position, key)
+    orientationfile.write(files[-1], stored)
+    return stored
 
 
 def paths(opened: OpenMap) -> tuple[Path, ...]:
     """Name the files in which a map's orientations may be, the better ones later; the last one is written."""
-    usual = opened.beside(f"orientations-{opened.choice.matcher}.arrays")
-    own = _own_paths(opened)
+    usual, own = _usual_paths(opened), _own_paths(opened)
     return own if own == usual else (*usual, *own)
 
 
 def newest(opened: OpenMap) -> StoredOrientations | None:
     """Read the stored orientations, also where the map has changed since; None where there are none."""
     return _newest_of(paths(opened))
+
+
+def _usual_paths(opened: OpenMap) -> tuple[Path, Path]:
+    return opened.beside(f"orientations-{opened.choice.matcher}.arrays")
 
 
 def _own_paths(opened: OpenMap) -> tuple[Path, Path]:
@@ -108,24 +140,6 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     return replace(opened, indexed=replace(indexed, orientations=found))
 
 
-def _worked_out(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Orientations:
-    indexed, matcher = opened.indexed, opened.indexed.pair_matcher
-    radius = indexed.place_radius_px
-    progress.note("comparing the map's photos with each other")
-    usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
-    pairs = usual.run(range(len(indexed.ids)), progress)
-    progress.note("working out how the photos were held")
-    found = orient(pairs, indexed.position, place_radius_px=radius)
-    if matcher is None:
-        return found
-    progress.note("comparing again, by a network, the photos of which little is known")
-    thorough = _Comparison(opened, _network(opened), matcher, map_fov_deg)
-    more = thorough.run(np.flatnonzero(found.trust < _WELL_KNOWN).tolist(), progress)
-    pairs = surest(joined([pairs, more]))
-    progress.note("working out how the photos were held")
-    return orient(pairs, indexed.position, place_radius_px=radius)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
     """How photos of a map are compared with each other.
@@ -153,6 +167,8 @@ class _Comparison:
         number = {content: i for i, content in reversed([*enumerate(contents)]) if content}
         parts, done = _still_there(known if known is not None and known.key == key else None, number)
         todo = [i for i in photos if number.get(contents[i]) == i and contents[i] not in done]
+        if todo:
+            progress.note(_NOTE if self.matcher is None else _NOTE_BY_NETWORK)
         progress.size(len(todo))
         saved = time.monotonic()
         at_once = _AT_ONCE if self.matcher is None else _AT_ONCE_BY_NETWORK
