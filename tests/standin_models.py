@@ -3,6 +3,7 @@
 import numpy as np
 
 from tests.onnx_writer import INT64, Writer
+from webapp.core.features.lightglue import BEST
 
 TABLE = np.random.default_rng(0).normal(size=(64, 128)).astype(np.float32)
 """Descriptors: of a pixel, the row is its number in the image, modulo 64."""
@@ -68,16 +69,7 @@ def glue(names=("matches0", "mscores0"), *, width=128, by="place"):
     """
     g = Writer()
     c = g.constant
-    here, there = g.input("kpts0", 1, "n", 2), g.input("kpts1", 1, "m", 2)
-    seen, shown = g.input("desc0", 1, "n", width), g.input("desc1", 1, "m", width)
-    if by == "place":
-        apart = g.node("Sub", g.node("Unsqueeze", here, c([2])), g.node("Unsqueeze", there, c([1])))
-        square = g.node("ReduceSum", g.node("Mul", apart, apart), c([3]), keepdims=0)
-        like = g.node("Sub", c([1.0]), g.node("Sqrt", square))
-    elif by == "odd look":
-        like = g.node("Einsum", shown, seen, equation="bmd,bnd->bnm")
-    else:
-        like = g.node("Einsum", seen, shown, equation="bnd,bmd->bnm")
+    like = _likeness(g, width, by)
     best = g.node("Reshape", g.node("ReduceMax", like, axes=[2], keepdims=0), c([-1]))
     other = g.node("Reshape", g.node("ArgMax", like, axis=2, keepdims=0), c([-1, 1]))
     every = g.node("Add", g.node("Mul", best, c([0.0])), c([1.0]))
@@ -87,3 +79,31 @@ def glue(names=("matches0", "mscores0"), *, width=128, by="place"):
     g.output(names[0], "k", 2, kind=INT64)
     g.output(names[1], "k")
     return g.to_bytes()
+
+
+def lighter_glue(*, width=64, by="place"):
+    """LighterGlue: as `glue`, with the layers that its matches are made of."""
+    g = Writer()
+    like = _likeness(g, width, by)
+    likely, partner, back = BEST
+    best = g.node("Max", g.node("ReduceMax", like, axes=[2], keepdims=1), g.constant([1e-9]))
+    g.node("Log", best, name=likely)
+    g.node("ArgMax", like, axis=2, keepdims=1, name=partner)
+    g.node("ArgMax", like, axis=1, keepdims=1, name=back)
+    g.node("NonZero", best, name="matches")
+    g.output("matches", 3, "k", kind=INT64)
+    return g.to_bytes()
+
+
+def _likeness(g, width, by):
+    """Compare all keypoints: (1, n, m)."""
+    c = g.constant
+    here, there = g.input("kpts0", 1, "n", 2), g.input("kpts1", 1, "m", 2)
+    seen, shown = g.input("desc0", 1, "n", width), g.input("desc1", 1, "m", width)
+    if by == "place":
+        apart = g.node("Sub", g.node("Unsqueeze", here, c([2])), g.node("Unsqueeze", there, c([1])))
+        square = g.node("ReduceSum", g.node("Mul", apart, apart), c([3]), keepdims=0)
+        return g.node("Sub", c([1.0]), g.node("Sqrt", square))
+    if by == "odd look":
+        return g.node("Einsum", shown, seen, equation="bmd,bnd->bnm")
+    return g.node("Einsum", seen, shown, equation="bnd,bmd->bnm")

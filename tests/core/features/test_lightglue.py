@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.standin_models import brightest, glue
+from tests.standin_models import brightest, glue, lighter_glue
 from webapp.core.features.extract import extract
 from webapp.core.features.lightglue import LighterGlue, LightGlue
 from webapp.core.features.table import choose
@@ -23,7 +23,7 @@ def matcher(kind, **more):
     """One of the two around a stand-in."""
     width = WIDTHS[kind]
     if kind == "lighterglue":
-        return LighterGlue(glue(("matches", "scores"), width=width, **more))
+        return LighterGlue(lighter_glue(width=width, **more))
     return LightGlue(glue(width=width, **more), "aliked_lightglue.onnx")
 
 
@@ -135,6 +135,35 @@ def test_a_file_that_is_no_such_model_is_one_clear_error():
         narrow.match(photo([(1, 1)], (9, 9)), photo([(1, 1)], (9, 9), width=64))
 
 
+@pytest.fixture
+def one_thread():
+    """OpenCV with one thread; as before afterwards."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(before)
+
+
+def inputs(query, known):
+    """What the network is shown of two photos of 640 x 480."""
+    places = [(p.xy - (320, 240)) / 320 for p in (query, known)]
+    looks = [p.descriptors.astype(np.float32) - 128 for p in (query, known)]
+    looks = [look / np.linalg.norm(look, axis=1, keepdims=True) for look in looks]
+    return [blob.astype(np.float32) for blob in (*places, *looks)]
+
+
+def test_models_that_people_bring_leave_opencv_one_thread():
+    before = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(2)
+        matcher("lighterglue")
+        assert cv2.getNumThreads() == 2
+        matcher("lightglue")
+        assert cv2.getNumThreads() == 1
+    finally:
+        cv2.setNumThreads(before)
+
+
 @pytest.fixture(scope="module")
 def published(shared_models) -> LighterGlue:
     """The network with real weights."""
@@ -153,6 +182,20 @@ def test_the_published_network_takes_any_numbers_of_keypoints(published):
             assert len(np.unique(found[:, side])) == len(found)
     assert (found[:, 0] == found[:, 1]).mean() > 0.9
     assert len(found) > 80
+
+
+def test_what_is_picked_here_is_what_the_published_network_picks(published, shared_models, one_thread):
+    """Its own picking is safe where one thread is at work."""
+    data = np.frombuffer((shared_models / "lighterglue_L3.onnx").read_bytes(), np.uint8)
+    net, size = cv2.dnn.readNetFromONNX(data), (640, 480)
+    known = photo(scattered(300, size), size, rows=np.arange(300) % 200, width=64)
+    query = photo(scattered(200, size, 4), size, rows=np.arange(200)[::-1], width=64)
+    for name, blob in zip(("kpts0", "kpts1", "desc0", "desc1"), inputs(query, known), strict=True):
+        net.setInput(blob[None], name)
+    pairs, scores = net.forward(["matches", "scores"])
+    picked = {tuple(p) for p in pairs.reshape(-1, 2)[scores.ravel() >= 0.1].tolist()}
+    assert len(picked) > 20
+    assert {tuple(p) for p in published.match(query, known).tolist()} == picked
 
 
 def test_the_published_network_finds_more_than_nearest_neighbours(published, shared_models, shared_data):

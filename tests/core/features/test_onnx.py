@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.onnx_writer import Writer
-from webapp.core.features.onnx import Convolution, Graph, read_convolutions, read_interface, with_products
+from webapp.core.features.onnx import (
+    Convolution,
+    Graph,
+    cut_after,
+    read_convolutions,
+    read_interface,
+    with_products,
+)
 
 
 def random_layer(rng, out, channels, side):
@@ -54,6 +61,20 @@ def test_opencv_computes_the_layers_for_any_size(network, shape):
     smooth = np.einsum("oc,chw->ohw", mix[:, :, 0, 0], halved) + shift[:, None, None]
     large = np.stack([cv2.resize(s, shape[::-1], interpolation=cv2.INTER_LINEAR) for s in smooth])
     assert np.abs(answer - 1.0 / (1.0 + np.exp(-(large + more)))).max() < 1e-5
+
+
+def test_a_model_that_is_cut_gives_its_layers_and_computes_no_others(network):
+    (weight, bias), _, model = network
+    short = cut_after(model, ["first.relu", "first"])
+    assert list(read_convolutions(short)) == ["first"]
+    image = np.random.default_rng(4).normal(size=(8, 12)).astype(np.float32)
+    net = cv2.dnn.readNetFromONNX(np.frombuffer(short, np.uint8))
+    net.setInput(image[None, None], "image")
+    net.setInput(np.zeros((1, 2, 8, 12), np.float32), "more")
+    positive, first = net.forward(["first.relu", "first"])
+    edges = [cv2.filter2D(image, -1, w[0], borderType=cv2.BORDER_CONSTANT)[::2, ::2] for w in weight]
+    assert np.abs(first[0] - np.stack(edges) - bias[:, None, None]).max() < 1e-5
+    assert np.array_equal(positive, np.maximum(first, 0.0))
 
 
 def test_what_a_model_takes_and_gives_is_read(network):

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.modelfile import Expected, quietly
-from webapp.core.features.networks import Networks
+from webapp.core.features.modelfile import Expected, quietly, with_one_thread
 from webapp.core.features.points import WIDTH, PointFeatures, Points
+from webapp.threads import Pool
 
 EXPECTED = Expected("ALIKED", inputs=("image",), outputs=("keypoints", "descriptors", "scores"))
 
@@ -52,8 +52,9 @@ class AlikedNetwork:
         if len(image) != 4:
             raise EXPECTED.refused(path)
         self.sides = (image[3], image[2])
+        with_one_thread()
         self._path, self._look = path, look
-        self._of_size = Networks(lambda: lru_cache(maxsize=_SIZES)(self._opened))
+        self._of_size = Pool(lambda: lru_cache(maxsize=_SIZES)(self._opened))
 
     def points(self, image: NDArray[np.uint8]) -> Points:
         """Find and describe keypoints in an (h, w, 3) uint8 image.

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.modelfile import Expected, quietly
-from webapp.core.features.networks import Networks
+from webapp.core.features.modelfile import Expected, quietly, with_one_thread
 from webapp.core.features.points import WIDTH, PointFeatures, Points
+from webapp.threads import Pool
 
 EXPECTED = Expected("DISK", inputs=("image",), outputs=("keypoints", "scores", "descriptors"))
 
@@ -47,9 +47,10 @@ class DiskNetwork:
         if len(image) != 4:
             raise EXPECTED.refused(path)
         self.sides = (image[3], image[2])
+        with_one_thread()
         self._path = path
         self._onnx = np.frombuffer(model, np.uint8)
-        self._nets = Networks(self._opened)
+        self._nets = Pool(self._opened)
 
     def points(self, image: NDArray[np.uint8]) -> Points:
         """Find and describe keypoints in an (h, w, 3) uint8 image.

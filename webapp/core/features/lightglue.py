@@ -13,15 +13,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.modelfile import Expected, quietly
-from webapp.core.features.networks import Networks
-from webapp.core.features.onnx import with_products
+from webapp.core.features.modelfile import Expected, quietly, with_one_thread
+from webapp.core.features.onnx import cut_after, with_products
 from webapp.core.features.types import Features
+from webapp.threads import Pool
 
 _LEAST_SCORE = 0.1
 """Probability of a match, at least; what its authors take."""
 
 _INPUTS = ("kpts0", "kpts1", "desc0", "desc1")
+
+BEST = ("/net/TopK_output_0", "/net/TopK_output_1", "/net/TopK_1_output_1")
+"""Layers of LighterGlue: logarithm of the likelihood and number of each keypoint's best partner, and of each
+partner's best keypoint. Those after them pick the matches (NonZero), where OpenCV 5.0 now and then reads
+memory that nobody has written, and crashes, when several threads are at work."""
 
 EXPECTED = Expected("LightGlue", inputs=_INPUTS, outputs=("matches0", "mscores0"))
 
@@ -49,8 +54,8 @@ class LighterGlue:
     """
 
     def __init__(self, model: bytes) -> None:
-        onnx = np.frombuffer(model, np.uint8)
-        self._nets = Networks(lambda: cv2.dnn.readNetFromONNX(onnx))
+        onnx = np.frombuffer(cut_after(model, BEST), np.uint8)
+        self._nets = Pool(lambda: cv2.dnn.readNetFromONNX(onnx))
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos with XFeat's features: (m, 2) rows, the surest first."""
@@ -60,8 +65,9 @@ class LighterGlue:
         with self._nets.lent() as net:
             for name, blob in zip(_INPUTS, blobs, strict=True):
                 net.setInput(blob[None], name)
-            pairs, scores = net.forward(["matches", "scores"])
-        return _surest(pairs.reshape(-1, 2), scores.ravel())
+            likely, partner, back = (found.ravel() for found in net.forward(BEST))
+        mutual = np.flatnonzero(back[partner] == np.arange(len(query)))
+        return _surest(np.column_stack([mutual, partner[mutual]]), np.exp(likely[mutual]))
 
 
 class LightGlue:
@@ -82,12 +88,13 @@ class LightGlue:
 
     def __init__(self, model: bytes, path: str) -> None:
         EXPECTED.check(model, path)
+        with_one_thread()
         self._path = path
         try:
             self._onnx = np.frombuffer(with_products(model), np.uint8)
         except ValueError as error:
             raise EXPECTED.refused(path) from error
-        self._nets = Networks(self._opened)
+        self._nets = Pool(self._opened)
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos with ALIKED's features: (m, 2) rows, the surest first.

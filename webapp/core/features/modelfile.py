@@ -68,6 +68,15 @@ class Expected:
         )
 
 
+def with_one_thread() -> None:
+    """Leave OpenCV one thread in this process, for the sake of models whose layers nobody here has seen.
+
+    OpenCV 5.0 computes NonZero, by which many of them pick keypoints and matches, wrongly now and then when
+    several threads are at work, reads memory that nobody has written, and crashes.
+    """
+    cv2.setNumThreads(1)
+
+
 @one_at_a_time
 @contextmanager
 def quietly() -> Iterator[None]:

@@ -123,6 +123,31 @@ def with_products(model: bytes) -> bytes:
     return whole.to_bytes()
 
 
+def cut_after(model: bytes, layers: Sequence[str]) -> bytes:
+    """Make some layers of a model its outputs, and leave out what comes after them.
+
+    Parameters
+    ----------
+    model : bytes
+        A model that is known to be whole.
+    layers : sequence of str
+        Outputs of its nodes.
+    """
+    whole = _Message(model)
+    graph = _Message(whole.parts[7][0])
+    needed, kept = {*layers}, []
+    for node in reversed(graph.parts[1]):
+        message = _Message(node)
+        if needed.intersection(message.texts(2)):
+            kept.append(node)
+            needed.update(message.texts(1))
+    graph.parts[1] = kept[::-1]
+    kind = _field(2, _field(1, _field(1, _FLOAT) + _field(2, b"")))
+    graph.parts[12] = [memoryview(_field(1, name.encode()) + kind) for name in layers]
+    whole.parts[7] = [memoryview(graph.to_bytes())]
+    return whole.to_bytes()
+
+
 def _as_product(node: memoryview) -> list[bytes]:
     """Give the nodes that stand for a node: itself, or what computes the same Einsum."""
     message = _Message(node)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import poselib
@@ -101,6 +101,11 @@ class RelativePose:
         common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
         return enough * common / (1.0 + (self.parallax / _WILD_PARALLAX) ** 4)
 
+    def in_frame(self, turn: NDArray[np.float64]) -> RelativePose:
+        """Give the pose with another frame of the query's camera, to which (3, 3) `turn` brings its own."""
+        rotation = self.rotation @ turn.T
+        return replace(self, bearing=_bearing(rotation, self.shift), rotation=rotation)
+
 
 def relative_pose(
     query_xy: NDArray[np.float32], photo_xy: NDArray[np.float32], *, query: Camera, photo: Camera
@@ -133,15 +138,19 @@ def relative_pose(
     if inlier.sum() < MIN_MATCHES:
         return NoPose(f"{int(inlier.sum())} inliers, {MIN_MATCHES} needed")
     rotation, shift = np.asarray(pose.R), np.asarray(pose.t)
-    to_photo = -rotation.T @ shift
     turned = query.rays(ours[inlier]) @ rotation.T
     return RelativePose(
-        bearing=math.atan2(to_photo[0], to_photo[2]),
+        bearing=_bearing(rotation, shift),
         parallax=_median_angle(turned, scaled.rays(theirs[inlier])),
         inlier=inlier,
         rotation=rotation,
         shift=shift / np.linalg.norm(shift),
     )
+
+
+def _bearing(rotation: NDArray[np.float64], shift: NDArray[np.float64]) -> float:
+    to_photo = -rotation.T @ shift
+    return math.atan2(to_photo[0], to_photo[2])
 
 
 def _median_angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:

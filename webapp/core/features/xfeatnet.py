@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.networks import Networks
 from webapp.core.features.onnx import Convolution, Graph, read_convolutions
+from webapp.threads import Pool
 
 MULTIPLE = 32
 """Width and height of what goes through the network are multiples of this."""
@@ -73,7 +73,7 @@ class XFeatNetwork:
         layers = {_short(name): layer for name, layer in read_convolutions(model).items()}
         self._first = layers["block1.0"]
         onnx = np.frombuffer(_any_size(layers), np.uint8)
-        self._nets = Networks(lambda: cv2.dnn.readNetFromONNX(onnx))
+        self._nets = Pool(lambda: cv2.dnn.readNetFromONNX(onnx))
 
     def maps(self, image: NDArray[np.float32]) -> Maps:
         """Run the network.

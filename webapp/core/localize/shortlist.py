@@ -71,6 +71,27 @@ def consistent(indexed: IndexedMap, query: Features, *, found: Candidates) -> Ca
     return Candidates(found.distance, np.where(keep, found.row, -1), np.where(keep, found.photo, -1))
 
 
+def turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
+    """Measure by how much the query must be turned, clockwise, to stand like the map's photos.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+        Its keypoints, and the query's, have an orientation.
+    query : Features
+    found : Candidates
+        (n, k), those of `consistent`.
+
+    Returns
+    -------
+    float
+        Degrees, -180 to 180: the weighted mean; 0 where nothing is found.
+    """
+    turn = np.radians(indexed.keypoint_angle(found.row) - query.angle[:, None])
+    weight = np.where(found.photo >= 0, np.maximum(_yardstick(found) - found.distance, 0.0), 0.0)
+    return float(np.degrees(np.angle((weight * np.exp(1j * turn)).sum())))
+
+
 def _yardstick(found: Candidates) -> NDArray[np.float32]:
     """Distance of each query descriptor's last neighbour: what is not nearer says nothing; (n, 1)."""
     known = np.where(np.isfinite(found.distance), found.distance, -np.inf)

@@ -30,6 +30,7 @@ from webapp.core.localize.shortlist import (
     consistent,
     matched_anew,
     shortlist,
+    turn_deg,
     weighted_votes,
 )
 from webapp.core.localize.vote import match_statistics
@@ -136,7 +137,8 @@ def find_places(
     if indexed.pair_matcher is not None:
         listed = matched_anew(indexed, query, listed=listed, matcher=indexed.pair_matcher)
     camera = Camera(*query.photo_size, fov_deg)
-    checked = in_threads(lambda m: _verify(indexed, m, camera), listed)
+    upright = _upright(turn_deg(indexed, query, found=found))
+    checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright), listed)
     clock.append(time.perf_counter())
     places = join(indexed, checked)
     clock.append(time.perf_counter())
@@ -177,12 +179,38 @@ def _looked_at_closer(
     return [replace(s, votes=float(votes[s.photo])) for s in further]
 
 
-def _verify(indexed: IndexedMap, matched: Shortlisted, camera: Camera) -> Verified:
+_ASKEW_DEG = 5.0
+"""A query turned less than this is level as far as keypoints can tell."""
+
+
+def _upright(turn_deg: float) -> NDArray[np.float64]:
+    """Turn the frame of a query that was held askew about its line of sight: what follows is for level ones.
+
+    Parameters
+    ----------
+    turn_deg : float
+        As from `turn_deg`.
+
+    Returns
+    -------
+    (3, 3) float64
+    """
+    turn = math.radians(turn_deg) if abs(turn_deg) > _ASKEW_DEG else 0.0
+    cos, sin = math.cos(turn), math.sin(turn)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _verify(
+    indexed: IndexedMap, matched: Shortlisted, *, camera: Camera, upright: NDArray[np.float64]
+) -> Verified:
     theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
+    pose = relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)
+    if isinstance(pose, RelativePose):
+        pose = pose.in_frame(upright)
     return Verified(
         matched,
-        relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs),
-        query_ray=camera.rays(matched.query_xy.astype(np.float64)),
+        pose,
+        query_ray=camera.rays(matched.query_xy.astype(np.float64)) @ upright.T,
         photo_ray=theirs.rays(matched.photo_xy.astype(np.float64)),
     )
 
