@@ -14,12 +14,14 @@ from webapp.core.features.table import choose
 from webapp.core.index import ivf, tiers
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.indexstore import (
+    FORMAT,
     IndexFolder,
     Manifest,
     PhotoRecord,
     SegmentRecord,
     index_key,
     read_search_index,
+    remove_outdated,
     write_search_index,
 )
 from webapp.settings import ExtractSettings
@@ -208,3 +210,17 @@ def test_codes_are_in_memory_once(tmp_path, monkeypatch, compressed):
     # Faiss copies 4-bit codes: mapped, they would be there twice.
     assert (str(path) in Path("/proc/self/maps").read_text()) != compressed
     assert read.ntotal == len(rows)
+
+
+def test_indexes_of_older_programs_are_removed_and_no_others(tmp_path):
+    for name, text in {
+        "older": json.dumps({"format": FORMAT - 1}),
+        "mine": json.dumps({"format": FORMAT}),
+        "newer": json.dumps({"format": FORMAT + 1}),
+        "damaged": "{",
+    }.items():
+        (tmp_path / name / "spool").mkdir(parents=True)
+        (tmp_path / name / "manifest.json").write_text(text)
+    (tmp_path / "photos").mkdir()
+    remove_outdated(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"mine", "newer", "damaged", "photos"}

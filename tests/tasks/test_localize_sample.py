@@ -3,7 +3,9 @@
 import csv
 import math
 import shutil
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -44,6 +46,25 @@ def test_queries_are_found_where_they_were_taken(localizer):
     assert np.mean([a.hypotheses[0].probability for a in found]) > 0.6
     assert all(a.fov is not None and a.fov.source == "exif" for a in first)
     assert any(a.hypotheses[0].kind == "position" for a in first)
+
+
+@pytest.mark.parametrize("turn_deg", [25.0, -40.0, 90.0])
+def test_photos_that_were_held_askew_are_placed_as_upright_ones(localizer, tmp_path, turn_deg):
+    apart, turned_by = [], []
+    for path, _ in [*queries(localizer)][:8]:
+        upright = localizer.localize(path, top=1)
+        photo = cv2.imread(str(path))
+        height, width = photo.shape[:2]
+        turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), turn_deg, 1.0)
+        cv2.imwrite(str(tmp_path / "askew.png"), cv2.warpAffine(photo, turn, (width, height)))
+        askew = replace(localizer, fov_deg=upright.fov.degrees).localize(tmp_path / "askew.png", top=1)
+        one, other = upright.hypotheses[0], askew.hypotheses[0]
+        if one.heading_deg is not None and other.heading_deg is not None:
+            apart.append(math.dist(one.position, other.position))
+            turned_by.append(abs(math.remainder(one.heading_deg - other.heading_deg, 360.0)))
+    assert len(apart) >= 5
+    assert np.median(apart) < 0.2 * localizer.place_radius_px
+    assert np.median(turned_by) < 3.0
 
 
 def test_every_answer_adds_up_and_is_ranked(localizer):

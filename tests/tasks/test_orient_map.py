@@ -156,6 +156,8 @@ def test_a_photo_without_features_has_no_pairs(cfg, monkeypatch):
 class MutualNearest:
     """Matches by nearest neighbours, both ways, and remembers how often."""
 
+    weights = "mine"
+
     def __init__(self):
         self.asked = 0
 
@@ -218,6 +220,58 @@ def test_orientations_by_a_network_are_for_its_method_alone_and_made_once(cfg, w
 def test_before_a_network_has_compared_anything_the_usual_orientations_serve(cfg, with_network):
     usual = orient_map.newest(opened(cfg)).orientations
     assert (orient_map.newest(with_network).orientations.trust == usual.trust).all()
+
+
+def test_orientations_of_the_map_as_it_is_come_before_better_ones_of_what_it_was(cfg, with_network):
+    thoroughly(with_network)
+    lines = cfg.read_text().splitlines()
+    first = lines[1].split(";")
+    first[2] = str(int(first[2]) - 300)
+    cfg.write_text("\n".join([lines[0], ";".join(first), *lines[2:]]) + "\n")
+    usual = oriented(cfg).indexed.orientations
+    now = opened(cfg)
+    now = replace(now, indexed=replace(now.indexed, pair_matcher=with_network.indexed.pair_matcher))
+    assert (orient_map.newest(now).orientations.trust == usual.trust).all()
+
+
+def test_another_file_of_the_network_compares_anew(with_network):
+    thoroughly(with_network)
+    with_network.indexed.pair_matcher.weights = "another"
+    counted = Counting()
+    thoroughly(with_network, counted)
+    assert counted.total >= LITTLE_KNOWN
+
+
+def test_what_is_known_in_the_maps_folder_counts_where_that_cannot_be_written(with_network, tmp_path):
+    elsewhere = replace(with_network, writable=tmp_path / "elsewhere")
+    counted = Counting()
+    thoroughly(elsewhere, counted)
+    assert counted.total == counted.done
+    assert LITTLE_KNOWN <= counted.total < len(with_network.indexed.ids)
+    assert {path.name for path in elsewhere.writable.iterdir()} == {
+        "orientations-ivf-network.arrays",
+        "pairs-ivf-network.arrays",
+    }
+
+
+def test_photos_of_the_same_content_have_the_same_orientation(cfg):
+    found = oriented(cfg)
+    contents = [*found.contents, found.contents[0]]
+    stored = orient_map.newest(found)
+    held = stored.orientations
+    twice = replace(
+        stored,
+        contents=contents,
+        position=np.vstack([stored.position, stored.position[:1]]),
+        orientations=replace(
+            held,
+            rotation=np.concatenate([held.rotation, np.eye(3)[None]]),
+            height=np.append(held.height, 0.0),
+            trust=np.append(held.trust, 0.0),
+        ),
+    )
+    again = orient_map.attach(found, twice).indexed.orientations
+    assert again.trust[0] == held.trust[0] > 0.0
 
 
 def test_stopped_while_a_network_compares_it_goes_on(with_network, monkeypatch):

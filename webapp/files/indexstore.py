@@ -19,6 +19,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -34,8 +35,8 @@ from webapp.files import atomic
 from webapp.files.arrays import REPAIR
 from webapp.settings import ExtractSettings
 
-FORMAT = 1
-"""Raised when an older index can no longer be read."""
+FORMAT = 2
+"""Raised when an older index can no longer be read, or photos are described otherwise than in it."""
 
 
 _BLOCKS = b"IwPf"
@@ -233,6 +234,17 @@ def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
     parts = json.dumps([FORMAT, choice.detector, choice.extractor, asdict(extract), *own], sort_keys=True)
     name = choice.name.replace("+", "-")
     return f"{name}-{hashlib.sha256(parts.encode()).hexdigest()[:8]}"
+
+
+def remove_outdated(base: Path) -> None:
+    """Delete the indexes below a folder that an older program made and this one does not read."""
+    for path in base.glob("*/manifest.json"):
+        try:
+            found = json.loads(path.read_bytes())
+        except ValueError:
+            continue  # whether it is of an older program cannot be told; a build of its features mends it
+        if isinstance(found, dict) and found.get("format", FORMAT) < FORMAT:
+            shutil.rmtree(path.parent, ignore_errors=True)  # what stays goes with the next build
 
 
 def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:

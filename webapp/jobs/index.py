@@ -29,7 +29,8 @@ def run(context: Context) -> dict[str, Any]:
     library_export.run(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
-    context.progress.plan(placed, placed, min(placed, MOST_PHOTOS))
+    by_network = [placed] if method == "thorough" else []
+    context.progress.plan(placed, placed, *by_network, min(placed, MOST_PHOTOS))
     context.progress.note("describing photos")
     report = build_map.run(
         library.cfg(record.slug),

@@ -18,7 +18,7 @@ from pathlib import Path
 from webapp.core.features.table import FeatureChoice
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import IndexDamaged, ProcessLost
-from webapp.files.indexstore import IndexFolder, Manifest, PhotoRecord
+from webapp.files.indexstore import IndexFolder, Manifest, PhotoRecord, remove_outdated
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -116,6 +116,7 @@ def run(request: BuildRequest, *, settings: Settings, progress: Progress) -> Bui
             spent = before.build_seconds + time.perf_counter() - started
             index.write_manifest(replace(new, build_seconds=round(spent, 3)))
         index.remove_unnamed(new)
+        remove_outdated(request.folder.parent)
     failed = tuple((i, p.photo, p.error) for i, p in photos.items() if p.error)
     return BuildReport(
         folder=request.folder,

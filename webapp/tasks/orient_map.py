@@ -38,7 +38,8 @@ _WELL_KNOWN = 2.0
 def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
     """Bring the orientations of a map's photos up to date and attach them to it.
 
-    Where the method has a network to match photos with, it compares those that are not well known anew.
+    Where the method has a network to match photos with, those of which little is known are compared by it
+    again, all of them: on two cores about a second each.
     What was found out of single photos is kept: photos that are new are compared with the others, and one
     that is moved changes nothing but the last, quick step. Killed, it goes on where it was.
 
@@ -49,11 +50,13 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
     map_fov_deg : float or None
         As given for photos that do not tell theirs.
     progress : Progress
-        One step a photo that is new.
+        A stage of comparing, and where there is a network a second one; one step a photo that is new to it.
 
     Raises
     ------
     StorageError, Cancelled
+    InputError
+        The network is of a file that the user supplied, and OpenCV cannot run it.
     """
     key = f"{opened.map_hash} {map_fov_deg}"
     usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
@@ -64,13 +67,16 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
     )
     if opened.indexed.pair_matcher is not None:
         little = np.flatnonzero(stored.orientations.trust < _WELL_KNOWN).tolist()
-        again = _Comparison(opened, _network(opened), opened.indexed.pair_matcher, map_fov_deg)
+        network = opened.indexed.pair_matcher
+        again = _Comparison(opened, _with_network(opened), network, map_fov_deg)
         stored = _up_to_date(
             opened,
             _own_paths(opened),
-            key=key,
+            key=f"{key} {network.weights}",
             progress=progress,
-            compare=lambda: surest(joined([usual.run(everyone, progress), again.run(little, progress)])),
+            compare=lambda: surest(
+                joined([usual.run(everyone, progress, stage=False), again.run(little, progress)])
+            ),
         )
     return attach(opened, stored)
 
@@ -79,8 +85,8 @@ def _up_to_date(
     opened: OpenMap, files: tuple[Path, Path], *, key: str, progress: Progress, compare: Callable[[], Pairs]
 ) -> StoredOrientations:
     """Take the orientations that are in one of the files, or work them out and write them."""
-    known = _newest_of(files)
-    if known is not None and known.key == key:
+    known = next((k for k in _there(files) if k.key == key), None)
+    if known is not None:
         progress.size(0)
         return known
     pairs = compare()
@@ -99,8 +105,12 @@ def paths(opened: OpenMap) -> tuple[Path, ...]:
 
 
 def newest(opened: OpenMap) -> StoredOrientations | None:
-    """Read the stored orientations, also where the map has changed since; None where there are none."""
-    return _newest_of(paths(opened))
+    """Read the stored orientations; None where there are none.
+
+    The best that are of the map as it is, else the best of it as it was.
+    """
+    known = _there(paths(opened))
+    return next((k for k in known if k.key.startswith(opened.map_hash)), known[0] if known else None)
 
 
 def _usual_paths(opened: OpenMap) -> tuple[Path, Path]:
@@ -109,17 +119,18 @@ def _usual_paths(opened: OpenMap) -> tuple[Path, Path]:
 
 def _own_paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files with the orientations that are worked out for the map's method."""
-    network = f"-{_network(opened)}" if opened.indexed.pair_matcher is not None else ""
-    return opened.beside(f"orientations-{opened.choice.matcher}{network}.arrays")
+    if opened.indexed.pair_matcher is None:
+        return _usual_paths(opened)
+    return opened.beside(f"orientations-{_with_network(opened)}.arrays")
 
 
-def _newest_of(files: tuple[Path, ...]) -> StoredOrientations | None:
-    known = (orientationfile.read(path) for path in reversed(files))
-    return next((k for k in known if k is not None), None)
+def _there(files: tuple[Path, ...]) -> list[StoredOrientations]:
+    """Read those files that can be read, the last one first."""
+    return [k for path in reversed(files) if (k := orientationfile.read(path)) is not None]
 
 
-def _network(opened: OpenMap) -> str:
-    return PAIR_MATCHERS[opened.choice.name]
+def _with_network(opened: OpenMap) -> str:
+    return f"{opened.choice.matcher}-{PAIR_MATCHERS[opened.choice.name]}"
 
 
 def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
@@ -127,7 +138,8 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     if stored is None:
         return opened
     indexed = opened.indexed
-    number = {content: i for i, content in enumerate(stored.contents) if content}
+    # Of photos with one content the first stands for all: it is the one that is compared.
+    number = {content: i for i, content in reversed([*enumerate(stored.contents)]) if content}
     row = np.array([number.get(content, -1) for content in opened.contents], np.int64)
     moved = np.hypot(*(indexed.position - stored.position[row]).T)
     known = (row >= 0) & (moved <= _MOVED * indexed.place_radius_px)
@@ -148,7 +160,7 @@ class _Comparison:
     ----------
     opened : OpenMap
     name : str
-        Of the matcher; it has a file of its own.
+        Of what matches; it has a file of its own.
     matcher : PairMatcher or None
     map_fov_deg : float or None
     """
@@ -158,18 +170,23 @@ class _Comparison:
     matcher: PairMatcher | None
     map_fov_deg: float | None
 
-    def run(self, photos: Iterable[int], progress: Progress) -> Pairs:
-        """Compare those of some photos that are not yet; gives all pairs that are known."""
-        path = self.opened.writable / f"pairs-{self.name}.arrays"
-        key = f"{self.name} {self.map_fov_deg}"
-        known = orientationfile.read_pairs(path)
+    def run(self, photos: Iterable[int], progress: Progress, *, stage: bool = True) -> Pairs:
+        """Compare those of some photos that are not yet; gives all pairs that are known.
+
+        Without `stage` the progress is not told how many there are.
+        """
+        files = self.opened.beside(f"pairs-{self.name}.arrays")
+        key = f"{self.name} {self.map_fov_deg}" + (f" {self.matcher.weights}" if self.matcher else "")
+        there = (orientationfile.read_pairs(path) for path in reversed(files))
+        known = next((k for k in there if k is not None and k.key == key), None)
         contents = self.opened.contents
         number = {content: i for i, content in reversed([*enumerate(contents)]) if content}
-        parts, done = _still_there(known if known is not None and known.key == key else None, number)
+        parts, done = _still_there(known, number)
         todo = [i for i in photos if number.get(contents[i]) == i and contents[i] not in done]
         if todo:
             progress.note(_NOTE if self.matcher is None else _NOTE_BY_NETWORK)
-        progress.size(len(todo))
+        if stage:
+            progress.size(len(todo))
         saved = time.monotonic()
         at_once = _AT_ONCE if self.matcher is None else _AT_ONCE_BY_NETWORK
         for first in range(0, len(todo), at_once):
@@ -181,7 +198,7 @@ class _Comparison:
             last = first + at_once >= len(todo)
             if last or time.monotonic() > saved + _SAVED_EVERY_S:
                 parts = [joined(parts)]
-                _store(path, parts[0], contents=contents, done=done, key=key)
+                _store(files[-1], parts[0], contents=contents, done=done, key=key)
                 saved = time.monotonic()
         return joined(parts)
 

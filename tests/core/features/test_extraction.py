@@ -139,10 +139,23 @@ def test_root_sift_of_a_single_peak_and_of_nothing_stays_in_a_byte():
 
 
 @pytest.mark.parametrize(("detector", "extractor"), PAIRS)
-def test_a_dim_photo_shows_half_the_keypoints_of_a_bright_one_and_they_match(scene, detector, extractor):
+def test_a_dim_photo_shows_half_the_keypoints_of_a_bright_one_at_the_same_places(scene, detector, extractor):
     dim = np.clip(scene.astype(np.float32) * 0.1 + 4, 0, 255).astype(np.uint8)
     bright = of(detector, extractor, gray=scene)
     found = of(detector, extractor, gray=dim)
     assert len(found) >= 200  # of 250; a few are too near to the border to be described
     near = np.linalg.norm(found.xy[:, None] - bright.xy[None], axis=2).min(axis=1) < 2.0
     assert near.mean() > 0.4
+
+
+@pytest.mark.parametrize("name", ["sift", "surf", "orb"])
+def test_what_a_photo_shows_without_looking_for_faint_keypoints_is_kept(scene, name):
+    dim = np.clip(scene.astype(np.float32) * 0.3 + 60, 0, 255).astype(np.uint8)
+    usual = of(name, name, gray=dim, keypoints=10)
+    for keypoints in range(100, 2000, 100):
+        found = of(name, name, gray=dim, keypoints=keypoints)
+        if len(found) == keypoints // 2:
+            break
+    assert len(found) == keypoints // 2  # so that faint ones were looked for
+    apart = np.linalg.norm(usual.xy[:, None] - found.xy[None], axis=2).min(axis=1)
+    assert (apart < 0.01).mean() >= 0.8

@@ -18,7 +18,8 @@ Network = XFeatNetwork | AlikedNetwork | DiskNetwork
 
 _ENLARGED_TO, _MOST_ENLARGED = 640, 4.0
 """XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos, which
-are enlarged until the longer side has so many pixels, but not by more than that factor."""
+are enlarged until the longer side has so many pixels, but not by more than that factor. A large photo that
+was made small on purpose stays so."""
 
 
 def extract(
@@ -59,7 +60,7 @@ def extract(
         The network is of a file that the user supplied, and OpenCV cannot run it.
     """
     size = photo_size or (gray.shape[1], gray.shape[0])
-    if choice.model == "xfeat":
+    if choice.model == "xfeat" and scale >= 1.0:
         gray, enlarged = _large_enough(gray)
         scale *= enlarged
     learned = _around(network) if network is not None and choice.model else None

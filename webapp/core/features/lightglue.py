@@ -6,6 +6,7 @@ neighbours do, at a tenth of a second for 1000 keypoints each.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -32,7 +33,15 @@ EXPECTED = Expected("LightGlue", inputs=_INPUTS, outputs=("matches0", "mscores0"
 
 
 class PairMatcher(Protocol):
-    """Matches the keypoints of two photos."""
+    """Matches the keypoints of two photos.
+
+    Attributes
+    ----------
+    weights : str
+        Stands for the content of the model file.
+    """
+
+    weights: str
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos; both have the features that the matcher is for.
@@ -54,6 +63,7 @@ class LighterGlue:
     """
 
     def __init__(self, model: bytes) -> None:
+        self.weights = _hash(model)
         onnx = np.frombuffer(cut_after(model, BEST), np.uint8)
         self._nets = Pool(lambda: cv2.dnn.readNetFromONNX(onnx))
 
@@ -89,6 +99,7 @@ class LightGlue:
     def __init__(self, model: bytes, path: str) -> None:
         EXPECTED.check(model, path)
         with_one_thread()
+        self.weights = _hash(model)
         self._path = path
         try:
             self._onnx = np.frombuffer(with_products(model), np.uint8)
@@ -134,6 +145,10 @@ def _matches(net: cv2.LightGlueMatcher, query: Features, photo: Features) -> Seq
     net.setPairInfo(here, there, (side, side), (other, other))
     found: Sequence[cv2.DMatch] = net.match(_units(query), _units(photo))
     return found
+
+
+def _hash(model: bytes) -> str:
+    return hashlib.sha256(model).hexdigest()[:16]
 
 
 def _in_square(features: Features) -> tuple[NDArray[np.float32], int]:

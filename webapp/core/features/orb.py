@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Described, Kind, also_faint, strongest
+from webapp.core.features.types import Described, Kind, strongest
 
 _SCALE_FACTOR = 1.2
 _LEVELS = 8
 _PATCH = 31
-_DIFFERENCE = (20.0, 3.0)
+_DIFFERENCE, _FAINT_DIFFERENCE = 20, 3
 """How much brighter or darker a corner's surroundings are, grey values: as usual, and in dim photos."""
 
 _BORDER = 31
@@ -37,7 +38,7 @@ class Orb:
     def __init__(self, *, points_per_test: int = 2) -> None:
         self._points_per_test = points_per_test
 
-    def _orb(self, keypoints: int, difference: float = _DIFFERENCE[0]) -> cv2.ORB:
+    def _orb(self, keypoints: int, difference: int = _DIFFERENCE) -> cv2.ORB:
         return cv2.ORB_create(
             keypoints,
             _SCALE_FACTOR,
@@ -45,30 +46,41 @@ class Orb:
             edgeThreshold=_BORDER,
             WTA_K=self._points_per_test,
             patchSize=_PATCH,
-            fastThreshold=int(difference),
+            fastThreshold=difference,
         )
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
         """Find at most `keypoints` corners in an (h, w) uint8 image, the strongest first."""
         if _too_small(gray):
             return ()
-        (found,) = also_faint(
-            lambda most, difference: (self._orb(most, difference).detect(gray, None),),
-            keypoints,
-            limits=_DIFFERENCE,
-        )
+        found = self._with_faint(gray, self._orb(keypoints).detect(gray, None), keypoints)
         return sorted(found, key=lambda k: -k.response)[:keypoints]
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
         """Find and describe the `keypoints` strongest corners; descriptors (n, 32) uint8."""
         if _too_small(gray):
             return (), self._or_none(None)
-        found, bits = also_faint(
-            lambda most, difference: self._orb(most, difference).detectAndCompute(gray, None),
-            keypoints,
-            limits=_DIFFERENCE,
-        )
+        orb = self._orb(keypoints)
+        found, bits = orb.detectAndCompute(gray, None)
+        more = self._with_faint(gray, found, keypoints)
+        if len(more) > len(found):
+            found, bits = orb.compute(gray, more)
         return strongest((found, self._or_none(bits)), keypoints)
+
+    def _with_faint(
+        self, gray: NDArray[np.uint8], found: Sequence[cv2.KeyPoint], keypoints: int
+    ) -> Sequence[cv2.KeyPoint]:
+        """Add faint corners where fewer than half as many as wanted are found.
+
+        They are added to what is found: ORB looks for so many on each level, and would give others.
+        """
+        lacking = keypoints // 2 - len(found)
+        if lacking <= 0:
+            return found
+        faint = self._orb(keypoints, _FAINT_DIFFERENCE).detect(gray, None)
+        known = {(k.pt, k.octave) for k in found}
+        others = (k for k in sorted(faint, key=lambda k: -k.response) if (k.pt, k.octave) not in known)
+        return [*found, *islice(others, lacking)]
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
         """Describe another detector's keypoints; descriptors (n, 32) uint8.

@@ -145,6 +145,11 @@ def also_faint(look: Callable[[int, float], Found], keypoints: int, *, limits: t
         So many are wanted.
     limits : (float, float)
         The usual strength and that of faint keypoints.
+
+    Returns
+    -------
+    tuple
+        As from `look`; where keypoints were few, at most half the number.
     """
     usual, faint = limits
     found = look(keypoints, usual)
