@@ -1,11 +1,12 @@
 """Measures how well photos are placed that are worse than a map's: dim, in fog, blurred, small, turned.
 
-Each query is changed in each of these ways and asked again; nothing else changes. What a camera would add
-(motion, lamps, colours of the night) is not imitated, so that this is a lower bound of the harm.
+Each query is changed in each of these ways and asked again. What a camera would add (motion, lamps, colours
+of the night) is not imitated, so that this is a lower bound of the harm. Changed photos have no EXIF: where
+that tells the queries' field of view, say it with --fov.
 
-    python benchmarks/worse_photos.py MAP.cfg QUERIES.csv [--features sift,xfeat] [--limit N] [--json OUT] [more]
+    python benchmarks/worse_photos.py MAP.cfg QUERIES.csv [--features sift,xfeat] [--limit N] [--json OUT]
 
-Other options, such as --fov, go to `expmap evaluate`. XFeat needs its weights (`expmap models fetch`).
+Other options go to `expmap evaluate`. XFeat needs its weights (`expmap models fetch`).
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ COLUMNS = {
 }
 
 
-def _as_bytes(values: NDArray[np.float64]) -> Photo:
-    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+def _as_bytes(values: NDArray[np.floating[Any]]) -> Photo:
+    return np.asarray(np.clip(np.rint(values), 0, 255), np.uint8)
 
 
 def _light(photo: Photo, share: float, noise: float) -> Photo:
@@ -53,7 +54,7 @@ def _light(photo: Photo, share: float, noise: float) -> Photo:
 
 
 def _small(photo: Photo) -> Photo:
-    scale = 320.0 / max(photo.shape[:2])
+    scale = min(320.0 / max(photo.shape[:2]), 1.0)
     return np.asarray(cv2.resize(photo, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
 
 
@@ -63,6 +64,7 @@ def _saved_badly(photo: Photo) -> Photo:
 
 
 def _turned(photo: Photo, degrees: float) -> Photo:
+    """Turn what is in the photo; the frame stays, so that the field of view does."""
     height, width = photo.shape[:2]
     turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1.0)
     return np.asarray(cv2.warpAffine(photo, turn, (width, height)), np.uint8)
@@ -78,7 +80,7 @@ CHANGES: dict[str, Callable[[Photo], Photo]] = {
     "320 px wide": _small,
     f"JPEG quality {BAD_QUALITY}": _saved_badly,
     "held askew by 20 degrees": lambda photo: _turned(photo, 20.0),
-    "on its side": lambda photo: np.ascontiguousarray(np.rot90(photo)),
+    "on its side": lambda photo: _turned(photo, 90.0),
 }
 
 
