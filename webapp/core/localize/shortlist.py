@@ -77,8 +77,8 @@ def turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> floa
     Parameters
     ----------
     indexed : IndexedMap
-        Its keypoints, and the query's, have an orientation.
     query : Features
+        Where keypoints have no orientation, all angles are 0, and so is the turn.
     found : Candidates
         (n, k), those of `consistent`.
 
