@@ -4,7 +4,7 @@ Each query is changed in each of these ways and asked again. What a camera would
 of the night) is not imitated, so that this is a lower bound of the harm. Changed photos have no EXIF: where
 that tells the queries' field of view, say it with --fov.
 
-    python benchmarks/worse_photos.py MAP.cfg QUERIES.csv [--features sift,xfeat] [--limit N] [--json OUT]
+    python -m benchmarks.worse_photos MAP.cfg QUERIES.csv [--features sift,xfeat] [--limit N] [--json OUT]
 
 Other options go to `expmap evaluate`. XFeat needs its weights (`expmap models fetch`).
 """
@@ -12,9 +12,7 @@ Other options go to `expmap evaluate`. XFeat needs its weights (`expmap models f
 from __future__ import annotations
 
 import argparse
-import csv
 import json
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -24,6 +22,9 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from benchmarks.processes import ProgramFailed, run
+from webapp.files import queries_csv
 
 Photo = NDArray[np.uint8]
 
@@ -114,40 +115,28 @@ def _parser() -> argparse.ArgumentParser:
 
 def _changed(queries: Path, change: Callable[[Photo], Photo], *, folder: Path, limit: int | None) -> Path:
     """Write the changed photos and their list; returns the list."""
-    with queries.open(encoding="utf-8", newline="") as file:
-        header, *rows = list(csv.reader(file, delimiter=";"))
-    count = min(limit or len(rows), len(rows))
-    chosen = [rows[i * len(rows) // count] for i in range(count)]
+    every = queries_csv.read(queries)
+    count = min(limit or len(every), len(every))
+    lines = [queries_csv.HEADER]
+    for number in range(count):
+        query = every[number * len(every) // count]
+        photo = cv2.imread(str(query.path), cv2.IMREAD_COLOR)
+        if photo is None:
+            raise SystemExit(f"{query.path} cannot be read")
+        changed = change(np.asarray(photo, np.uint8))
+        cv2.imwrite(str(folder / f"{number}.jpg"), changed, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        lines.append(f"{number}.jpg;{query.truth.x};{query.truth.y}")
     target = folder / "queries.csv"
-    with target.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, delimiter=";")
-        writer.writerow(header)
-        for number, (path, *truth) in enumerate(chosen):
-            photo = cv2.imread(str(queries.parent / path), cv2.IMREAD_COLOR)
-            if photo is None:
-                raise SystemExit(f"{queries.parent / path} cannot be read")
-            name = f"{number}.jpg"
-            changed = change(np.asarray(photo, np.uint8))
-            cv2.imwrite(str(folder / name), changed, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-            writer.writerow([name, *truth])
+    target.write_text("\n".join(lines) + "\n", "utf-8")
     return target
 
 
 def _evaluated(cfg: Path, queries: Path, *, options: list[str]) -> dict[str, Any]:
-    call = [
-        sys.executable,
-        "-m",
-        "webapp.cli.main",
-        "evaluate",
-        str(cfg),
-        str(queries),
-        "--json",
-        *options,
-    ]
-    done = subprocess.run(call, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(call)} ended with {done.returncode}:\n{done.stderr}")
-    figures: dict[str, Any] = json.loads(done.stdout)
+    program = [sys.executable, "-m", "webapp.cli.main", "evaluate", str(cfg), str(queries), "--json"]
+    try:
+        figures: dict[str, Any] = run([*program, *options]).printed
+    except ProgramFailed as error:
+        raise SystemExit(str(error)) from error
     radius = figures["place_radius_px"]
     errors = [query["error_px"] for query in figures["per_query"]]
     right = sum(error is not None and error <= radius for error in errors)

@@ -218,9 +218,18 @@ def test_indexes_of_older_programs_are_removed_and_no_others(tmp_path):
         "mine": json.dumps({"format": FORMAT}),
         "newer": json.dumps({"format": FORMAT + 1}),
         "damaged": "{",
+        "odd": json.dumps({"format": "old"}),
+        "list": "[]",
     }.items():
         (tmp_path / name / "spool").mkdir(parents=True)
         (tmp_path / name / "manifest.json").write_text(text)
     (tmp_path / "photos").mkdir()
     remove_outdated(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"mine", "newer", "damaged", "photos"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "mine",
+        "newer",
+        "damaged",
+        "odd",
+        "list",
+        "photos",
+    }

@@ -240,10 +240,10 @@ def remove_outdated(base: Path) -> None:
     """Delete the indexes below a folder that an older program made and this one does not read."""
     for path in base.glob("*/manifest.json"):
         try:
-            found = json.loads(path.read_bytes())
-        except ValueError:
-            continue  # whether it is of an older program cannot be told; a build of its features mends it
-        if isinstance(found, dict) and found.get("format", FORMAT) < FORMAT:
+            form = json.loads(path.read_bytes())["format"]
+        except (ValueError, KeyError, TypeError, FileNotFoundError):
+            continue  # what is damaged may be of this program, which mends it when it builds its features
+        if isinstance(form, int) and form < FORMAT:
             shutil.rmtree(path.parent, ignore_errors=True)  # what stays goes with the next build
 
 

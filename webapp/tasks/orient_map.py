@@ -138,8 +138,7 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     if stored is None:
         return opened
     indexed = opened.indexed
-    # Of photos with one content the first stands for all: it is the one that is compared.
-    number = {content: i for i, content in reversed([*enumerate(stored.contents)]) if content}
+    number = _numbers(stored.contents)
     row = np.array([number.get(content, -1) for content in opened.contents], np.int64)
     moved = np.hypot(*(indexed.position - stored.position[row]).T)
     known = (row >= 0) & (moved <= _MOVED * indexed.place_radius_px)
@@ -180,7 +179,7 @@ class _Comparison:
         there = (orientationfile.read_pairs(path) for path in reversed(files))
         known = next((k for k in there if k is not None and k.key == key), None)
         contents = self.opened.contents
-        number = {content: i for i, content in reversed([*enumerate(contents)]) if content}
+        number = _numbers(contents)
         parts, done = _still_there(known, number)
         todo = [i for i in photos if number.get(contents[i]) == i and contents[i] not in done]
         if todo:
@@ -204,6 +203,11 @@ class _Comparison:
 
     def _compare(self, photo: int) -> Pairs:
         return pairs_of(self.opened.indexed, photo, matcher=self.matcher)
+
+
+def _numbers(contents: list[str]) -> dict[str, int]:
+    """Number photos by content; of several with the same the first stands for all, and is compared."""
+    return {content: i for i, content in reversed([*enumerate(contents)]) if content}
 
 
 def _still_there(known: StoredPairs | None, number: dict[str, int]) -> tuple[list[Pairs], set[str]]:

@@ -58,8 +58,7 @@ def consistent(indexed: IndexedMap, query: Features, *, found: Candidates) -> Ca
     Candidates
         Of the same shape, without the photos and rows of what was dropped; distances are kept.
     """
-    turn = indexed.keypoint_angle(found.row) - query.angle[:, None]
-    weight = np.where(found.photo >= 0, np.maximum(_yardstick(found) - found.distance, 0.0), 0.0)
+    turn, weight = _turns(indexed, query, found=found)
     if not weight.any():
         return found
     wide = 360.0 / _ROTATION_BINS
@@ -87,9 +86,16 @@ def turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> floa
     float
         Degrees, -180 to 180: the weighted mean; 0 where nothing is found.
     """
-    turn = np.radians(indexed.keypoint_angle(found.row) - query.angle[:, None])
-    weight = np.where(found.photo >= 0, np.maximum(_yardstick(found) - found.distance, 0.0), 0.0)
-    return float(np.degrees(np.angle((weight * np.exp(1j * turn)).sum())))
+    turn, weight = _turns(indexed, query, found=found)
+    return float(np.degrees(np.angle((weight * np.exp(1j * np.radians(turn))).sum())))
+
+
+def _turns(
+    indexed: IndexedMap, query: Features, *, found: Candidates
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Give how far each neighbour is turned against the query, degrees, and its weight; (n, k) both."""
+    turn = indexed.keypoint_angle(found.row) - query.angle[:, None]
+    return turn, np.where(found.photo >= 0, np.maximum(_yardstick(found) - found.distance, 0.0), 0.0)
 
 
 def _yardstick(found: Candidates) -> NDArray[np.float32]:

@@ -183,19 +183,19 @@ _ASKEW_DEG = 5.0
 """A query turned less than this is level as far as keypoints can tell."""
 
 
-def _upright(turn_deg: float) -> NDArray[np.float64]:
+def _upright(askew_deg: float) -> NDArray[np.float64]:
     """Turn the frame of a query that was held askew about its line of sight: what follows is for level ones.
 
     Parameters
     ----------
-    turn_deg : float
+    askew_deg : float
         As from `turn_deg`.
 
     Returns
     -------
     (3, 3) float64
     """
-    turn = math.radians(turn_deg) if abs(turn_deg) > _ASKEW_DEG else 0.0
+    turn = math.radians(askew_deg) if abs(askew_deg) > _ASKEW_DEG else 0.0
     cos, sin = math.cos(turn), math.sin(turn)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 

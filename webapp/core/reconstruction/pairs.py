@@ -107,8 +107,9 @@ def joined(parts: Sequence[Pairs]) -> Pairs:
 def surest(pairs: Pairs) -> Pairs:
     """Of several comparisons of the same photos keep the most trusted one."""
     order = np.lexsort((-pairs.trust, pairs.second, pairs.first))
-    same = (np.diff(pairs.first[order]) == 0) & (np.diff(pairs.second[order]) == 0)
-    kept = np.sort(order[np.concatenate([[True], ~same])[: len(order)]])
+    best = np.ones(len(order), np.bool_)
+    best[1:] = (np.diff(pairs.first[order]) != 0) | (np.diff(pairs.second[order]) != 0)
+    kept = np.sort(order[best])
     return pairs.taken(kept, first=pairs.first[kept], second=pairs.second[kept])
 
 
