@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from webapp.core.index.bruteforce import BruteForce
+from webapp.core.localize.verified import find_places
 from webapp.core.reconstruction import pairs as pairs_module
 from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.types import USABLE_TRUST
@@ -81,6 +82,31 @@ def test_headings_are_those_the_photos_were_taken_with(cfg):
     assert np.median(off) < 5.0
 
 
+def test_depths_of_what_several_photos_see_are_kept_with_the_orientations(cfg):
+    found = oriented(cfg)
+    depths = found.indexed.orientations.depths
+    assert len(np.unique(depths.photo)) >= 10
+    assert (depths.inverse > 0.0).all()
+    assert all(depths.row[depths.photo == i].max() < len(found.indexed.features(i)) for i in depths.photo)
+    again = orient_map.attach(opened(cfg), orient_map.newest(opened(cfg))).indexed.orientations.depths
+    for name in ("photo", "row", "inverse", "spread"):
+        assert (getattr(again, name) == getattr(depths, name)).all()
+
+
+def test_a_hidden_photo_has_no_part_in_depths(cfg):
+    """What the other photos know of depths is partly from it, so that they are not used at all."""
+    indexed = oriented(cfg).indexed
+    query = int(np.bincount(indexed.orientations.depths.photo).argmax())
+    features, fov = indexed.features(query), float(indexed.fov_deg[query])
+
+    def known(hide):
+        places = find_places(indexed, features, fov_deg=fov, hide=hide).places
+        return sum(np.isfinite(v.inverse).sum() for p in places for v in p.photos)
+
+    assert known(hide=[]) > 50
+    assert known(hide=[int(indexed.ids[query])]) == 0
+
+
 def test_what_is_known_is_not_worked_out_again(cfg):
     counted = Counting()
     oriented(cfg, counted)
@@ -107,6 +133,9 @@ def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(
     moved = replace(found, indexed=replace(found.indexed, position=position))
     trust = orient_map.attach(moved, stored).indexed.orientations.trust
     assert trust[trusted] == 0.0
+    depths = orient_map.attach(moved, stored).indexed.orientations.depths
+    assert trusted not in depths.photo
+    assert len(depths.photo) == (stored.orientations.depths.photo != trusted).sum()
     assert (np.delete(trust, trusted) == np.delete(stored.orientations.trust, trusted)).all()
 
 

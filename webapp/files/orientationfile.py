@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.reconstruction.pairs import Pairs
-from webapp.core.reconstruction.types import Orientations
+from webapp.core.reconstruction.types import Depths, Orientations
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.arrays import read_arrays, write_arrays
 
-FORMAT = 1
+FORMAT = 2
 """Another one where the arrays mean something else."""
 
 
@@ -67,9 +67,14 @@ _PAIRS = (
     "trust",
     "parallax",
     "start",
+    "row_first",
+    "row_second",
     "ray_first",
     "ray_second",
 )
+
+
+_DEPTHS = ("photo", "row", "inverse", "spread")
 
 
 def write_pairs(path: Path, stored: StoredPairs) -> None:
@@ -110,6 +115,7 @@ def write(path: Path, stored: StoredOrientations) -> None:
         "height": found.height,
         "trust": found.trust,
         "position": stored.position,
+        **{f"depth_{name}": getattr(found.depths, name) for name in _DEPTHS},
     }
     _make_folder(path)
     write_arrays(path, arrays, meta={"format": FORMAT, "key": stored.key, "contents": stored.contents})
@@ -121,7 +127,8 @@ def read(path: Path) -> StoredOrientations | None:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != FORMAT:
             return None
-        found = Orientations(arrays["rotation"], arrays["height"], arrays["trust"])
+        depths = Depths(**{name: arrays[f"depth_{name}"] for name in _DEPTHS})
+        found = Orientations(arrays["rotation"], arrays["height"], arrays["trust"], depths)
         return StoredOrientations(found, list(meta["contents"]), arrays["position"], str(meta["key"]))
     except (IndexDamaged, KeyError):
         return None

@@ -143,10 +143,13 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     moved = np.hypot(*(indexed.position - stored.position[row]).T)
     known = (row >= 0) & (moved <= _MOVED * indexed.place_radius_px)
     there = stored.orientations
+    now = np.full(len(stored.contents), -1, np.int64)
+    now[row[known]] = np.flatnonzero(known)
     found = Orientations(
         rotation=there.rotation[row],
         height=there.height[row],
         trust=np.where(known, there.trust[row], 0.0),
+        depths=there.depths.taken(now),
     )
     return replace(opened, indexed=replace(indexed, orientations=found))
 

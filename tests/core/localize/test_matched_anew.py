@@ -51,13 +51,14 @@ def test_matches_are_the_networks_and_votes_the_searchs():
     indexed, query = map_and_query()
     found_by_search = np.arange(4)
     listed = [
-        Shortlisted(photo, votes, found_by_search, query.xy[:4], query.xy[:4])
+        Shortlisted(photo, votes, found_by_search, found_by_search, query.xy[:4], query.xy[:4])
         for photo, votes in ((2, 7.0), (0, 3.0))
     ]
     anew = matched_anew(indexed, query, listed=listed, matcher=Reversed())
     assert [(one.photo, one.votes) for one in anew] == [(2, 7.0), (0, 3.0)]
     for one in anew:
         assert np.array_equal(one.query_row, np.arange(KEYPOINTS))
+        assert np.array_equal(one.photo_row, np.arange(KEYPOINTS)[::-1])
         assert np.array_equal(one.query_xy, query.xy)
         assert np.array_equal(one.photo_xy, indexed.features(one.photo).xy[::-1])
 

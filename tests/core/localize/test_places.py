@@ -25,9 +25,10 @@ def the_map(*positions):
 
 def voted(photo, votes, pose=None):
     nothing = np.zeros((0, 2), np.float32)
-    matched = Shortlisted(photo, votes, np.zeros(0, np.int64), nothing, nothing)
-    rays = np.zeros((0, 3))
-    return Verified(matched, pose or NoPose("no matches"), rays, rays)
+    rows = np.zeros(0, np.int64)
+    matched = Shortlisted(photo, votes, rows, rows, nothing, nothing)
+    rays, depths = np.zeros((0, 3)), np.zeros(0)
+    return Verified(matched, pose or NoPose("no matches"), rays, rays, depths, depths)
 
 
 def seen(photo, bearing_deg, *, inliers=100, of=120):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from webapp.core.features.relative import RelativePose
-from webapp.core.localize.multiview import View
+from webapp.core.localize.residuals import View
 from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.pairs import Pairs, joined
 
@@ -35,11 +35,17 @@ class Scene:
         return ray, (at[:, 2] > 1.0) & (np.abs(ray) < 0.75).all(1)
 
     def seen_by_both(self, one, two, most=80, noise=0.0):
+        """Numbers (m,) of points in both pictures, and their rays (m, 2) in each."""
         a, in_a = self.rays(*one)
         b, in_b = self.rays(*two)
         both = np.flatnonzero(in_a & in_b)
         both = self.rng.permutation(both)[:most]
-        return (x[both] + self.rng.normal(0, noise, (len(both), 2)) for x in (a, b))
+        return both, *(x[both] + self.rng.normal(0, noise, (len(both), 2)) for x in (a, b))
+
+    def inverse_depths(self, camera, points):
+        """One over how far away points are, along the viewing direction."""
+        world = np.array([camera[1][0], 0.0, -camera[1][1]])
+        return 1.0 / ((self.points[points] - world) @ camera[0][2])
 
     def relative(self, one, two):
         """Rotation and unit shift of camera two from camera one."""
@@ -49,7 +55,7 @@ class Scene:
 
     def pair(self, number, cameras, noise=0.001):
         i, j = number
-        ours, theirs = self.seen_by_both(cameras[i], cameras[j], noise=noise)
+        points, ours, theirs = self.seen_by_both(cameras[i], cameras[j], noise=noise)
         if len(ours) < 15:
             return None
         rotation, shift = self.relative(cameras[i], cameras[j])
@@ -62,6 +68,8 @@ class Scene:
             trust=np.array([0.8]),
             parallax=np.array([0.1]),
             start=np.array([0, len(ours)]),
+            row_first=points.astype(np.int32),
+            row_second=points.astype(np.int32),
             ray_first=ours.astype(np.float32),
             ray_second=theirs.astype(np.float32),
         )
@@ -70,13 +78,17 @@ class Scene:
         numbers = [(i, j) for i in range(len(cameras)) for j in range(len(cameras)) if i != j]
         return joined([p for n in numbers if (p := self.pair(n, cameras)) is not None])
 
-    def view(self, photo, camera, query, noise=0.001):
-        ours, theirs = self.seen_by_both(query, camera, noise=noise)
+    def view(self, photo, camera, query, noise=0.001, depths=False):
+        """What a photo shows of a query; with depths, those of every second match are known."""
+        points, ours, theirs = self.seen_by_both(query, camera, noise=noise)
+        inverse = np.full(len(points), np.nan)
+        if depths:
+            inverse[::2] = self.inverse_depths(camera, points[::2])
         rotation, shift = self.relative(query, camera)
         shaken = so3.exp(self.rng.normal(0, 0.03, 3))
         inlier = np.ones(len(ours), bool)
         pose = RelativePose(0.0, 0.1, inlier, shaken @ rotation, shaken @ shift)
-        return View(photo, pose, deep(ours), deep(theirs))
+        return View(photo, pose, deep(ours), deep(theirs), inverse, 0.05 * inverse)
 
 
 def deep(ray):

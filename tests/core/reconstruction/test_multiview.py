@@ -9,6 +9,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from photos_in_a_room import RADIUS, Scene, cameras, tilted
 
 from webapp.core.localize.multiview import locate
+from webapp.core.localize.residuals import across, along, scene_of
+from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.types import Orientations
 
 
@@ -55,3 +57,68 @@ def test_without_known_orientations_there_is_no_pose():
     views = [v for v in views if len(v.query_ray) >= 20]
     assert locate(views, positions(held), orientations=known(held, trust=0.1), place_radius_px=RADIUS) == []
     assert locate([], positions(held), orientations=known(held), place_radius_px=RADIUS) == []
+
+
+def test_one_photo_is_enough_where_depths_are_known():
+    scene = Scene(seed=6)
+    held = [(tilted(0.3), np.array([0.0, 0.0]))]
+    query = (tilted(0.5, 0.05), np.array([25.0, -30.0]))
+    fixed, open_ = (
+        locate(
+            [scene.view(0, held[0], query, depths=depths)],
+            positions(held),
+            orientations=known(held),
+            place_radius_px=RADIUS,
+        )[0]
+        for depths in (True, False)
+    )
+    assert math.dist((fixed.x, fixed.y), query[1]) < 0.1 * RADIUS
+    assert np.trace(open_.covariance_px2) > 100.0 * np.trace(fixed.covariance_px2)
+
+
+def test_depths_make_a_position_surer_and_better():
+    scene = Scene(seed=7)
+    held = cameras(scene, 30, seed=8)
+    query = (tilted(1.2), np.array([-10.0, 15.0]))
+    found = []
+    for depths in (False, True):
+        views = [scene.view(n, c, query, noise=0.004, depths=depths) for n, c in enumerate(held)]
+        views = [v for v in views if len(v.query_ray) >= 20]
+        found.append(locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0])
+    without, with_depths = found
+    assert np.trace(with_depths.covariance_px2) < np.trace(without.covariance_px2)
+    assert math.dist((with_depths.x, with_depths.y), query[1]) < 0.1 * RADIUS
+
+
+def test_wrong_depths_do_not_drag_a_position_away():
+    scene = Scene(seed=9)
+    held = cameras(scene, 30, seed=10)
+    query = (tilted(2.2), np.array([-10.0, 15.0]))
+    views = [scene.view(n, c, query, depths=True) for n, c in enumerate(held)]
+    views = [v for v in views if len(v.query_ray) >= 20]
+    rng = np.random.default_rng(1)
+    for view in views:
+        wrong = rng.random(len(view.inverse)) < 0.3
+        view.inverse[wrong] *= rng.uniform(1.5, 4.0, int(wrong.sum()))
+    best = locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0]
+    assert math.dist((best.x, best.y), query[1]) < 0.1 * RADIUS
+
+
+def test_derivatives_are_those_of_the_residuals():
+    scene = Scene(seed=11)
+    held = cameras(scene, 6, seed=12)
+    query = (tilted(0.7, 0.1), np.array([8.0, 4.0]))
+    views = [v for n, c in enumerate(held) if len((v := scene.view(n, c, query, depths=True)).query_ray) > 20]
+    world = np.column_stack([positions(held)[:, 0], np.zeros(len(held)), -positions(held)[:, 1]])
+    matches = scene_of(views, [*range(len(views))], world, orientations=known(held), radius=RADIUS)
+    rotation, centre = query[0][None], np.array([[8.0, 0.0, -4.0]])
+    small = 1e-6
+    for compare in (across, along):
+        found = compare(matches, rotation, centre)
+        told = found.derivatives(RADIUS)[0]
+        for axis in range(6):
+            step = np.eye(6)[axis] * small
+            moved = compare(matches, so3.turned(rotation, step[None, :3]), centre + RADIUS * step[3:])
+            real = (moved.off - found.off)[0] / small
+            # The size of the constraint and the line's direction change a little, too.
+            assert np.median(np.abs(real - told[axis])) < 0.02 * np.abs(told).max()

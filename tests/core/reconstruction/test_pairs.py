@@ -16,6 +16,8 @@ def pair(first, second, trust, rays):
         trust=np.array([trust]),
         parallax=np.array([0.1]),
         start=np.array([0, rays]),
+        row_first=np.arange(rays, dtype=np.int32),
+        row_second=np.arange(rays, dtype=np.int32),
         ray_first=ray,
         ray_second=ray,
     )

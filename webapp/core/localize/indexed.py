@@ -78,6 +78,10 @@ class IndexedMap:
         photo = self.photo_of_entry[np.clip(entry, 0, len(self.photo_of_entry) - 1)]
         return np.where(row >= 0, photo, -1)
 
+    def row_in_photo(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Tell for descriptor rows, any shape, which keypoint of their photo they are."""
+        return row - self.first_row[np.searchsorted(self.first_row, row, side="right") - 1]
+
     def keypoint_angle(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
         """Look up the orientation of descriptor rows, any shape, degrees; 0 for row -1."""
         return self._gather(row, [s.angle for s in self.segments])

@@ -13,8 +13,9 @@ from webapp.core.features.relative import RelativePose
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import NoPose
 from webapp.core.localize.indexed import IndexedMap
-from webapp.core.localize.multiview import Pose, View, locate
+from webapp.core.localize.multiview import Pose, locate
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
+from webapp.core.localize.residuals import View
 from webapp.core.localize.shortlist import Shortlisted
 from webapp.core.reconstruction.types import USABLE_TRUST
 
@@ -39,8 +40,9 @@ _MATCHES_ERR_TOGETHER = 6.0
 _SPREAD_LEFT = 0.28
 """Uncertainty of the best position, in place radii: the map's own positions are not better."""
 
-MIN_ORIENTED = 2
-"""Fewer photos of known orientation leave a position open: one fixes a line."""
+_FIXED = 1.0
+"""A position whose matches leave it more uncertain than this, in place radii, is none: one photo whose
+depths are not known fixes a line."""
 
 _AGREES = 0.25
 """A photo speaks for a place from this agreement on."""
@@ -56,12 +58,16 @@ class Verified:
     pose : RelativePose or NoPose
     query_ray, photo_ray : (m, 3) float64
         Of its matches, camera frames, depth 1.
+    inverse, spread : (m,) float64
+        Inverse depths of what they show in the photo, per map pixel, and how uncertain; NaN where unknown.
     """
 
     matched: Shortlisted
     pose: RelativePose | NoPose
     query_ray: NDArray[np.float64]
     photo_ray: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    spread: NDArray[np.float64]
 
     @property
     def inliers(self) -> int:
@@ -140,7 +146,7 @@ def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place
         return []
     usable = [v for v in checked if isinstance(v.pose, RelativePose)]
     views = [
-        View(v.matched.photo, v.pose, v.query_ray, v.photo_ray)
+        View(v.matched.photo, v.pose, v.query_ray, v.photo_ray, v.inverse, v.spread)
         for v in usable
         if isinstance(v.pose, RelativePose)
     ]
@@ -153,7 +159,7 @@ def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place
         if not photos:
             continue
         support = float(support_at(indexed, checked, position=np.array([[pose.x, pose.y]]))[0])
-        if len(photos) < MIN_ORIENTED:
+        if _by_matches(pose) > _FIXED * indexed.place_radius_px:
             places.append(_photo_place(indexed, photos, score=pose.score, support=support))
             continue
         position, spread = MapPixel(pose.x, pose.y), _spread(pose, indexed.place_radius_px)
@@ -163,9 +169,13 @@ def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place
 
 def _spread(pose: Pose, radius: float) -> float:
     """State the uncertainty of a position, map pixels: by its matches, and by how much agrees with it."""
-    by_matches = _MATCHES_ERR_TOGETHER * math.sqrt(float(np.trace(pose.covariance_px2)))
     by_score = radius * _SPREAD / (_SPREAD_AT + pose.score)
-    return math.hypot(by_matches, by_score, _SPREAD_LEFT * radius)
+    return math.hypot(_by_matches(pose), by_score, _SPREAD_LEFT * radius)
+
+
+def _by_matches(pose: Pose) -> float:
+    """Tell how uncertain the matches alone leave a position, map pixels."""
+    return _MATCHES_ERR_TOGETHER * math.sqrt(float(np.trace(pose.covariance_px2)))
 
 
 def _oriented(indexed: IndexedMap, verified: Verified) -> bool:

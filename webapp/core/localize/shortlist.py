@@ -22,8 +22,8 @@ class Shortlisted:
         Its number in the map.
     votes : float
         Sum of the weights of its matches.
-    query_row : (m,) int64
-        Keypoints of the query, each at most once.
+    query_row, photo_row : (m,) int64
+        Keypoints of the query, each at most once, and of the photo.
     query_xy, photo_xy : (m, 2) float32
         Their pixels in the upright photos.
     """
@@ -31,6 +31,7 @@ class Shortlisted:
     photo: int
     votes: float
     query_row: NDArray[np.int64]
+    photo_row: NDArray[np.int64]
     query_xy: NDArray[np.float32]
     photo_xy: NDArray[np.float32]
 
@@ -158,7 +159,8 @@ def shortlist(
         # Neighbours come nearest first, so that the first of a keypoint is its best in this photo.
         rows, first = np.unique(query_row[mine], return_index=True)
         matches = mine[first]
-        listed.append(Shortlisted(int(p), float(votes[p]), rows, query.xy[rows], photo_xy[matches]))
+        theirs = indexed.row_in_photo(row[matches])
+        listed.append(Shortlisted(int(p), float(votes[p]), rows, theirs, query.xy[rows], photo_xy[matches]))
     return listed
 
 
@@ -186,5 +188,6 @@ def matched_anew(
         if photo is None:
             raise IndexError(f"photo {one.photo} has no features")
         rows, theirs = matcher.match(query, photo).T
-        found.append(replace(one, query_row=rows, query_xy=query.xy[rows], photo_xy=photo.xy[theirs]))
+        matched = replace(one, query_row=rows, photo_row=theirs)
+        found.append(replace(matched, query_xy=query.xy[rows], photo_xy=photo.xy[theirs]))
     return found

@@ -34,6 +34,7 @@ from webapp.core.localize.shortlist import (
     weighted_votes,
 )
 from webapp.core.localize.vote import match_statistics
+from webapp.core.reconstruction.types import Depths, no_depths
 from webapp.threads import in_threads
 
 NEIGHBOURS = 10
@@ -138,7 +139,9 @@ def find_places(
         listed = matched_anew(indexed, query, listed=listed, matcher=indexed.pair_matcher)
     camera = Camera(*query.photo_size, fov_deg)
     upright = _upright(turn_deg(indexed, query, found=found))
-    checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright), listed)
+    # Hidden photos have a share in what is known of depths.
+    known = no_depths() if hide or indexed.orientations is None else indexed.orientations.depths
+    checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=known), listed)
     clock.append(time.perf_counter())
     places = join(indexed, checked)
     clock.append(time.perf_counter())
@@ -201,17 +204,25 @@ def _upright(askew_deg: float) -> NDArray[np.float64]:
 
 
 def _verify(
-    indexed: IndexedMap, matched: Shortlisted, *, camera: Camera, upright: NDArray[np.float64]
+    indexed: IndexedMap,
+    matched: Shortlisted,
+    *,
+    camera: Camera,
+    upright: NDArray[np.float64],
+    depths: Depths,
 ) -> Verified:
     theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
     pose = relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)
     if isinstance(pose, RelativePose):
         pose = pose.in_frame(upright)
+    inverse, spread = depths.of(matched.photo, matched.photo_row)
     return Verified(
         matched,
         pose,
         query_ray=camera.rays(matched.query_xy.astype(np.float64)) @ upright.T,
         photo_ray=theirs.rays(matched.photo_xy.astype(np.float64)),
+        inverse=inverse,
+        spread=spread,
     )
 
 

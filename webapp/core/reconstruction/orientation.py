@@ -1,21 +1,23 @@
-"""Orientations of a map's photos from relative poses and known positions, without any 3D points.
+"""Orientations of a map's photos from relative poses and known positions.
 
 A relative pose tells in which direction, seen from one photo, the other was taken; their positions tell where
 that direction is on the map. So each pair votes for two headings (1); what pairs know of the turn from photo
 to photo is averaged with it, robustly (2: Hartley, Trumpf, Dai, Li, "Rotation averaging", 2013); and at last
-all matches together correct headings, pitches and heights (3, `refinement.py`).
+all matches together correct headings, pitches and heights (3, `refinement.py`). In the end
+`depths.py` tells how far away is what several photos see.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.reconstruction import so3
+from webapp.core.reconstruction.depths import depths_of
 from webapp.core.reconstruction.pairs import Pairs
 from webapp.core.reconstruction.refinement import refine
 from webapp.core.reconstruction.types import Orientations
@@ -70,7 +72,8 @@ def orient(pairs: Pairs, position: NDArray[np.float64], *, place_radius_px: floa
     heading, known = _headings(views, len(position))
     rotation, trust = _average(pairs, views, start=so3.level(heading), known=known)
     rotation, height = refine(pairs, position, rotation=rotation, scale_px=place_radius_px)
-    return Orientations(rotation, height, trust)
+    found = Orientations(rotation, height, trust)
+    return replace(found, depths=depths_of(pairs, position, orientations=found))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,8 +48,10 @@ class Pairs:
         Median angle between the two rays of a match, radians.
     start : (k + 1,) int64
         Matches of pair i are `start[i]` to `start[i + 1]`.
+    row_first, row_second : (m,) int32
+        Which keypoints of the photos the inliers are.
     ray_first, ray_second : (m, 2) float32
-        Where the inliers are in the photos: x and y of their rays at depth 1.
+        Where they are in the photos: x and y of their rays at depth 1.
     """
 
     first: NDArray[np.int64]
@@ -59,6 +61,8 @@ class Pairs:
     trust: NDArray[np.float64]
     parallax: NDArray[np.float64]
     start: NDArray[np.int64]
+    row_first: NDArray[np.int32]
+    row_second: NDArray[np.int32]
     ray_first: NDArray[np.float32]
     ray_second: NDArray[np.float32]
 
@@ -81,9 +85,16 @@ class Pairs:
             trust=self.trust[which],
             parallax=self.parallax[which],
             start=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+            row_first=self.row_first[rows],
+            row_second=self.row_second[rows],
             ray_first=self.ray_first[rows],
             ray_second=self.ray_second[rows],
         )
+
+
+def homogeneous(ray: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Give (m, 2) rays, x and y at depth 1, their third coordinate; (m, 3)."""
+    return np.column_stack([ray, np.ones(len(ray))]).astype(np.float64)
 
 
 def joined(parts: Sequence[Pairs]) -> Pairs:
@@ -99,6 +110,8 @@ def joined(parts: Sequence[Pairs]) -> Pairs:
         trust=np.concatenate([p.trust for p in parts]),
         parallax=np.concatenate([p.parallax for p in parts]),
         start=np.concatenate([[0], *(p.start[1:] + s for p, s in zip(parts, starts[:-1], strict=True))]),
+        row_first=np.concatenate([p.row_first for p in parts]),
+        row_second=np.concatenate([p.row_second for p in parts]),
         ray_first=np.concatenate([p.ray_first for p in parts]),
         ray_second=np.concatenate([p.ray_second for p in parts]),
     )
@@ -162,6 +175,8 @@ def _pair(indexed: IndexedMap, photo: int, *, matched: Shortlisted, ours: Camera
         trust=np.array([pose.trust]),
         parallax=np.array([pose.parallax]),
         start=np.array([0, len(kept)], np.int64),
+        row_first=matched.query_row[kept].astype(np.int32),
+        row_second=matched.photo_row[kept].astype(np.int32),
         ray_first=ours.rays(matched.query_xy[kept].astype(np.float64))[:, :2].astype(np.float32),
         ray_second=theirs.rays(matched.photo_xy[kept].astype(np.float64))[:, :2].astype(np.float32),
     )
@@ -169,7 +184,17 @@ def _pair(indexed: IndexedMap, photo: int, *, matched: Shortlisted, ours: Camera
 
 def _empty() -> Pairs:
     none, flat = np.zeros(0, np.int64), np.zeros(0)
-    rays = np.zeros((0, 2), np.float32)
+    rows, rays = np.zeros(0, np.int32), np.zeros((0, 2), np.float32)
     return Pairs(
-        none, none, np.zeros((0, 3, 3)), np.zeros((0, 3)), flat, flat, np.zeros(1, np.int64), rays, rays
+        first=none,
+        second=none,
+        rotation=np.zeros((0, 3, 3)),
+        shift=np.zeros((0, 3)),
+        trust=flat,
+        parallax=flat,
+        start=np.zeros(1, np.int64),
+        row_first=rows,
+        row_second=rows,
+        ray_first=rays,
+        ray_second=rays,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.pairs import Pairs
+from webapp.core.reconstruction.pairs import Pairs, homogeneous
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def refine(pairs: Pairs, position: Array, *, rotation: Array, scale_px: float) -
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
     weight = np.repeat(_TRUSTED_MATCHES * pairs.trust / np.sqrt(np.maximum(lengths, 1)), lengths)
-    ours, theirs = _homogeneous(pairs.ray_first), _homogeneous(pairs.ray_second)
+    ours, theirs = homogeneous(pairs.ray_first), homogeneous(pairs.ray_second)
     world = np.column_stack([position[:, 0], np.zeros(len(position)), -position[:, 1]])
     length = np.linalg.norm(world[second] - world[first], axis=1)
     for number in range(_ROUNDS):
@@ -77,10 +77,6 @@ def refine(pairs: Pairs, position: Array, *, rotation: Array, scale_px: float) -
         rotation = so3.turned(rotation, so3.shortened(step[:, :3], _MOST_TURN))
         world[:, 1] += np.clip(step[:, 3], -_MOST_RISE * scale_px, _MOST_RISE * scale_px)
     return rotation, world[:, 1]
-
-
-def _homogeneous(ray: NDArray[np.float32]) -> Array:
-    return np.column_stack([ray, np.ones(len(ray))]).astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

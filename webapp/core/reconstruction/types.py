@@ -1,14 +1,60 @@
-"""How the photos of a map were held."""
+"""How the photos of a map were held, and how far away is what they see."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 USABLE_TRUST = 0.5
 """Sum of the trust in agreeing pairs from which on an orientation is used."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Depths:
+    """How far away is what d keypoints show, along their photos' viewing directions.
+
+    Attributes
+    ----------
+    photo : (d,) int32
+        Rising.
+    row : (d,) int32
+        Which keypoint of the photo, rising within it.
+    inverse : (d,) float32
+        One over the depth, per map pixel.
+    spread : (d,) float32
+        Standard deviation of `inverse`.
+    """
+
+    photo: NDArray[np.int32]
+    row: NDArray[np.int32]
+    inverse: NDArray[np.float32]
+    spread: NDArray[np.float32]
+
+    def of(self, photo: int, row: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Look up inverse depths of a photo's keypoints (m,) and their spreads (m,); NaN where not known."""
+        first, stop = np.searchsorted(self.photo, [photo, photo + 1])
+        inverse, spread = np.full((2, len(row)), np.nan)
+        if first == stop:
+            return inverse, spread
+        at = first + np.minimum(np.searchsorted(self.row[first:stop], row), stop - first - 1)
+        known = self.row[at] == row
+        inverse[known], spread[known] = self.inverse[at[known]], self.spread[at[known]]
+        return inverse, spread
+
+    def taken(self, number: NDArray[np.int64]) -> Depths:
+        """Give photos (p,) other numbers, and leave out those whose number is -1."""
+        photo = number[self.photo]
+        order = np.lexsort((self.row, photo))
+        order = order[photo[order] >= 0]
+        return Depths(photo[order].astype(np.int32), self.row[order], self.inverse[order], self.spread[order])
+
+
+def no_depths() -> Depths:
+    """Give the depths of no keypoint."""
+    rows, values = np.zeros(0, np.int32), np.zeros(0, np.float32)
+    return Depths(rows, rows, values, values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,8 +69,11 @@ class Orientations:
         Downwards from the others', map pixels.
     trust : (p,) float64
         Sum of the trust in the pairs that agree with it; 0 where nothing is known.
+    depths : Depths
+        Of those of their keypoints that several of them see.
     """
 
     rotation: NDArray[np.float64]
     height: NDArray[np.float64]
     trust: NDArray[np.float64]
+    depths: Depths = field(default_factory=no_depths)

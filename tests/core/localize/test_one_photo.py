@@ -1,0 +1,61 @@
+"""One oriented photo: a position where the depths of what it shows are known, else its own place."""
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "reconstruction"))
+from photos_in_a_room import RADIUS, Scene, tilted
+
+from webapp.core.localize.indexed import IndexedMap
+from webapp.core.localize.places import Verified, join
+from webapp.core.localize.shortlist import Shortlisted
+from webapp.core.reconstruction.types import Orientations
+
+QUERY = (tilted(0.5, 0.05), np.array([25.0, -30.0]))
+PHOTO = (tilted(0.3), np.array([0.0, 0.0]))
+
+
+def places(*, depths, trust=5.0):
+    view = Scene(seed=6).view(0, PHOTO, QUERY, depths=depths)
+    rows = np.arange(len(view.query_ray))
+    xy = np.zeros((len(rows), 2), np.float32)
+    verified = Verified(
+        Shortlisted(0, 5.0, rows, rows, xy, xy),
+        replace(view.pose, bearing=math.pi),
+        view.query_ray,
+        view.photo_ray,
+        view.inverse,
+        view.spread,
+    )
+    indexed = IndexedMap(
+        ids=np.array([7]),
+        position=PHOTO[1][None],
+        fov_deg=np.array([60.0]),
+        segments=[],
+        photo_of_entry=np.zeros(0, np.int64),
+        search=None,
+        place_radius_px=RADIUS,
+        orientations=Orientations(PHOTO[0][None], np.zeros(1), np.array([trust])),
+    )
+    return join(indexed, [verified])
+
+
+def test_depths_fix_a_position_with_its_heading():
+    best, *others = places(depths=True)
+    assert best.kind == "position"
+    assert math.dist(best.position, QUERY[1]) < 0.1 * RADIUS
+    assert best.heading == pytest.approx(0.5, abs=0.03)
+    assert not others
+
+
+@pytest.mark.parametrize(("depths", "trust"), [(False, 5.0), (True, 0.1)])
+def test_without_depths_or_orientation_the_photo_is_named(depths, trust):
+    best = places(depths=depths, trust=trust)[0]
+    assert best.kind == "photo"
+    assert best.position == (0.0, 0.0)
+    assert best.heading is None
