@@ -72,11 +72,11 @@ def test_a_killed_calibration_goes_on_where_it_was(cfg, monkeypatch):
     tried = []
     try_one = calibrate._try
 
-    def counted(indexed, photo, **how):
+    def counted(indexed, photo, *how, **more):
         if len(tried) == 5:
             raise Killed
         tried.append(photo)
-        return try_one(indexed, photo, **how)
+        return try_one(indexed, photo, *how, **more)
 
     monkeypatch.setattr(calibrate, "_try", counted)
     opened = open_map.run(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())

@@ -16,6 +16,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import prepare
 from webapp.tasks.calibrate import calibrate
+from webapp.tasks.localize_photo import for_own_photos
 from webapp.tasks.open_map import OpenOptions
 
 
@@ -128,7 +129,8 @@ def test_turned_matches_are_dropped_before_the_vote(localizer):
 
 def test_calibration_is_repeatable_and_from_the_maps_own_photos(localizer):
     indexed = localizer.opened.indexed
-    one, two = calibrate(indexed, Progress()), calibrate(indexed, Progress())
+    known = for_own_photos(localizer).sightings
+    one, two = (calibrate(indexed, Progress(), sightings=known) for _ in range(2))
     assert one == two == localizer.calibration.calibration
     assert 40 <= one.cases <= 60
     assert one.radius_scale >= 1.0

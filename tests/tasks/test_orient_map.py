@@ -94,17 +94,28 @@ def test_depths_of_what_several_photos_see_are_kept_with_the_orientations(cfg):
 
 
 def test_a_hidden_photo_has_no_part_in_depths(cfg):
-    """What the other photos know of depths is partly from it, so that they are not used at all."""
-    indexed = oriented(cfg).indexed
+    found = oriented(cfg)
+    indexed = found.indexed
     query = int(np.bincount(indexed.orientations.depths.photo).argmax())
     features, fov = indexed.features(query), float(indexed.fov_deg[query])
+    hidden = np.arange(len(indexed.ids)) == query
 
-    def known(hide):
-        places = find_places(indexed, features, fov_deg=fov, hide=hide).places
-        return sum(np.isfinite(v.inverse).sum() for p in places for v in p.photos)
+    def known(**how):
+        places = find_places(indexed, features, fov_deg=fov, **how).places
+        return sum(np.isfinite(v.inverse).sum() for p in places for v in p.photos if v.matched.photo != query)
 
-    assert known(hide=[]) > 50
-    assert known(hide=[int(indexed.ids[query])]) == 0
+    hide = indexed.ids[hidden].tolist()
+    assert known(hide=hide) == 0  # what the others know of depths is partly from it
+    without = orient_map.sightings(found, map_fov_deg=None).without(hidden)
+    assert 0 < known(hide=hide, depths=without) < known()
+
+
+def test_what_is_stored_of_pairs_gives_the_depths_that_are_kept(cfg):
+    found = oriented(cfg)
+    kept, again = found.indexed.orientations.depths, orient_map.sightings(found, map_fov_deg=None).averaged()
+    assert (kept.row == again.row).all()
+    np.testing.assert_allclose(kept.inverse, again.inverse, rtol=1e-5)
+    assert orient_map.sightings(opened(cfg), map_fov_deg=None) is None
 
 
 def test_what_is_known_is_not_worked_out_again(cfg):

@@ -29,6 +29,7 @@ from webapp.settings import from_environment, keep_freed_memory
 from webapp.tasks import evaluate as task
 from webapp.tasks import localize_sequence, prepare, smooth_sequence
 from webapp.tasks.evaluation_types import EvaluateOptions, Evaluation
+from webapp.tasks.localize_photo import for_own_photos
 
 _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -98,7 +99,8 @@ def evaluate(
         elif sequence:
             localizer = localize_sequence.of(localizer, speed_px=speed)
         if queries is None:
-            done = task.run_self(localizer, map_folder=folder, options=options, progress=progress)
+            own = for_own_photos(localizer)
+            done = task.run_self(own, map_folder=folder, options=options, progress=progress)
         else:
             done = [task.run(localizer, queries, map_folder=folder, options=options, progress=progress)]
     for evaluation in done:

@@ -9,6 +9,7 @@ from webapp.store import maps
 from webapp.tasks import evaluate, kept_evaluation, library_export, prepare
 from webapp.tasks.calibrate import MOST_PHOTOS
 from webapp.tasks.evaluation_types import EvaluateOptions
+from webapp.tasks.localize_photo import for_own_photos
 from webapp.tasks.open_map import OpenOptions
 
 
@@ -27,7 +28,10 @@ def run(context: Context) -> dict[str, Any]:
     context.progress.note("preparing the map")
     localizer = prepare.run(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
     done = evaluate.run_self(
-        localizer, map_folder=cfg.parent, options=EvaluateOptions(limit=limit), progress=context.progress
+        for_own_photos(localizer),
+        map_folder=cfg.parent,
+        options=EvaluateOptions(limit=limit),
+        progress=context.progress,
     )
     forms = kept_evaluation.keep(cfg, done)
     return {form["scheme"]: {name: form[name] for name in form if name != "per_query"} for form in forms}

@@ -19,10 +19,12 @@ from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.places import Place
 from webapp.core.localize.verified import find_places
+from webapp.core.reconstruction.depths import Sightings
 from webapp.files import calibrationfile, trialslog
 from webapp.files.calibrationfile import StoredCalibration
 from webapp.files.trialslog import Trial
 from webapp.progress import Progress
+from webapp.tasks import orient_map
 from webapp.tasks.open_map import OpenMap
 
 MOST_PHOTOS = 200
@@ -96,7 +98,8 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
     key = f"{calibrationfile.FORMAT} {opened.map_hash} {radius} {map_fov_deg}"
     path = paths(opened)[-1]
     with trialslog.resumed(path.with_suffix(".trials"), key) as (known_trials, keep):
-        calibration = calibrate(opened.indexed, progress, known=known_trials, keep=keep)
+        sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
+        calibration = calibrate(opened.indexed, progress, sightings=sightings, known=known_trials, keep=keep)
     stored = StoredCalibration(calibration, map_fov_deg, radius, photos, time.perf_counter() - started)
     calibrationfile.write(path, stored)
     return stored
@@ -126,6 +129,7 @@ def calibrate(
     indexed: IndexedMap,
     progress: Progress,
     *,
+    sightings: Sightings | None = None,
     known: Mapping[int, Trial] = MappingProxyType({}),
     keep: Callable[[int, Trial], None] = lambda number, trial: None,
 ) -> Calibration:
@@ -135,6 +139,8 @@ def calibrate(
     ----------
     indexed : IndexedMap
     progress : Progress
+    sightings : Sightings, optional
+        Of the map's keypoints, so that depths are known without the hidden photos.
     known : mapping of int to Trial
         Photos that an earlier run has tried.
     keep : callable
@@ -150,7 +156,7 @@ def calibrate(
             tried = known[number]
         else:
             other_day = number // _OFF_MAP_EVERY % _OTHER_DAY_EVERY == _OTHER_DAY_EVERY - 1
-            trial = _try(indexed, photo, off_map=number % _OFF_MAP_EVERY == 1, other_day=other_day)
+            trial = _try(indexed, photo, sightings, off_map=number % _OFF_MAP_EVERY == 1, other_day=other_day)
             tried = None if trial is None else trial.to_record()
             keep(number, tried)
         trials += [] if tried is None else [_Trial.from_record(tried)]
@@ -160,7 +166,9 @@ def calibrate(
     return _with_radius(fitted, trials)
 
 
-def _try(indexed: IndexedMap, photo: int, *, off_map: bool, other_day: bool) -> _Trial | None:
+def _try(
+    indexed: IndexedMap, photo: int, sightings: Sightings | None, *, off_map: bool, other_day: bool
+) -> _Trial | None:
     features = indexed.features(photo)
     if features is None:
         return None
@@ -172,10 +180,16 @@ def _try(indexed: IndexedMap, photo: int, *, off_map: bool, other_day: bool) -> 
     within = _SAME_PLACE * spacing
     if off_map:
         within = min(_ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart, _MOST_HIDDEN)))
-    hide = {int(i) for i in indexed.ids[apart <= within]}
-    if len(hide) == len(indexed.ids):
+    hidden = apart <= within
+    if hidden.all():
         return None  # nothing of the map is left to be looked through
-    found = find_places(indexed, features, fov_deg=float(indexed.fov_deg[photo]), hide=hide)
+    found = find_places(
+        indexed,
+        features,
+        fov_deg=float(indexed.fov_deg[photo]),
+        hide=indexed.ids[hidden].tolist(),
+        depths=None if sightings is None else sightings.without(hidden),
+    )
     places = found.places
     error = np.array([_error(p, truth, paths=indexed.paths) for p in places])
     case = Case(found.evidence, error <= indexed.place_radius_px, _OFF_MAP_WEIGHT if off_map else 1.0)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from webapp.core.features.extract import extract
 from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.core.hypotheses.model import Answer, FieldOfView
@@ -14,10 +16,13 @@ from webapp.core.hypotheses.paths import on_paths
 from webapp.core.localize import vote
 from webapp.core.localize.verified import answered, find_places
 from webapp.core.mapmodel.model import Map
+from webapp.core.reconstruction.depths import Sightings
+from webapp.core.reconstruction.types import Depths
 from webapp.files.calibrationfile import StoredCalibration
 from webapp.files.models import network
 from webapp.files.photo import read_facts, read_gray
 from webapp.settings import Settings
+from webapp.tasks import orient_map
 from webapp.tasks.open_map import OpenMap, guessed_fov_deg
 
 
@@ -33,12 +38,16 @@ class PhotoLocalizer:
         None for a method that has none.
     fov_deg : float or None
         Horizontal field of view of the queries, instead of what their EXIF says.
+    sightings : Sightings or None
+        Of the map's keypoints, where photos are to be hidden: what is known of depths without them. Where
+        this is None, no depths are used then.
     """
 
     opened: OpenMap
     settings: Settings
     calibration: StoredCalibration | None = None
     fov_deg: float | None = None
+    sightings: Sightings | None = None
 
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize one photo.
@@ -99,7 +108,14 @@ class PhotoLocalizer:
             answer = vote.localize(self.opened.indexed, features, top=top, hide=hide)
         else:
             indexed = self.opened.indexed
-            found = find_places(indexed, features, fov_deg=fov.degrees, hide=hide, closer=closer)
+            found = find_places(
+                indexed,
+                features,
+                fov_deg=fov.degrees,
+                hide=hide,
+                closer=closer,
+                depths=self._depths_without(hide) if hide else None,
+            )
             calibration = self.calibration.calibration if self.calibration else DEFAULT
             answer = answered(indexed, found, calibration=calibration, top=top)
         clock.append(time.perf_counter())
@@ -107,6 +123,11 @@ class PhotoLocalizer:
         if not answer.seconds:
             times["retrieve"] = clock[3] - clock[2]
         return replace(answer, seconds={**answer.seconds, **times}, fov=fov)
+
+    def _depths_without(self, hide: frozenset[int]) -> Depths | None:
+        if self.sightings is None:
+            return None
+        return self.sightings.without(np.isin(self.opened.indexed.ids, [*hide]))
 
     def _fov(self, photo_path: Path, size: tuple[int, int]) -> FieldOfView:
         if self.fov_deg is not None:
@@ -160,3 +181,16 @@ class PhotoLocalizer:
 def parts(localizer: PhotoLocalizer) -> dict[str, Any]:
     """Take a localizer apart, for one of another kind to be made of it."""
     return {f.name: getattr(localizer, f.name) for f in fields(PhotoLocalizer)}
+
+
+def for_own_photos(localizer: PhotoLocalizer) -> PhotoLocalizer:
+    """Prepare a localizer for the photos of its own map, which are hidden in turn.
+
+    Raises
+    ------
+    StorageError
+    """
+    known, opened = localizer.calibration, localizer.opened
+    if known is None:
+        return localizer
+    return replace(localizer, sightings=orient_map.sightings(opened, map_fov_deg=known.map_fov_deg))

@@ -18,6 +18,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import evaluate, prepare
 from webapp.tasks.evaluation_types import EvaluateOptions
+from webapp.tasks.localize_photo import for_own_photos
 from webapp.tasks.open_map import OpenOptions
 
 LIMIT = 200
@@ -51,7 +52,10 @@ def run(
     """
     localizer = prepare.run(cfg, options or OpenOptions(), settings=settings, progress=progress)
     done = evaluate.run_self(
-        localizer, map_folder=cfg.parent, options=EvaluateOptions(limit=LIMIT), progress=progress
+        for_own_photos(localizer),
+        map_folder=cfg.parent,
+        options=EvaluateOptions(limit=LIMIT),
+        progress=progress,
     )
     tried = queries_csv.select(localizer.map.experiences, LIMIT)
     answers: dict[int, list[Answer]] = defaultdict(list)

@@ -6,12 +6,14 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import PAIR_MATCHERS
+from webapp.core.reconstruction.depths import Sightings, sightings_of
 from webapp.core.reconstruction.orientation import orient
 from webapp.core.reconstruction.pairs import Pairs, joined, pairs_of, surest
 from webapp.core.reconstruction.types import Orientations
@@ -59,26 +61,47 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
         The network is of a file that the user supplied, and OpenCV cannot run it.
     """
     key = f"{opened.map_hash} {map_fov_deg}"
-    usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
+    usual, again = _comparisons(opened, map_fov_deg)
     everyone = range(len(opened.indexed.ids))
     files = _usual_paths(opened)
     stored = _up_to_date(
         opened, files, key=key, progress=progress, compare=lambda: usual.run(everyone, progress)
     )
-    if opened.indexed.pair_matcher is not None:
+    if again is not None:
         little = np.flatnonzero(stored.orientations.trust < _WELL_KNOWN).tolist()
-        network = opened.indexed.pair_matcher
-        again = _Comparison(opened, _with_network(opened), network, map_fov_deg)
         stored = _up_to_date(
             opened,
             _own_paths(opened),
-            key=f"{key} {network.weights}",
+            key=f"{key} {again.weights}",
             progress=progress,
             compare=lambda: surest(
                 joined([usual.run(everyone, progress, stage=False), again.run(little, progress)])
             ),
         )
     return attach(opened, stored)
+
+
+def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> Sightings | None:
+    """Tell what each stored pair of a map's photos says of depths; None where it has no orientations.
+
+    Raises
+    ------
+    StorageError
+    """
+    known = opened.indexed.orientations
+    if known is None:
+        return None
+    pairs = surest(joined([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None]))
+    return sightings_of(pairs, opened.indexed.position, orientations=known)
+
+
+def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Comparison, _Comparison | None]:
+    """Give the usual comparison of photos, and the one by the method's network, where it has one."""
+    usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
+    network = opened.indexed.pair_matcher
+    if network is None:
+        return usual, None
+    return usual, _Comparison(opened, _with_network(opened), network, map_fov_deg)
 
 
 def _up_to_date(
@@ -154,6 +177,13 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     return replace(opened, indexed=replace(indexed, orientations=found))
 
 
+class _Known(NamedTuple):
+    """Pairs by the map's numbers, and the contents of the photos whose partners have been looked for."""
+
+    pairs: Pairs
+    done: set[str]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
     """How photos of a map are compared with each other.
@@ -172,18 +202,41 @@ class _Comparison:
     matcher: PairMatcher | None
     map_fov_deg: float | None
 
+    @property
+    def weights(self) -> str:
+        """What stands for the network; empty where there is none."""
+        return self.matcher.weights if self.matcher else ""
+
+    @property
+    def _key(self) -> str:
+        return f"{self.name} {self.map_fov_deg} {self.weights}".strip()
+
+    @property
+    def _files(self) -> tuple[Path, Path]:
+        return self.opened.beside(f"pairs-{self.name}.arrays")
+
+    def known(self) -> _Known:
+        """Read the stored pairs whose photos are both still in the map."""
+        there = (orientationfile.read_pairs(path) for path in reversed(self._files))
+        stored = next((k for k in there if k is not None and k.key == self._key), None)
+        if stored is None:
+            return _Known(joined([]), set())
+        number = _numbers(self.opened.contents)
+        now: NDArray[np.int64] = np.array([number.get(c, -1) for c in stored.contents], np.int64)
+        first, second = now[stored.pairs.first], now[stored.pairs.second]
+        which = np.flatnonzero((first >= 0) & (second >= 0))
+        pairs = stored.pairs.taken(which, first=first[which], second=second[which])
+        return _Known(pairs, set(stored.contents[: stored.done]))
+
     def run(self, photos: Iterable[int], progress: Progress, *, stage: bool = True) -> Pairs:
         """Compare those of some photos that are not yet; gives all pairs that are known.
 
         Without `stage` the progress is not told how many there are.
         """
-        files = self.opened.beside(f"pairs-{self.name}.arrays")
-        key = f"{self.name} {self.map_fov_deg}" + (f" {self.matcher.weights}" if self.matcher else "")
-        there = (orientationfile.read_pairs(path) for path in reversed(files))
-        known = next((k for k in there if k is not None and k.key == key), None)
         contents = self.opened.contents
         number = _numbers(contents)
-        parts, done = _still_there(known, number)
+        known, done = self.known()
+        parts = [known]
         todo = [i for i in photos if number.get(contents[i]) == i and contents[i] not in done]
         if todo:
             progress.note(_NOTE if self.matcher is None else _NOTE_BY_NETWORK)
@@ -200,7 +253,7 @@ class _Comparison:
             last = first + at_once >= len(todo)
             if last or time.monotonic() > saved + _SAVED_EVERY_S:
                 parts = [joined(parts)]
-                _store(files[-1], parts[0], contents=contents, done=done, key=key)
+                _store(self._files[-1], parts[0], contents=contents, done=done, key=self._key)
                 saved = time.monotonic()
         return joined(parts)
 
@@ -211,18 +264,6 @@ class _Comparison:
 def _numbers(contents: list[str]) -> dict[str, int]:
     """Number photos by content; of several with the same the first stands for all, and is compared."""
     return {content: i for i, content in reversed([*enumerate(contents)]) if content}
-
-
-def _still_there(known: StoredPairs | None, number: dict[str, int]) -> tuple[list[Pairs], set[str]]:
-    """Give the stored pairs whose photos are both still in the map, and the photos that are done."""
-    if known is None:
-        return [], set()
-    now: NDArray[np.int64] = np.array([number.get(c, -1) for c in known.contents], np.int64)
-    first, second = now[known.pairs.first], now[known.pairs.second]
-    which = np.flatnonzero((first >= 0) & (second >= 0))
-    return [known.pairs.taken(which, first=first[which], second=second[which])], set(
-        known.contents[: known.done]
-    )
 
 
 def _store(path: Path, pairs: Pairs, *, contents: list[str], done: set[str], key: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from photos_in_a_room import Scene, cameras
 
-from webapp.core.reconstruction.depths import depths_of
+from webapp.core.reconstruction.depths import sightings_of
 from webapp.core.reconstruction.types import Depths, Orientations, no_depths
 
 
@@ -30,9 +30,13 @@ def positions(held):
     return np.array([p for _, p in held])
 
 
-def found_in(room, pairs=None, orientations=None):
+def seen_in(room, pairs=None, orientations=None):
     _, held, known = room
-    return depths_of(pairs or known, positions(held), orientations=orientations or oriented(held))
+    return sightings_of(pairs or known, positions(held), orientations=orientations or oriented(held))
+
+
+def found_in(room, **given):
+    return seen_in(room, **given).averaged()
 
 
 def truth_of(room, depths):
@@ -107,3 +111,15 @@ def test_photos_can_get_other_numbers():
     assert again.photo.tolist() == [1, 5, 5]
     assert again.row.tolist() == [7, 4, 9]
     assert again.spread.tolist() == [4, 1, 2]
+
+
+def test_without_some_photos_depths_are_as_if_these_had_never_been_there(room):
+    _, held, pairs = room
+    hidden = np.isin(np.arange(len(held)), [2, 5])
+    left = np.flatnonzero(~(hidden[pairs.first] | hidden[pairs.second]))
+    fewer = pairs.taken(left, first=pairs.first[left], second=pairs.second[left])
+    without, never = seen_in(room).without(hidden), found_in(room, pairs=fewer)
+    for name in ("photo", "row", "inverse", "spread"):
+        assert (getattr(without, name) == getattr(never, name)).all()
+    assert 0 < len(without.row) < len(found_in(room).row)
+    assert not len(seen_in(room).without(np.ones(len(held), bool)).row)

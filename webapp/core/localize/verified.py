@@ -106,6 +106,7 @@ def find_places(
     fov_deg: float,
     hide: Collection[int] = (),
     closer: Collection[int] = (),
+    depths: Depths | None = None,
 ) -> Found:
     """Look for the places where a photo may have been taken, by its features.
 
@@ -120,6 +121,9 @@ def find_places(
         Experience ids to leave out.
     closer : collection of int
         Experience ids of which the best are verified, too, where the votes name none of them.
+    depths : Depths, optional
+        Those that are known without the hidden photos. By default the map's, and none where photos are
+        hidden, as they have a share in them.
 
     Returns
     -------
@@ -139,9 +143,9 @@ def find_places(
         listed = matched_anew(indexed, query, listed=listed, matcher=indexed.pair_matcher)
     camera = Camera(*query.photo_size, fov_deg)
     upright = _upright(turn_deg(indexed, query, found=found))
-    # Hidden photos have a share in what is known of depths.
-    known = no_depths() if hide or indexed.orientations is None else indexed.orientations.depths
-    checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=known), listed)
+    if depths is None:
+        depths = no_depths() if hide or indexed.orientations is None else indexed.orientations.depths
+    checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=depths), listed)
     clock.append(time.perf_counter())
     places = join(indexed, checked)
     clock.append(time.perf_counter())

@@ -7,6 +7,7 @@ disagree by counts as uncertainty.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,40 +26,75 @@ _RELATIVE_ERROR = 0.05
 """Of every depth, because positions on a map are not exact."""
 
 
-def depths_of(pairs: Pairs, position: Array, *, orientations: Orientations) -> Depths:
-    """Find the depths of keypoints.
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """What pairs of photos say of the depths of their keypoints; s of them.
+
+    Attributes
+    ----------
+    photo, row : (s,) int32
+        The keypoint, in rising order.
+    partner : (s,) int32
+        The other photo of the pair.
+    inverse, spread : (s,) float64
+        Inverse depth, per map pixel, and how uncertain it is.
+    """
+
+    photo: NDArray[np.int32]
+    row: NDArray[np.int32]
+    partner: NDArray[np.int32]
+    inverse: Array
+    spread: Array
+
+    def averaged(self) -> Depths:
+        """Average what is known of each keypoint."""
+        return _averaged(self.photo, self.row, inverse=self.inverse, spread=self.spread)
+
+    def without(self, hidden: NDArray[np.bool_]) -> Depths:
+        """Average as if (p,) `hidden` photos had never been there."""
+        left = ~(hidden[self.photo] | hidden[self.partner])
+        return _averaged(
+            self.photo[left], self.row[left], inverse=self.inverse[left], spread=self.spread[left]
+        )
+
+
+def sightings_of(pairs: Pairs, position: Array, *, orientations: Orientations) -> Sightings:
+    """Find the depths of keypoints by each pair that shows them.
 
     Parameters
     ----------
     pairs : Pairs
-        Of photos at different positions.
     position : (p, 2) float64
         Map pixels.
     orientations : Orientations
-        Of the p photos.
+        Of the p photos; their depths do not count.
 
     Returns
     -------
-    Depths
+    Sightings
     """
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
-    usable = orientations.trust >= USABLE_TRUST
-    both = usable[first] & usable[second]
-    first, second = first[both], second[both]
-    one = np.einsum("mji,mj->mi", orientations.rotation[first], homogeneous(pairs.ray_first[both]))
-    two = np.einsum("mji,mj->mi", orientations.rotation[second], homogeneous(pairs.ray_second[both]))
     world = np.column_stack([position[:, 0], orientations.height, -position[:, 1]])
     gap = world[second] - world[first]
+    usable = orientations.trust >= USABLE_TRUST
+    both = np.flatnonzero(usable[first] & usable[second] & (np.linalg.norm(gap, axis=1) > 0.0))
+    first, second, gap = first[both], second[both], gap[both]
+    one = np.einsum("mji,mj->mi", orientations.rotation[first], homogeneous(pairs.ray_first[both]))
+    two = np.einsum("mji,mj->mi", orientations.rotation[second], homogeneous(pairs.ray_second[both]))
     depth, meet = _where_rays_meet(
         one, two, gap, first=orientations.rotation[first], second=orientations.rotation[second]
     )
     kept = np.flatnonzero(meet)
-    return _averaged(
-        np.concatenate([first[kept], second[kept]]),
-        np.concatenate([pairs.row_first[both][kept], pairs.row_second[both][kept]]),
-        inverse=1.0 / depth[:, kept].ravel(),
-        spread=np.concatenate([_spread(ray[kept], gap[kept]) for ray in (one, two)]),
+    photo = np.concatenate([first[kept], second[kept]])
+    row = np.concatenate([pairs.row_first[both][kept], pairs.row_second[both][kept]])
+    order = np.lexsort((row, photo))
+    return Sightings(
+        photo=photo[order].astype(np.int32),
+        row=row[order],
+        partner=np.concatenate([second[kept], first[kept]])[order].astype(np.int32),
+        inverse=1.0 / depth[:, kept].ravel()[order],
+        spread=np.concatenate([_spread(ray[kept], gap[kept]) for ray in (one, two)])[order],
     )
 
 
@@ -96,19 +132,15 @@ def _spread(ray: Array, gap: Array) -> Array:
     return uncertain
 
 
-def _averaged(photo: NDArray[np.int64], row: NDArray[np.int32], *, inverse: Array, spread: Array) -> Depths:
-    """Average all that is known of each keypoint."""
+def _averaged(photo: NDArray[np.int32], row: NDArray[np.int32], *, inverse: Array, spread: Array) -> Depths:
+    """Average all that is known of each keypoint; they are in order."""
     if not len(photo):
         return no_depths()
-    order = np.lexsort((row, photo))
-    photo, row, inverse, weight = photo[order], row[order], inverse[order], spread[order] ** -2
-    new = np.ones(len(order), np.bool_)
+    new = np.ones(len(photo), np.bool_)
     new[1:] = (np.diff(photo) != 0) | (np.diff(row) != 0)
-    start, keypoint = np.flatnonzero(new), np.cumsum(new) - 1
+    start, keypoint, weight = np.flatnonzero(new), np.cumsum(new) - 1, spread**-2
     total = np.add.reduceat(weight, start)
     mean = np.add.reduceat(weight * inverse, start) / total
     disagreement = np.add.reduceat(weight * (inverse - mean[keypoint]) ** 2, start) / total
     uncertain = np.sqrt(1.0 / total + disagreement + (_RELATIVE_ERROR * mean) ** 2)
-    return Depths(
-        photo[start].astype(np.int32), row[start], mean.astype(np.float32), uncertain.astype(np.float32)
-    )
+    return Depths(photo[start], row[start], mean.astype(np.float32), uncertain.astype(np.float32))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.depths import depths_of
+from webapp.core.reconstruction.depths import sightings_of
 from webapp.core.reconstruction.pairs import Pairs
 from webapp.core.reconstruction.refinement import refine
 from webapp.core.reconstruction.types import Orientations
@@ -73,7 +73,7 @@ def orient(pairs: Pairs, position: NDArray[np.float64], *, place_radius_px: floa
     rotation, trust = _average(pairs, views, start=so3.level(heading), known=known)
     rotation, height = refine(pairs, position, rotation=rotation, scale_px=place_radius_px)
     found = Orientations(rotation, height, trust)
-    return replace(found, depths=depths_of(pairs, position, orientations=found))
+    return replace(found, depths=sightings_of(pairs, position, orientations=found).averaged())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
