@@ -31,14 +31,17 @@ _SUPPORT_REACH = 2.0
 _APART = 2.0
 """Places nearer to each other, in place radii, could both be right: the better one stands for both."""
 
-_SPREAD, _SPREAD_AT = 0.4, 0.3
+_SPREAD, _SPREAD_AT = 0.3, 0.3
 """Uncertainty of a position by its score: the first over the second plus the score, in place radii."""
 
 _MATCHES_ERR_TOGETHER = 6.0
 """Factor on the uncertainty that the matches state, because they do not err independently."""
 
-_SPREAD_LEFT = 0.28
+_SPREAD_LEFT = 0.25
 """Uncertainty of the best position, in place radii: the map's own positions are not better."""
+
+_PHOTO_SPREAD = 0.6
+"""Uncertainty of a place that is a photo's own, in place radii: two of three right ones are so near."""
 
 _FIXED = 1.0
 """A position whose matches leave it more uncertain than this, in place radii, is none: one photo whose
@@ -253,4 +256,4 @@ def _place(indexed: IndexedMap, photos: list[Verified], fix: Fix, *, support: fl
 
 def _photo_place(indexed: IndexedMap, photos: list[Verified], *, score: float, support: float) -> Place:
     position = MapPixel(*map(float, indexed.position[photos[0].matched.photo]))
-    return Place("photo", position, None, indexed.place_radius_px / 2.0, photos, score, support)
+    return Place("photo", position, None, _PHOTO_SPREAD * indexed.place_radius_px, photos, score, support)
