@@ -110,15 +110,16 @@ def test_derivatives_are_those_of_the_residuals():
     query = (tilted(0.7, 0.1), np.array([8.0, 4.0]))
     views = [v for n, c in enumerate(held) if len((v := scene.view(n, c, query, depths=True)).query_ray) > 20]
     world = np.column_stack([positions(held)[:, 0], np.zeros(len(held)), -positions(held)[:, 1]])
-    matches = scene_of(views, [*range(len(views))], world, orientations=known(held), radius=RADIUS)
+    matches = scene_of(views, [*range(len(views))], world=world, orientations=known(held), radius=RADIUS)
     rotation, centre = query[0][None], np.array([[8.0, 0.0, -4.0]])
     small = 1e-6
     for compare in (across, along):
-        found = compare(matches, rotation, centre)
+        found = compare(matches, rotation=rotation, centre=centre)
         told = found.derivatives(RADIUS)[0]
         for axis in range(6):
             step = np.eye(6)[axis] * small
-            moved = compare(matches, so3.turned(rotation, step[None, :3]), centre + RADIUS * step[3:])
+            turned, shifted = so3.turned(rotation, step[None, :3]), centre + RADIUS * step[3:]
+            moved = compare(matches, rotation=turned, centre=shifted)
             real = (moved.off - found.off)[0] / small
             # The size of the constraint and the line's direction change a little, too.
             assert np.median(np.abs(real - told[axis])) < 0.02 * np.abs(told).max()

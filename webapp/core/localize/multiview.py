@@ -111,7 +111,7 @@ def locate(
     )
     if not len(rotation):
         return []
-    scene = scene_of(views, usable, world, orientations=orientations, radius=place_radius_px)
+    scene = scene_of(views, usable, world=world, orientations=orientations, radius=place_radius_px)
     score, _ = _judge(scene, rotation, centre, tolerance=3.0 * _TOLERANCE)
     chosen = _apart(centre, score, _STARTS_APART * place_radius_px)[:_STARTS]
     rotation, centre, information = _refine(scene, rotation[chosen], centre[chosen])
@@ -184,8 +184,8 @@ def _apart(centre: Array, score: Array, distance: float) -> list[int]:
 
 def _judge(scene: Scene, rotation: Array, centre: Array, *, tolerance: float) -> tuple[Array, Array]:
     """Score s poses; returns (s,) scores and (s, n) agreements of the views."""
-    agrees = _agrees(across(scene, rotation, centre), tolerance * NOISE)
-    further = along(scene, rotation, centre)
+    agrees = _agrees(across(scene, rotation=rotation, centre=centre), tolerance * NOISE)
+    further = along(scene, rotation=rotation, centre=centre)
     agrees[:, : len(scene.inverse)] *= _agrees(further, tolerance * _TOLERANCE_ALONG * NOISE * further.wider)
     distance = np.hypot(
         scene.centre[None, :, 0] - centre[:, None, 0], scene.centre[None, :, 2] - centre[:, None, 2]
@@ -221,9 +221,9 @@ def _equations(
 
     The camera is held about level, and about as high as the map's.
     """
-    matrix, vector = _pull(across(scene, rotation, centre), spread, radius=scene.radius)
+    matrix, vector = _pull(across(scene, rotation=rotation, centre=centre), spread, radius=scene.radius)
     if len(scene.inverse):
-        found = along(scene, rotation, centre)
+        found = along(scene, rotation=rotation, centre=centre)
         more = _pull(found, spread * found.wider, radius=scene.radius)
         matrix, vector = matrix + more[0], vector + more[1]
     for (sine, row), tilt in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):

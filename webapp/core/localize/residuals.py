@@ -82,7 +82,7 @@ class Scene:
 
 
 def scene_of(
-    views: Sequence[View], usable: list[int], world: Array, *, orientations: Orientations, radius: float
+    views: Sequence[View], usable: list[int], *, world: Array, orientations: Orientations, radius: float
 ) -> Scene:
     """Put the matches of those views that are usable together; (p, 3) `world` tells where photos are."""
     chosen = [views[n] for n in usable]
@@ -158,7 +158,7 @@ class Across:
         return np.stack([*(v / self._size for v in turn), *(v * by_place for v in across)], axis=1)
 
 
-def across(scene: Scene, rotation: Array, centre: Array) -> Across:
+def across(scene: Scene, *, rotation: Array, centre: Array) -> Across:
     """Compare all matches with their epipolar lines under poses (s, 3, 3), (s, 3)."""
     turned = np.swapaxes(rotation, 1, 2) @ scene.query.T
     a, b = (turned[:, 0], turned[:, 1], turned[:, 2]), _vectors(scene.photo)
@@ -204,7 +204,7 @@ class Along:
         return np.stack([*_cross(self._slope, self._point), *(v * by_place for v in self._slope)], axis=1)
 
 
-def along(scene: Scene, rotation: Array, centre: Array) -> Along:
+def along(scene: Scene, *, rotation: Array, centre: Array) -> Along:
     """Compare the matches of known depth with where their points are seen under poses (s, 3, 3), (s, 3)."""
     count = len(scene.inverse)
     to_x, to_y, to_z = (scene.centre[:count, i] - centre[:, i, None] for i in range(3))
