@@ -176,6 +176,7 @@ def _map(
             rotation=np.concatenate([known.rotation, np.broadcast_to(np.eye(3), (count, 3, 3))]),
             height=np.concatenate([known.height, np.zeros(count)]),
             trust=np.concatenate([known.trust, np.zeros(count)]),
+            depths=known.depths,
         )
     return replace(
         real,

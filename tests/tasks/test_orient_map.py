@@ -12,9 +12,11 @@ from webapp.core.index.bruteforce import BruteForce
 from webapp.core.localize.verified import find_places
 from webapp.core.reconstruction import pairs as pairs_module
 from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.types import USABLE_TRUST
+from webapp.core.reconstruction.depths import DepthsWithout
+from webapp.core.reconstruction.types import USABLE_TRUST, no_depths
 from webapp.errors import Cancelled
 from webapp.files import orientationfile
+from webapp.files.orientationfile import StoredOrientations
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks import open_map, orient_map
@@ -29,6 +31,14 @@ def opened(cfg):
 
 def oriented(cfg, progress=None):
     return orient_map.run(opened(cfg), map_fov_deg=None, progress=progress or Progress())
+
+
+def with_index_of(found):
+    """What is stored of orientations, without any depths."""
+    known = oriented(found.cfg).indexed.orientations
+    return StoredOrientations(
+        replace(known, depths=no_depths()), found.contents, found.indexed.position, f"{found.map_hash} None"
+    )
 
 
 class Counting(Progress):
@@ -106,8 +116,32 @@ def test_a_hidden_photo_has_no_part_in_depths(cfg):
 
     hide = indexed.ids[hidden].tolist()
     assert known(hide=hide) == 0  # what the others know of depths is partly from it
-    without = orient_map.sightings(found, map_fov_deg=None).without(hidden)
-    assert 0 < known(hide=hide, depths=without) < known()
+    seen = orient_map.sightings(found, map_fov_deg=None)
+    without, by_all = (known(hide=hide, depths=d) for d in (DepthsWithout(seen, hidden), seen.averaged()))
+    assert 0 < without < by_all
+
+
+def test_of_two_photos_with_one_content_the_first_has_the_depths(cfg):
+    alone = oriented(cfg).indexed.orientations.depths
+    twice = int(np.bincount(alone.photo).argmax())
+    lines = cfg.read_text().splitlines()
+    _, path, x, y, *_ = lines[1 + twice].split(";")
+    cfg.write_text("\n".join([*lines, f"{len(lines) - 1};{path};{int(x) + 2};{y}"]) + "\n")
+    both = oriented(cfg).indexed
+    assert len(both.ids) == len(lines)
+    photos = both.orientations.depths.photo
+    assert (photos == twice).sum() >= 0.9 * (alone.photo == twice).sum()
+    assert len(lines) - 1 not in photos
+
+
+def test_files_of_an_older_program_are_made_anew(cfg, monkeypatch):
+    found = opened(cfg)
+    old = orientationfile.FORMAT - 1
+    with monkeypatch.context() as patch:
+        patch.setattr(orientationfile, "FORMAT", old)
+        orientationfile.write(found.writable / "orientations-ivf.arrays", with_index_of(found))
+    assert orient_map.newest(found) is None
+    assert len(oriented(cfg).indexed.orientations.depths.row)
 
 
 def test_what_is_stored_of_pairs_gives_the_depths_that_are_kept(cfg):

@@ -1,4 +1,4 @@
-"""What is known of how a map's photos were held, and the pairs it was found out from, beside the index."""
+"""How a map's photos were held, how far away is what they see, and the pairs that tell it; in the index."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.places import Place
 from webapp.core.localize.verified import find_places
-from webapp.core.reconstruction.depths import Sightings
+from webapp.core.reconstruction.depths import DepthsWithout, Sightings
 from webapp.files import calibrationfile, trialslog
 from webapp.files.calibrationfile import StoredCalibration
 from webapp.files.trialslog import Trial
@@ -140,7 +140,7 @@ def calibrate(
     indexed : IndexedMap
     progress : Progress
     sightings : Sightings, optional
-        Of the map's keypoints, so that depths are known without the hidden photos.
+        Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
     known : mapping of int to Trial
         Photos that an earlier run has tried.
     keep : callable
@@ -188,7 +188,7 @@ def _try(
         features,
         fov_deg=float(indexed.fov_deg[photo]),
         hide=indexed.ids[hidden].tolist(),
-        depths=None if sightings is None else sightings.without(hidden),
+        depths=None if sightings is None else DepthsWithout(sightings, hidden),
     )
     places = found.places
     error = np.array([_error(p, truth, paths=indexed.paths) for p in places])

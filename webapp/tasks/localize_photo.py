@@ -16,8 +16,7 @@ from webapp.core.hypotheses.paths import on_paths
 from webapp.core.localize import vote
 from webapp.core.localize.verified import answered, find_places
 from webapp.core.mapmodel.model import Map
-from webapp.core.reconstruction.depths import Sightings
-from webapp.core.reconstruction.types import Depths
+from webapp.core.reconstruction.depths import DepthsWithout, Sightings
 from webapp.files.calibrationfile import StoredCalibration
 from webapp.files.models import network
 from webapp.files.photo import read_facts, read_gray
@@ -39,7 +38,7 @@ class PhotoLocalizer:
     fov_deg : float or None
         Horizontal field of view of the queries, instead of what their EXIF says.
     sightings : Sightings or None
-        Of the map's keypoints, where photos are to be hidden: what is known of depths without them. Where
+        Of the map's keypoints, where photos are to be hidden: for depths that do not rest on them. Where
         this is None, no depths are used then.
     """
 
@@ -124,10 +123,10 @@ class PhotoLocalizer:
             times["retrieve"] = clock[3] - clock[2]
         return replace(answer, seconds={**answer.seconds, **times}, fov=fov)
 
-    def _depths_without(self, hide: frozenset[int]) -> Depths | None:
+    def _depths_without(self, hide: frozenset[int]) -> DepthsWithout | None:
         if self.sightings is None:
             return None
-        return self.sightings.without(np.isin(self.opened.indexed.ids, [*hide]))
+        return DepthsWithout(self.sightings, np.isin(self.opened.indexed.ids, [*hide]))
 
     def _fov(self, photo_path: Path, size: tuple[int, int]) -> FieldOfView:
         if self.fov_deg is not None:

@@ -1,4 +1,4 @@
-"""Finds out how a map's photos were held, from what they see in common; keeps it beside the index."""
+"""Finds out how a map's photos were held and how far away is what they see; keeps it beside the index."""
 
 from __future__ import annotations
 
@@ -92,7 +92,8 @@ def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> Sightings | None
     if known is None:
         return None
     pairs = surest(joined([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None]))
-    return sightings_of(pairs, opened.indexed.position, orientations=known)
+    indexed = opened.indexed
+    return sightings_of(pairs, indexed.position, orientations=known, place_radius_px=indexed.place_radius_px)
 
 
 def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Comparison, _Comparison | None]:
@@ -166,8 +167,9 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     moved = np.hypot(*(indexed.position - stored.position[row]).T)
     known = (row >= 0) & (moved <= _MOVED * indexed.place_radius_px)
     there = stored.orientations
-    now = np.full(len(stored.contents), -1, np.int64)
-    now[row[known]] = np.flatnonzero(known)
+    # Of several photos with the same content the index has the first, and so have the pairs.
+    first = _numbers(opened.contents)
+    now = np.array([i if known[i := first.get(c, -1)] else -1 for c in stored.contents], np.int64)
     found = Orientations(
         rotation=there.rotation[row],
         height=there.height[row],

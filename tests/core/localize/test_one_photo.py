@@ -14,14 +14,18 @@ from photos_in_a_room import RADIUS, Scene, tilted
 from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.places import Verified, join
 from webapp.core.localize.shortlist import Shortlisted
-from webapp.core.reconstruction.types import Orientations
+from webapp.core.reconstruction.types import Orientations, no_depths
 
 QUERY = (tilted(0.5, 0.05), np.array([25.0, -30.0]))
 PHOTO = (tilted(0.3), np.array([0.0, 0.0]))
 
 
-def places(*, depths, trust=5.0):
+def places(*, depths, trust=5.0, wrong=()):
+    """Places by one photo, of which some depths are wrong by a factor, and the others, or all, not known."""
     view = Scene(seed=6).view(0, PHOTO, QUERY, depths=depths)
+    if len(wrong):
+        view.inverse[len(wrong) :] = np.nan
+        view.inverse[: len(wrong)] *= wrong
     rows = np.arange(len(view.query_ray))
     xy = np.zeros((len(rows), 2), np.float32)
     verified = Verified(
@@ -40,7 +44,7 @@ def places(*, depths, trust=5.0):
         photo_of_entry=np.zeros(0, np.int64),
         search=None,
         place_radius_px=RADIUS,
-        orientations=Orientations(PHOTO[0][None], np.zeros(1), np.array([trust])),
+        orientations=Orientations(PHOTO[0][None], np.zeros(1), np.array([trust]), no_depths()),
     )
     return join(indexed, [verified])
 
@@ -59,3 +63,15 @@ def test_without_depths_or_orientation_the_photo_is_named(depths, trust):
     assert best.kind == "photo"
     assert best.position == (0.0, 0.0)
     assert best.heading is None
+
+
+def test_two_depths_are_not_believed():
+    assert places(depths=True, wrong=[2.0, math.nan, 2.0])[0].kind == "photo"
+
+
+def test_depths_that_are_all_wrong_put_the_position_out_by_no_more_than_themselves():
+    """As where two photos of the map are farther apart than it says."""
+    best = places(depths=True, wrong=np.full(60, 1.1))[0]
+    assert best.kind == "position"
+    assert math.dist(best.position, QUERY[1]) < 0.15 * math.dist(PHOTO[1], QUERY[1])
+    assert best.heading == pytest.approx(0.5, abs=0.03)

@@ -11,12 +11,12 @@ from photos_in_a_room import RADIUS, Scene, cameras, tilted
 from webapp.core.localize.multiview import locate
 from webapp.core.localize.residuals import across, along, scene_of
 from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.types import Orientations
+from webapp.core.reconstruction.types import Orientations, no_depths
 
 
 def known(held, trust=5.0):
     count = len(held)
-    return Orientations(np.array([r for r, _ in held]), np.zeros(count), np.full(count, trust))
+    return Orientations(np.array([r for r, _ in held]), np.zeros(count), np.full(count, trust), no_depths())
 
 
 def positions(held):
@@ -76,18 +76,20 @@ def test_one_photo_is_enough_where_depths_are_known():
     assert np.trace(open_.covariance_px2) > 100.0 * np.trace(fixed.covariance_px2)
 
 
-def test_depths_make_a_position_surer_and_better():
+def test_depths_make_positions_surer_and_better():
     scene = Scene(seed=7)
-    held = cameras(scene, 30, seed=8)
-    query = (tilted(1.2), np.array([-10.0, 15.0]))
-    found = []
-    for depths in (False, True):
-        views = [scene.view(n, c, query, noise=0.004, depths=depths) for n, c in enumerate(held)]
-        views = [v for v in views if len(v.query_ray) >= 20]
-        found.append(locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0])
-    without, with_depths = found
-    assert np.trace(with_depths.covariance_px2) < np.trace(without.covariance_px2)
-    assert math.dist((with_depths.x, with_depths.y), query[1]) < 0.1 * RADIUS
+    held = [(tilted(0.8 * n), np.array([3.0 * n, 2.0 * n])) for n in range(8)]
+    off, sure = [], []
+    for n in range(8):
+        query = (tilted(0.8 * n), np.array([40.0 * math.sin(n), 40.0 * math.cos(n)]))
+        for depths in (False, True):
+            views = [scene.view(k, c, query, noise=0.003, depths=depths) for k, c in enumerate(held)]
+            views = [v for v in views if len(v.query_ray) >= 20]
+            best = locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0]
+            off.append(math.dist((best.x, best.y), query[1]))
+            sure.append(np.trace(best.covariance_px2))
+    assert np.median(off[1::2]) < 0.8 * np.median(off[::2])
+    assert (np.array(sure[1::2]) < np.array(sure[::2])).all()
 
 
 def test_wrong_depths_do_not_drag_a_position_away():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.types import Orientations
+from webapp.core.reconstruction.types import Orientations, no_depths
 from webapp.settings import Settings
 from webapp.store import members
 from webapp.tasks import follow_sequence, localize_hinted
@@ -64,7 +64,7 @@ def test_photos_that_tell_no_heading_have_the_one_that_was_worked_out(library, s
     indexed, experiences = localizer.opened.indexed, localizer.map.experiences
     turned = np.radians(np.where(np.arange(len(experiences)) % 2, 90.0, 270.0))
     trust = np.where(np.arange(len(experiences)) < 4, 0.0, 9.0)
-    known = Orientations(so3.level(turned), np.zeros(len(turned)), trust)
+    known = Orientations(so3.level(turned), np.zeros(len(turned)), trust, no_depths())
     object.__setattr__(indexed, "orientations", known)
     object.__setattr__(localizer.map, "experiences", tuple(replace(e, heading_deg=None) for e in experiences))
     headings = localize_hinted.headings(localizer)

@@ -39,7 +39,7 @@ class IndexedMap:
     place_radius_px : float
         How far an answer may be off and still be right.
     orientations : Orientations or None
-        How the photos were held, where that is known.
+        How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
     first_row : (e + 1,) int64

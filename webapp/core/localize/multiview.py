@@ -35,12 +35,6 @@ _STARTS_APART = 0.3
 _TOLERANCE = 1.25
 """Up to here a match agrees, in units of its spread; three times as far for starting points."""
 
-_TOLERANCE_ALONG = 1.5
-"""So much farther along its line, where its depth is known."""
-
-_FEWEST_DEPTHS = 3
-"""Of a photo, to start where they say."""
-
 _NEAR = 3.0
 """How fast a photo's say fades with its distance, in place radii."""
 
@@ -142,31 +136,31 @@ def _starts(
         photo = orientations.rotation[view.photo]
         to_query = photo.T @ view.pose.shift
         rotation = view.pose.rotation.T @ photo
-        for distance in (*(radius * d for d in _DISTANCES), *_by_depths(view, rotation, to_query)):
+        for distance in (*(radius * d for d in _DISTANCES), *_by_depths(view, photo, to_query)):
             rotations.append(rotation)
             centres.append(world[view.photo] + distance * to_query)
     return np.array(rotations).reshape(-1, 3, 3), np.array(centres).reshape(-1, 3)
 
 
-def _by_depths(view: View, rotation: Array, to_query: Array) -> list[float]:
+def _by_depths(view: View, photo: Array, to_query: Array) -> list[float]:
     """Tell at which distance from a photo the query was taken by the depths of what both see, if any.
 
     Parameters
     ----------
     view : View
-    rotation : (3, 3) float64
-        Query's camera from world.
+    photo : (3, 3) float64
+        Photo's camera from world.
     to_query : (3,) float64
         Direction, world.
     """
-    known = view.pose.inlier & np.isfinite(view.inverse)
-    if known.sum() < _FEWEST_DEPTHS:
+    if not view.knows_depths:
         return []
-    ray = view.query_ray[known] @ rotation
-    point = view.photo_ray[known] @ (view.pose.rotation @ rotation) / view.inverse[known, None]
-    at, base = np.cross(ray, point), np.cross(ray, to_query)
+    known = view.pose.inlier & np.isfinite(view.inverse)
+    ray = view.query_ray[known] @ view.pose.rotation.T @ photo
+    point = view.photo_ray[known] @ photo / view.inverse[known, None]
+    aside, base = np.cross(ray, point), np.cross(ray, to_query)
     squared = np.maximum((base**2).sum(1), 1e-12)
-    distance = (at * base).sum(1) / squared
+    distance = (aside * base).sum(1) / squared
     order = np.argsort(distance)
     weight = np.cumsum((np.sqrt(squared) * view.inverse[known])[order])
     return [float(distance[order][np.searchsorted(weight, weight[-1] / 2.0)])]
@@ -185,8 +179,8 @@ def _apart(centre: Array, score: Array, distance: float) -> list[int]:
 def _judge(scene: Scene, rotation: Array, centre: Array, *, tolerance: float) -> tuple[Array, Array]:
     """Score s poses; returns (s,) scores and (s, n) agreements of the views."""
     agrees = _agrees(across(scene, rotation=rotation, centre=centre), tolerance * NOISE)
-    further = along(scene, rotation=rotation, centre=centre)
-    agrees[:, : len(scene.inverse)] *= _agrees(further, tolerance * _TOLERANCE_ALONG * NOISE * further.wider)
+    where = along(scene, rotation=rotation, centre=centre)
+    agrees[:, : len(scene.inverse)] *= _agrees(where, tolerance * NOISE * where.wider)
     distance = np.hypot(
         scene.centre[None, :, 0] - centre[:, None, 0], scene.centre[None, :, 2] - centre[:, None, 2]
     )
@@ -222,10 +216,9 @@ def _equations(
     The camera is held about level, and about as high as the map's.
     """
     matrix, vector = _pull(across(scene, rotation=rotation, centre=centre), spread, radius=scene.radius)
-    if len(scene.inverse):
-        found = along(scene, rotation=rotation, centre=centre)
-        more = _pull(found, spread * found.wider, radius=scene.radius)
-        matrix, vector = matrix + more[0], vector + more[1]
+    where = along(scene, rotation=rotation, centre=centre)
+    more = _pull(where, spread * where.wider, radius=scene.radius)
+    matrix, vector = matrix + more[0], vector + more[1]
     for (sine, row), tilt in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
         matrix[:, :3, :3] += row[:, :, None] * row[:, None, :] / tilt**2
         vector[:, :3] -= row * sine[:, None] / tilt**2

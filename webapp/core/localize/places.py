@@ -37,7 +37,7 @@ _SPREAD, _SPREAD_AT = 0.3, 0.3
 _MATCHES_ERR_TOGETHER = 6.0
 """Factor on the uncertainty that the matches state, because they do not err independently."""
 
-_SPREAD_LEFT = 0.25
+_SPREAD_LEFT = 0.27
 """Uncertainty of the best position, in place radii: the map's own positions are not better."""
 
 _PHOTO_SPREAD = 0.6

@@ -26,6 +26,9 @@ _PARALLEL = 1e-4
 _LEAST_DEPTH = 1e-3
 """Of a point in front of the query, over its depth in the map's photo."""
 
+FEWEST_DEPTHS = 3
+"""Fewer of a photo say nothing: one that is wrong would be believed."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
@@ -48,6 +51,11 @@ class View:
     photo_ray: Array
     inverse: Array
     spread: Array
+
+    @property
+    def knows_depths(self) -> bool:
+        """Whether its depths are enough to rely on."""
+        return int(np.isfinite(self.inverse[self.pose.inlier]).sum()) >= FEWEST_DEPTHS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +95,9 @@ def scene_of(
     """Put the matches of those views that are usable together; (p, 3) `world` tells where photos are."""
     chosen = [views[n] for n in usable]
     lengths = [len(v.query_ray) for v in chosen]
-    inverse = np.concatenate([v.inverse for v in chosen])
+    inverse = np.concatenate(
+        [v.inverse if v.knows_depths else np.full(n, np.nan) for v, n in zip(chosen, lengths, strict=True)]
+    )
     order = np.argsort(np.isnan(inverse), kind="stable")
     known = order[: np.isfinite(inverse).sum()]
     return Scene(
@@ -139,11 +149,11 @@ class Across:
     ahead: Array
     _query: _Vectors
     """The query's rays in the world."""
-    _along: _Vectors
+    _to_photo: _Vectors
     """From the query to the photo, length 1."""
     _photo_along: _Vectors
     _query_photo: _Vectors
-    """Cross products of the photo's ray with `_along`, and of both rays."""
+    """Cross products of the photo's ray with `_to_photo`, and of both rays."""
     _length: Array
     """Distance of the photo."""
     _size: Array
@@ -152,10 +162,10 @@ class Across:
     def derivatives(self, radius: float) -> Array:
         """Derivatives of `off` by a turn of the query in the world, and its place in radii; (s, 6, m)."""
         turn = _cross(self._query, self._photo_along)
-        part = _dot(self._query_photo, self._along)
-        across = (v - part * w for v, w in zip(self._query_photo, self._along, strict=True))
+        part = _dot(self._query_photo, self._to_photo)
+        place = (v - part * w for v, w in zip(self._query_photo, self._to_photo, strict=True))
         by_place = -radius / (self._length * self._size)
-        return np.stack([*(v / self._size for v in turn), *(v * by_place for v in across)], axis=1)
+        return np.stack([*(v / self._size for v in turn), *(v * by_place for v in place)], axis=1)
 
 
 def across(scene: Scene, *, rotation: Array, centre: Array) -> Across:
@@ -164,15 +174,16 @@ def across(scene: Scene, *, rotation: Array, centre: Array) -> Across:
     a, b = (turned[:, 0], turned[:, 1], turned[:, 2]), _vectors(scene.photo)
     x, y, z = (scene.centre[:, i] - centre[:, i, None] for i in range(3))
     length = np.sqrt(_dot((x, y, z), (x, y, z))) + 1e-9
-    along = (x / length, y / length, z / length)
-    b_along, along_a, a_b = _cross(b, along), _cross(along, a), _cross(a, b)
+    to_photo = (x / length, y / length, z / length)
+    b_along, along_a, a_b = _cross(b, to_photo), _cross(to_photo, a), _cross(a, b)
     in_query = [_dot(row, b_along) for row in _rows(rotation)[:2]]
     # The photo's own image plane is not at hand; the whole vector differs little from its part in it.
     size = np.sqrt(in_query[0] ** 2 + in_query[1] ** 2 + _dot(along_a, along_a)) + 1e-9
-    # The point lies where both rays meet; (along x b)(a x b) and (along x a)(a x b) are its depths' signs.
+    # The point lies where both rays meet; with d to the photo, (d x b)(a x b) and (d x a)(a x b) tell the
+    # signs of its depths.
     ahead = (_dot(b_along, a_b) <= 0.0) & (_dot(along_a, a_b) >= 0.0) | (_dot(a_b, a_b) < _PARALLEL)
     off = _dot(a, b_along) / size
-    return Across(off, ahead.astype(np.float64), a, along, b_along, a_b, length, size)
+    return Across(off, ahead.astype(np.float64), a, to_photo, b_along, a_b, length, size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +197,7 @@ class Along:
     ahead : array
         1 where the point is in front of the query; else 0.
     wider : array
-        What is not known of the depths, as a factor on `NOISE`.
+        Spread of `off` for a right match, in units of `NOISE`: by the query, the photo and the depth.
     """
 
     off: Array
@@ -225,5 +236,6 @@ def along(scene: Scene, *, rotation: Array, centre: Array) -> Along:
     slope_x, slope_y, slope_z = (
         (by_u * r + by_v * s - by_depth * t) / depth for r, s, t in zip(*rows, strict=True)
     )
-    wider = np.hypot(1.0, move * scene.spread / NOISE)
+    # Noise in the photo is seen the larger, the nearer the query is to the point.
+    wider = np.sqrt(1.0 + depth**-2.0 + (move * scene.spread / NOISE) ** 2)
     return Along(off, ahead.astype(np.float64), wider, (x, y, z), (slope_x, slope_y, slope_z), scene.inverse)

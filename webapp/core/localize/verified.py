@@ -3,9 +3,10 @@
 1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos.
 2. Verify: the photos with most votes are checked by the relative pose of the two cameras; `thorough` has
    a network match them with the query before.
-3. Position: all matches with photos whose orientations are known fix position and heading; where they are
-   not known, bearings to three or more photos do. Separate solutions are separate hypotheses. With fewer
-   photos that agree, the best photo's own place is all that is known.
+3. Position: all matches with photos whose orientations are known fix position and heading, those with points
+   of known depth even by one photo; where orientations are not known, bearings to three or more photos do.
+   Separate solutions are separate hypotheses. Where the position stays open, the best photo's own place is
+   all that is known.
 4. Probability: a calibrated softmax over the places found and "not on this map".
 """
 
@@ -34,6 +35,7 @@ from webapp.core.localize.shortlist import (
     weighted_votes,
 )
 from webapp.core.localize.vote import match_statistics
+from webapp.core.reconstruction.depths import DepthsWithout
 from webapp.core.reconstruction.types import Depths, no_depths
 from webapp.threads import in_threads
 
@@ -106,7 +108,7 @@ def find_places(
     fov_deg: float,
     hide: Collection[int] = (),
     closer: Collection[int] = (),
-    depths: Depths | None = None,
+    depths: Depths | DepthsWithout | None = None,
 ) -> Found:
     """Look for the places where a photo may have been taken, by its features.
 
@@ -121,9 +123,9 @@ def find_places(
         Experience ids to leave out.
     closer : collection of int
         Experience ids of which the best are verified, too, where the votes name none of them.
-    depths : Depths, optional
-        Those that are known without the hidden photos. By default the map's, and none where photos are
-        hidden, as they have a share in them.
+    depths : Depths or DepthsWithout, optional
+        Those that rest on no sighting of a hidden photo. By default the map's, and none where photos are
+        hidden.
 
     Returns
     -------
@@ -213,7 +215,7 @@ def _verify(
     *,
     camera: Camera,
     upright: NDArray[np.float64],
-    depths: Depths,
+    depths: Depths | DepthsWithout,
 ) -> Verified:
     theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
     pose = relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)

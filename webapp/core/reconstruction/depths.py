@@ -1,7 +1,7 @@
 """Depths of what oriented photos see in common, by where their rays meet (triangulation).
 
-Each pair of photos that shows a point tells its depth in both; several pairs are averaged, and what they
-disagree by counts as uncertainty.
+Each pair of photos that shows a point tells its depth in both. What several pairs say of a keypoint is
+averaged, but not taken to be surer than the best of them: they err together, by the positions of the photos.
 """
 
 from __future__ import annotations
@@ -12,18 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.reconstruction.epipolar import epipolar
 from webapp.core.reconstruction.pairs import Pairs, homogeneous
 from webapp.core.reconstruction.types import USABLE_TRUST, Depths, Orientations, no_depths
 
 Array = NDArray[np.float64]
 
 _TOLERANCE = 2.0 / 450.0
-"""Rays farther apart than this, at depth 1 (Sampson's distance), do not meet."""
+"""Rays farther apart than this, at depth 1, do not meet."""
 
-_NOISE = 1.5 / 450.0
+_NOISE = 1.0 / 450.0
 _LEAST_ANGLE = math.radians(1.0)
-_RELATIVE_ERROR = 0.05
-"""Of every depth, because positions on a map are not exact."""
+_POSITION_ERROR = 0.1
+"""Of a photo on the map, in place radii: all depths of a pair err by it over their distance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,17 +49,53 @@ class Sightings:
 
     def averaged(self) -> Depths:
         """Average what is known of each keypoint."""
-        return _averaged(self.photo, self.row, inverse=self.inverse, spread=self.spread)
+        if not len(self.photo):
+            return no_depths()
+        new = np.ones(len(self.photo), np.bool_)
+        new[1:] = (np.diff(self.photo) != 0) | (np.diff(self.row) != 0)
+        start, keypoint, weight = np.flatnonzero(new), np.cumsum(new) - 1, self.spread**-2
+        total = np.add.reduceat(weight, start)
+        mean = np.add.reduceat(weight * self.inverse, start) / total
+        disagreement = np.add.reduceat(weight * (self.inverse - mean[keypoint]) ** 2, start) / total
+        best = np.minimum.reduceat(self.spread, start)
+        uncertain = np.sqrt(best**2 + disagreement)
+        return Depths(
+            self.photo[start], self.row[start], mean.astype(np.float32), uncertain.astype(np.float32)
+        )
 
-    def without(self, hidden: NDArray[np.bool_]) -> Depths:
-        """Average as if (p,) `hidden` photos had never been there."""
-        left = ~(hidden[self.photo] | hidden[self.partner])
-        return _averaged(
-            self.photo[left], self.row[left], inverse=self.inverse[left], spread=self.spread[left]
+    def taken(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Sightings:
+        """Take out some of them, by what numpy takes for an index."""
+        return Sightings(
+            self.photo[which], self.row[which], self.partner[which], self.inverse[which], self.spread[which]
         )
 
 
-def sightings_of(pairs: Pairs, position: Array, *, orientations: Orientations) -> Sightings:
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthsWithout:
+    """Depths that rest on no sighting of hidden photos, averaged when they are asked for.
+
+    The orientations by which they were worked out still owe something to the hidden photos.
+
+    Attributes
+    ----------
+    sightings : Sightings
+    hidden : (p,) bool
+    """
+
+    sightings: Sightings
+    hidden: NDArray[np.bool_]
+
+    def of(self, photo: int, row: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Look up inverse depths of a photo's keypoints (m,) and their spreads (m,); NaN where not known."""
+        first, stop = np.searchsorted(self.sightings.photo, [photo, photo + 1])
+        there = self.sightings.taken(slice(int(first), int(stop)))
+        left = ~(self.hidden[there.photo] | self.hidden[there.partner])
+        return there.taken(left).averaged().of(photo, row)
+
+
+def sightings_of(
+    pairs: Pairs, position: Array, *, orientations: Orientations, place_radius_px: float
+) -> Sightings:
     """Find the depths of keypoints by each pair that shows them.
 
     Parameters
@@ -68,6 +105,7 @@ def sightings_of(pairs: Pairs, position: Array, *, orientations: Orientations) -
         Map pixels.
     orientations : Orientations
         Of the p photos; their depths do not count.
+    place_radius_px : float
 
     Returns
     -------
@@ -78,28 +116,31 @@ def sightings_of(pairs: Pairs, position: Array, *, orientations: Orientations) -
     world = np.column_stack([position[:, 0], orientations.height, -position[:, 1]])
     gap = world[second] - world[first]
     usable = orientations.trust >= USABLE_TRUST
-    both = np.flatnonzero(usable[first] & usable[second] & (np.linalg.norm(gap, axis=1) > 0.0))
+    both = np.flatnonzero(usable[first] & usable[second] & (gap[:, [0, 2]] != 0.0).any(1))
     first, second, gap = first[both], second[both], gap[both]
-    one = np.einsum("mji,mj->mi", orientations.rotation[first], homogeneous(pairs.ray_first[both]))
-    two = np.einsum("mji,mj->mi", orientations.rotation[second], homogeneous(pairs.ray_second[both]))
-    depth, meet = _where_rays_meet(
-        one, two, gap, first=orientations.rotation[first], second=orientations.rotation[second]
-    )
+    cameras = (orientations.rotation[first], orientations.rotation[second])
+    one = np.einsum("mji,mj->mi", cameras[0], homogeneous(pairs.ray_first[both]))
+    two = np.einsum("mji,mj->mi", cameras[1], homogeneous(pairs.ray_second[both]))
+    depth, meet = _where_rays_meet(one, two, gap, cameras=cameras)
     kept = np.flatnonzero(meet)
-    photo = np.concatenate([first[kept], second[kept]])
-    row = np.concatenate([pairs.row_first[both][kept], pairs.row_second[both][kept]])
-    order = np.lexsort((row, photo))
-    return Sightings(
-        photo=photo[order].astype(np.int32),
-        row=row[order],
-        partner=np.concatenate([second[kept], first[kept]])[order].astype(np.int32),
-        inverse=1.0 / depth[:, kept].ravel()[order],
-        spread=np.concatenate([_spread(ray[kept], gap[kept]) for ray in (one, two)])[order],
+    misplaced = math.sqrt(2.0) * _POSITION_ERROR * place_radius_px
+    spread = [
+        _spread(ray[kept], gap[kept], own=depth[i, kept], other=depth[1 - i, kept], misplaced_px=misplaced)
+        for i, ray in enumerate((one, two))
+    ]
+    return _each_once(
+        Sightings(
+            photo=np.concatenate([first[kept], second[kept]]).astype(np.int32),
+            row=np.concatenate([pairs.row_first[both][kept], pairs.row_second[both][kept]]),
+            partner=np.concatenate([second[kept], first[kept]]).astype(np.int32),
+            inverse=1.0 / depth[:, kept].ravel(),
+            spread=np.concatenate(spread),
+        )
     )
 
 
 def _where_rays_meet(
-    one: Array, two: Array, gap: Array, *, first: Array, second: Array
+    one: Array, two: Array, gap: Array, *, cameras: tuple[Array, Array]
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Triangulate m matches from their rays in the world; returns (2, m) depths, and which are to be used.
 
@@ -109,38 +150,45 @@ def _where_rays_meet(
         Of depth 1 in their cameras.
     gap : (m, 3) float64
         From the first camera to the second.
-    first, second : (m, 3, 3) float64
-        The cameras' rotations.
+    cameras : two (m, 3, 3) float64
+        Camera from world.
     """
     one_two = np.cross(one, two)
     squared = np.maximum((one_two**2).sum(1), 1e-12)
     depth = np.stack([(np.cross(gap, ray) * one_two).sum(1) / squared for ray in (two, one)])
-    along = gap / np.linalg.norm(gap, axis=1)[:, None]
-    two_along, along_one = np.cross(two, along), np.cross(along, one)
-    in_first = np.einsum("mij,mj->mi", first, two_along)[:, :2]
-    in_second = np.einsum("mij,mj->mi", second, along_one)[:, :2]
-    off = (one * two_along).sum(1) / np.sqrt((in_first**2).sum(1) + (in_second**2).sum(1) + 1e-18)
+    off = epipolar(one, two, along=gap / np.linalg.norm(gap, axis=1)[:, None], cameras=cameras).off
     sine = np.sqrt(squared / ((one**2).sum(1) * (two**2).sum(1)))
-    use = (np.abs(off) <= _TOLERANCE) & (depth > 0.0).all(0) & (sine >= math.sin(_LEAST_ANGLE))
-    return depth, use
+    return depth, (np.abs(off) <= _TOLERANCE) & (depth > 0.0).all(0) & (sine >= math.sin(_LEAST_ANGLE))
 
 
-def _spread(ray: Array, gap: Array) -> Array:
-    """Tell how uncertain inverse depths are (m,): the wider the base across the ray, the less."""
+def _spread(ray: Array, gap: Array, *, own: Array, other: Array, misplaced_px: float) -> Array:
+    """Tell how uncertain inverse depths are (m,).
+
+    Noise in an image puts its ray beside the point by the more, the farther away that is, which moves the
+    point along the other ray by the more, the shorter the base is across that. And where the photos are
+    farther apart than the map says, by some share, all their depths are too small by the same.
+
+    Parameters
+    ----------
+    ray : (m, 3) float64
+        Of the photo whose depths these are, in the world.
+    gap : (m, 3) float64
+    own, other : (m,) float64
+        Depths in this photo and in its partner.
+    misplaced_px : float
+        How far the distance of two photos on the map is off.
+    """
     across = np.linalg.norm(np.cross(gap, ray), axis=1) / np.linalg.norm(ray, axis=1)
-    uncertain: Array = _NOISE / np.maximum(across, 1e-6)
+    ratio = other / own
+    by_noise = _NOISE * ratio * np.hypot(1.0, ratio) / np.maximum(across, 1e-6)
+    uncertain: Array = np.hypot(by_noise, misplaced_px / np.linalg.norm(gap, axis=1) / own)
     return uncertain
 
 
-def _averaged(photo: NDArray[np.int32], row: NDArray[np.int32], *, inverse: Array, spread: Array) -> Depths:
-    """Average all that is known of each keypoint; they are in order."""
-    if not len(photo):
-        return no_depths()
-    new = np.ones(len(photo), np.bool_)
-    new[1:] = (np.diff(photo) != 0) | (np.diff(row) != 0)
-    start, keypoint, weight = np.flatnonzero(new), np.cumsum(new) - 1, spread**-2
-    total = np.add.reduceat(weight, start)
-    mean = np.add.reduceat(weight * inverse, start) / total
-    disagreement = np.add.reduceat(weight * (inverse - mean[keypoint]) ** 2, start) / total
-    uncertain = np.sqrt(1.0 / total + disagreement + (_RELATIVE_ERROR * mean) ** 2)
-    return Depths(photo[start], row[start], mean.astype(np.float32), uncertain.astype(np.float32))
+def _each_once(found: Sightings) -> Sightings:
+    """Put sightings in order; those that both photos of a pair tell of count once, the surer one."""
+    order = np.lexsort((found.spread, found.partner, found.row, found.photo))
+    keys = np.stack([found.photo, found.row, found.partner])[:, order]
+    new = np.ones(len(order), np.bool_)
+    new[1:] = (np.diff(keys, axis=1) != 0).any(0)
+    return found.taken(order[new])

@@ -3,8 +3,8 @@
 A relative pose tells in which direction, seen from one photo, the other was taken; their positions tell where
 that direction is on the map. So each pair votes for two headings (1); what pairs know of the turn from photo
 to photo is averaged with it, robustly (2: Hartley, Trumpf, Dai, Li, "Rotation averaging", 2013); and at last
-all matches together correct headings, pitches and heights (3, `refinement.py`). In the end
-`depths.py` tells how far away is what several photos see.
+all matches together correct headings, pitches and heights (3, `refinement.py`). In the end `depths.py` tells
+how far away is what several photos see.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.depths import sightings_of
 from webapp.core.reconstruction.pairs import Pairs
 from webapp.core.reconstruction.refinement import refine
-from webapp.core.reconstruction.types import Orientations
+from webapp.core.reconstruction.types import Orientations, no_depths
 
 _FULL_PARALLAX = math.radians(2.0)
 """From this parallax on the direction between the cameras counts fully."""
@@ -67,13 +67,14 @@ def orient(pairs: Pairs, position: NDArray[np.float64], *, place_radius_px: floa
     pairs = pairs.taken(which, first=pairs.first[which], second=pairs.second[which])
     if not len(pairs):
         count = len(position)
-        return Orientations(so3.level(np.zeros(count)), np.zeros(count), np.zeros(count))
+        return Orientations(so3.level(np.zeros(count)), np.zeros(count), np.zeros(count), no_depths())
     views = _views(pairs, position)
     heading, known = _headings(views, len(position))
     rotation, trust = _average(pairs, views, start=so3.level(heading), known=known)
     rotation, height = refine(pairs, position, rotation=rotation, scale_px=place_radius_px)
-    found = Orientations(rotation, height, trust)
-    return replace(found, depths=sightings_of(pairs, position, orientations=found).averaged())
+    found = Orientations(rotation, height, trust, no_depths())
+    seen = sightings_of(pairs, position, orientations=found, place_radius_px=place_radius_px)
+    return replace(found, depths=seen.averaged())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

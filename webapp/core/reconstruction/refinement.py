@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.reconstruction import so3
+from webapp.core.reconstruction.epipolar import epipolar
 from webapp.core.reconstruction.pairs import Pairs, homogeneous
 
 Array = NDArray[np.float64]
@@ -61,7 +62,7 @@ def refine(pairs: Pairs, position: Array, *, rotation: Array, scale_px: float) -
     length = np.linalg.norm(world[second] - world[first], axis=1)
     for number in range(_ROUNDS):
         spread = _NOISE * max(1.0, _WIDER * _NARROWING**number)
-        found = _epipolar(
+        found = epipolar(
             np.einsum("mji,mj->mi", rotation[first], ours),
             np.einsum("mji,mj->mi", rotation[second], theirs),
             along=(world[second] - world[first]) / length[:, None],
@@ -77,30 +78,6 @@ def refine(pairs: Pairs, position: Array, *, rotation: Array, scale_px: float) -
         rotation = so3.turned(rotation, so3.shortened(step[:, :3], _MOST_TURN))
         world[:, 1] += np.clip(step[:, 3], -_MOST_RISE * scale_px, _MOST_RISE * scale_px)
     return rotation, world[:, 1]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Epipolar:
-    """Sampson's distances (m,), their derivatives by turns (m, 3), and by a rise of the second photo (m,)."""
-
-    off: Array
-    by_first: Array
-    by_second: Array
-    by_rise: Array
-
-
-def _epipolar(a: Array, b: Array, *, along: Array, cameras: tuple[Array, Array]) -> _Epipolar:
-    """Compare the rays a and b (m, 3) of matches, in the world, with the directions between the cameras."""
-    b_along, along_a, a_b = np.cross(b, along), np.cross(along, a), np.cross(a, b)
-    in_first = np.einsum("mij,mj->mi", cameras[0], b_along)[:, :2]
-    in_second = np.einsum("mij,mj->mi", cameras[1], along_a)[:, :2]
-    size = np.sqrt((in_first**2).sum(1) + (in_second**2).sum(1)) + 1e-9
-    return _Epipolar(
-        off=(a * b_along).sum(1) / size,
-        by_first=np.cross(a, b_along) / size[:, None],
-        by_second=np.cross(b, along_a) / size[:, None],
-        by_rise=a_b[:, 1] / size,
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

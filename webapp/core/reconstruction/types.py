@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +45,12 @@ class Depths:
 
     def taken(self, number: NDArray[np.int64]) -> Depths:
         """Give photos (p,) other numbers, and leave out those whose number is -1."""
-        photo = number[self.photo]
-        order = np.lexsort((self.row, photo))
-        order = order[photo[order] >= 0]
-        return Depths(photo[order].astype(np.int32), self.row[order], self.inverse[order], self.spread[order])
+        left = np.flatnonzero(number[self.photo] >= 0)
+        photo = number[self.photo[left]]
+        if (np.diff(photo) < 0).any():
+            order = np.argsort(photo, kind="stable")
+            left, photo = left[order], photo[order]
+        return Depths(photo.astype(np.int32), self.row[left], self.inverse[left], self.spread[left])
 
 
 def no_depths() -> Depths:
@@ -59,7 +61,7 @@ def no_depths() -> Depths:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orientations:
-    """How p photos were held.
+    """How p photos were held, and how far away is what they see.
 
     Attributes
     ----------
@@ -76,4 +78,4 @@ class Orientations:
     rotation: NDArray[np.float64]
     height: NDArray[np.float64]
     trust: NDArray[np.float64]
-    depths: Depths = field(default_factory=no_depths)
+    depths: Depths
