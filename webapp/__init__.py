@@ -1,3 +1,3 @@
 """Experience Map: where was this photo taken, on a map that people make themselves."""
 
-__version__ = "0.6.0"
+__version__ = "0.7.0"
