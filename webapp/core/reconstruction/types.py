@@ -47,6 +47,8 @@ class Depths:
         """Give photos (p,) other numbers, and leave out those whose number is -1."""
         left = np.flatnonzero(number[self.photo] >= 0)
         photo = number[self.photo[left]]
+        if np.array_equal(photo, self.photo):
+            return self
         if (np.diff(photo) < 0).any():
             order = np.argsort(photo, kind="stable")
             left, photo = left[order], photo[order]
