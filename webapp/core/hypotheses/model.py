@@ -20,7 +20,8 @@ class Hypothesis:
     rank : int
         From 1, most probable first.
     kind : {"position", "photo"}
-        "position": computed from what it shares with map photos; "photo": the place of a map photo is all that is known.
+        "position": computed from what it shares with map photos; "photo": the place of one is all that is
+        known.
     position : MapPixel
     probability : float
         That the truth lies within the map's `place_radius_px` of `position`; 0 to 1.
