@@ -364,6 +364,11 @@ def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
         stop.set()
         editor.join()
     restored = restore()
+    with restored.database.read() as session:
+        record = session.query(MapRecord).filter_by(slug="park").one()
+    assert library_export.file_sha256(restored.cfg("park")) == record.exported_sha256
+    assert record.revision - record.exported_revision in (0, 1)  # the last edit may not be in the file yet
+    library_export.run(restored, record.id)  # as the first sweep of a server does
     assert is_current(restored)
     assert [line for line in restored.cfg("park").read_text().splitlines() if line.startswith("1;")] == [
         line for line in library.cfg("park").read_text().splitlines() if line.startswith("1;")
