@@ -98,7 +98,7 @@ def locate(
     list of Pose
         The best first; empty when no photo with a known orientation was verified.
     """
-    world = np.column_stack([position[:, 0], orientations.height, -position[:, 1]])
+    world = orientations.cameras(position)
     usable = [n for n, v in enumerate(views) if orientations.trust[v.photo] >= USABLE_TRUST]
     rotation, centre = _starts(
         [views[n] for n in usable], world, orientations=orientations, radius=place_radius_px

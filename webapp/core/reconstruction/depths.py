@@ -113,7 +113,7 @@ def sightings_of(
     """
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
-    world = np.column_stack([position[:, 0], orientations.height, -position[:, 1]])
+    world = orientations.cameras(position)
     gap = world[second] - world[first]
     usable = orientations.trust >= USABLE_TRUST
     both = np.flatnonzero(usable[first] & usable[second] & (gap[:, [0, 2]] != 0.0).any(1))

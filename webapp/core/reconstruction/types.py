@@ -81,3 +81,7 @@ class Orientations:
     height: NDArray[np.float64]
     trust: NDArray[np.float64]
     depths: Depths
+
+    def cameras(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Tell where the photos were taken in the world (p, 3), by their positions on the map (p, 2)."""
+        return np.column_stack([position[:, 0], self.height, -position[:, 1]])
