@@ -23,12 +23,12 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
 	@echo "installing Experience Map into $(VENV), which takes about a minute"
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) -e .
+	$(PIP) -e '.[all]'
 	@touch $@
 
 $(VENV)/.tested: $(VENV)/.installed
 	@echo "installing what the tests need"
-	$(PIP) -e '.[test]'
+	$(PIP) -e '.[all,test]'
 	@touch $@
 
 run: install     ## make the sample map, localize a photo on it, start the web application and print its address

@@ -1,9 +1,10 @@
-"""Models with the inputs and outputs of ALIKED, DISK and LightGlue, that compute something simple."""
+"""Models with the inputs and outputs of the published ones, that compute something simple."""
+
+from itertools import pairwise
 
 import numpy as np
 
 from tests.onnx_writer import INT64, Writer
-from webapp.core.features.lightglue import BEST
 
 TABLE = np.random.default_rng(0).normal(size=(64, 128)).astype(np.float32)
 """Descriptors: of a pixel, the row is its number in the image, modulo 64."""
@@ -81,18 +82,9 @@ def glue(names=("matches0", "mscores0"), *, width=128, by="place"):
     return g.to_bytes()
 
 
-def lighter_glue(*, width=64, by="place"):
-    """LighterGlue: as `glue`, with the layers that its matches are made of."""
-    g = Writer()
-    like = _likeness(g, width, by)
-    likely, partner, back = BEST
-    best = g.node("Max", g.node("ReduceMax", like, axes=[2], keepdims=1), g.constant([1e-9]))
-    g.node("Log", best, name=likely)
-    g.node("ArgMax", like, axis=2, keepdims=1, name=partner)
-    g.node("ArgMax", like, axis=1, keepdims=1, name=back)
-    g.node("NonZero", best, name="matches")
-    g.output("matches", 3, "k", kind=INT64)
-    return g.to_bytes()
+def lighter_glue(**more):
+    """LighterGlue: as `glue`, with other names."""
+    return glue(("matches", "scores"), **more)
 
 
 def _likeness(g, width, by):
@@ -107,3 +99,65 @@ def _likeness(g, width, by):
     if by == "odd look":
         return g.node("Einsum", shown, seen, equation="bmd,bnd->bnm")
     return g.node("Einsum", seen, shown, equation="bnd,bmd->bnm")
+
+
+CHANNELS = {
+    "block1": (1, 4, 8, 8, 24),
+    "block2": (24, 24, 24),
+    "block3": (24, 64, 64, 64),
+    "block4": (64, 64, 64, 64),
+    "block5": (64, 128, 128, 128, 64),
+    "block_fusion": (64, 64, 64, 64),
+    "heatmap_head": (64, 64, 64, 1),
+    "keypoint_head": (64, 64, 64, 64, 65),
+}
+ONE_BY_ONE = {"block3.2", "block5.3", "block_fusion.2"}
+HALVING = {"block1.1", "block1.3", "block3.0", "block4.0", "block5.0"}
+
+
+def xfeat(height=96, width=128):
+    """XFeat for one size, as it is published, with random weights."""
+    g, rng = Writer(), np.random.default_rng(1)
+    c = g.constant
+    gray = g.node("ReduceMean", g.input("input", 1, 1, height, width), name="/ReduceMean_output_0", axes=[1])
+
+    def convolution(layer, source, *, side, channels, stride=1):
+        weight = rng.normal(size=(*channels[::-1], side, side)) * (2.0 / (channels[0] * side**2)) ** 0.5
+        weight *= 3.0 if layer == "keypoint_head.3" else 1.0
+        name = f"/{layer.partition('.')[0]}/{layer}/Conv_output_0"
+        shape = {"kernel_shape": [side] * 2, "strides": [stride] * 2, "pads": [side // 2] * 4}
+        return g.node("Conv", source, c(weight), c(np.zeros(channels[1])), name=name, **shape)
+
+    def block(name, source):
+        widths = [*pairwise(CHANNELS[name])]
+        for i, channels in enumerate(widths):
+            layer = f"{name}.{i}"
+            side = 1 if layer in ONE_BY_ONE or name.endswith("head") else 3
+            stride = 2 if layer in HALVING else 1
+            source = convolution(layer, source, side=side, channels=channels, stride=stride)
+            if i < len(widths) - 1 or (name.startswith("block") and name != "block_fusion"):
+                source = g.node("Relu", source)
+        return source
+
+    def enlarged(source, name):
+        sizes = c([1, 64, height // 8, width // 8])
+        how = {"coordinate_transformation_mode": "half_pixel", "mode": "linear"}
+        return g.node("Resize", source, c(np.zeros(0)), c(np.zeros(0)), sizes, name=name, **how)
+
+    quarter = g.node("AveragePool", gray, kernel_shape=[4, 4], strides=[4, 4])
+    skip = convolution("skip1.1", quarter, side=1, channels=(1, 24))
+    eighth = block("block3", block("block2", g.node("Add", block("block1", gray), skip)))
+    sixteenth = block("block4", eighth)
+    coarse = enlarged(sixteenth, "/Resize_output_0")
+    coarsest = enlarged(block("block5", sixteenth), "/Resize_1_output_0")
+    features = block("block_fusion", g.node("Add", g.node("Add", eighth, coarse), coarsest))
+    reliability = g.node("Sigmoid", block("heatmap_head", features), name="reliability")
+    pixels = g.node("Reshape", gray, c([1, height // 8, 8, width // 8, 8]))
+    pixels = g.node("Transpose", pixels, perm=[0, 2, 4, 1, 3])
+    cells = g.node("Reshape", pixels, c([1, 64, height // 8, width // 8]), name="/Reshape_1_output_0")
+    logits = block("keypoint_head", cells)
+    for name, source, channels in (("output_feats", features, 64), ("output_heatmap", logits, 65)):
+        g.node("Transpose", source, name=name, perm=[0, 2, 3, 1])
+        g.output(name, 1, height // 8, width // 8, channels)
+    g.output(reliability, 1, 1, height // 8, width // 8)
+    return g.to_bytes()

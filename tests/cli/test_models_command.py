@@ -68,7 +68,7 @@ def test_features_with_a_model_of_ones_own_say_how_to_supply_it(expmap, sample_f
     (models / f"{features}.onnx").write_bytes(b"no model at all")
     code, _, err = expmap("build", sample_folder / "map.cfg", "--features", features)
     assert code == 1
-    assert "model that OpenCV can run" in err
+    assert "model that onnxruntime can run" in err
     assert "Traceback" not in err
 
 

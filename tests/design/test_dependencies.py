@@ -1,5 +1,6 @@
 """What is imported is declared, what is declared is used, and everything is pinned for those who want it."""
 
+import ast
 import re
 import sys
 import tomllib
@@ -8,6 +9,8 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, req
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from webapp.extras import EXTRAS
 
 SYSTEMS = [
     {"sys_platform": platform, "platform_system": system, "os_name": os_name, "extra": ""}
@@ -38,18 +41,73 @@ def pins(project):
 
 
 def names(requirements):
-    """Canonical names of requirements."""
-    return {canonicalize_name(Requirement(text).name) for text in requirements}
+    """Canonical names of requirements, without the project itself."""
+    return {canonicalize_name(Requirement(text).name) for text in requirements} - {"experience-map"}
+
+
+def packages_of(imported):
+    """Canonical names of the distributions of imported modules."""
+    providers = packages_distributions()
+    tops = {name.split(".")[0] for name in imported} - {*sys.stdlib_module_names, "webapp"}
+    return {canonicalize_name(d) for name in tops for d in set(providers[name])}
+
+
+def guard_of(block):
+    """The extra whose import a `with` block guards."""
+    match block:
+        case ast.With(items=[ast.withitem(context_expr=ast.Call(ast.Name("extra"), [ast.Constant(name)]))]):
+            return name
+        case ast.If(test=ast.Name("TYPE_CHECKING")):
+            return "types"
+    return None
+
+
+def imports_by_guard(tree):
+    """The modules that are imported, each with the extra whose block it is in."""
+
+    def visit(node, guard, inside):
+        inside = inside or isinstance(node, ast.FunctionDef)
+        guard = guard_of(node) or guard
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, guard, inside) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module, guard, inside
+        for child in ast.iter_child_nodes(node):
+            yield from visit(child, guard, inside)
+
+    return visit(tree, None, False)
 
 
 def test_imports_are_declared_and_used(modules, declared):
-    ours = {*sys.stdlib_module_names, "webapp"}
-    imported = {name.split(".")[0] for module in modules for name in module.imported()} - ours
-    providers = packages_distributions()
-    distributions = {canonicalize_name(d) for name in imported for d in set(providers[name])}
+    distributions = packages_of(name for module in modules for name in module.imported())
+    optional = declared["project"]["optional-dependencies"]
+    extras = names(text for name in EXTRAS for text in optional[name])
     wanted = names(declared["project"]["dependencies"])
-    assert distributions - wanted == set(), "imported, but not declared"
-    assert wanted - distributions == set(), "declared, but not imported"
+    assert wanted & extras == set()
+    assert distributions - wanted - extras == set(), "imported, but not declared"
+    assert (wanted | extras) - distributions == set(), "declared, but not imported"
+
+
+def test_extras_are_those_that_are_declared(declared):
+    optional = declared["project"]["optional-dependencies"]
+    assert {*optional} == {*EXTRAS, "all", "test"}
+    assert {Requirement(text).name for text in optional["all"]} == {"experience-map"}
+    assert {e for text in optional["all"] for e in Requirement(text).extras} == {*EXTRAS}
+    for name, packages in EXTRAS.items():
+        assert packages_of(packages) == names(optional[name]), name
+
+
+def test_packages_of_extras_are_imported_in_guarded_blocks_of_functions_only(modules):
+    extra_of = {package: name for name, packages in EXTRAS.items() for package in packages}
+    broken = [
+        f"{module.name} imports {imported}"
+        for module in modules
+        for imported, guard, inside in imports_by_guard(module.tree)
+        if (wanted := extra_of.get(imported.split(".")[0]))
+        and guard != "types"
+        and not (guard == wanted and inside)
+    ]
+    assert broken == []
 
 
 def test_constraints_are_exact_versions_only(project):
@@ -77,4 +135,6 @@ def test_pins_satisfy_what_is_declared(declared, pins):
     extras = [text for group in declared["project"]["optional-dependencies"].values() for text in group]
     for text in [*declared["project"]["dependencies"], *extras, *declared["build-system"]["requires"]]:
         requirement = Requirement(text)
+        if requirement.name == "experience-map":
+            continue
         assert requirement.specifier.contains(pins[canonicalize_name(requirement.name)]), text

@@ -17,12 +17,13 @@ BELOW = {
 }
 """Each layer and those right below it; what is below those may be imported too."""
 
-COMMON = {"", "errors", "progress", "settings", "threads"}
+COMMON = {"", "errors", "extras", "progress", "settings", "threads"}
 """For everyone ("" is the version)."""
 
 ALONE = {
     "": set(),
     "errors": set(),
+    "extras": {"errors"},
     "progress": {"errors"},
     "settings": {"errors"},
     "threads": set(),

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from webapp.core.features.aliked import AlikedNetwork
-from webapp.core.features.disk import DiskNetwork
-from webapp.core.features.extract import Network
-from webapp.core.features.lightglue import LighterGlue, LightGlue, PairMatcher
+from webapp.core.features.extract import FeatureNetwork
+from webapp.core.features.keypoint_networks import AlikedNetwork, DiskNetwork
+from webapp.core.features.lightglue import LIGHTERGLUE, LIGHTGLUE, LightGlue, PairMatcher
 from webapp.core.features.table import BUNDLES, METHODS, PAIR_MATCHERS, FeatureChoice, Method, choose
 from webapp.core.features.xfeatnet import XFeatNetwork
 from webapp.errors import MissingPart, StorageError, UsageError
+from webapp.extras import is_installed
 
 _FETCH = "get them with expmap models fetch"
 
@@ -136,8 +136,9 @@ def installed(model: str, chosen: Path | None) -> ModelFile | None:
 
 def is_usable(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> bool:
     """Tell whether the models are here that a method needs with these features, or none is needed."""
-    needed = [choice.model, PAIR_MATCHERS[choice.name] if method == "thorough" else None]
-    return all(model is None or installed(model, chosen) for model in needed)
+    models = [choice.model, PAIR_MATCHERS[choice.name] if method == "thorough" else None]
+    needed = [model for model in models if model]
+    return not needed or (is_installed("learned") and all(installed(model, chosen) for model in needed))
 
 
 def usable_features(chosen: Path | None, *, method: Method = "verified") -> list[str]:
@@ -181,7 +182,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
     return choice
 
 
-def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Network | None:
+def network(model: str | None, chosen: Path | None, *, weights: str = "") -> FeatureNetwork | None:
     """Open a model of features, or take it as it was opened before in this process.
 
     Parameters
@@ -249,19 +250,17 @@ def _there(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
 
 
 @lru_cache(maxsize=4)
-def _network(model: str, path: Path, sha256: str) -> Network:
+def _network(model: str, path: Path, sha256: str) -> FeatureNetwork:
     data = _checked(model, path, sha256=sha256)
     if model == "xfeat":
         return XFeatNetwork(data)
-    if model == "disk":
-        return DiskNetwork(data, str(path))
-    return AlikedNetwork(data, str(path), look=partial(_checked, model, path, sha256=sha256))
+    return (DiskNetwork if model == "disk" else AlikedNetwork)(data, path.name)
 
 
 @lru_cache(maxsize=2)
 def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
     data = _checked(model, path, sha256=sha256)
-    return LighterGlue(data) if model == "lighterglue" else LightGlue(data, str(path))
+    return LightGlue(data, LIGHTERGLUE if model == "lighterglue" else LIGHTGLUE, file=path.name)
 
 
 def _checked(model: str, path: Path, *, sha256: str) -> bytes:

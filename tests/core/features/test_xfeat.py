@@ -1,13 +1,11 @@
 """XFeat: with invented weights what comes out of which sizes, with the real ones whether it is any good."""
 
-from itertools import pairwise
-
 import cv2
 import numpy as np
 import pytest
 
+from tests.standin_models import xfeat
 from webapp.core.features.extract import extract
-from webapp.core.features.onnx import Convolution, Graph
 from webapp.core.features.table import choose
 from webapp.core.features.xfeat import XFeat
 from webapp.core.features.xfeatnet import XFeatNetwork
@@ -15,37 +13,13 @@ from webapp.core.index.bruteforce import BruteForce
 from webapp.errors import MissingPart
 from webapp.threads import in_threads
 
-CHANNELS = {
-    "block1": (1, 4, 8, 8, 24),
-    "block2": (24, 24, 24),
-    "block3": (24, 64, 64, 64),
-    "block4": (64, 64, 64, 64),
-    "block5": (64, 128, 128, 128, 64),
-    "block_fusion": (64, 64, 64, 64),
-    "heatmap_head": (64, 64, 64, 1),
-    "keypoint_head": (64, 64, 64, 64, 65),
-}
-ONE_BY_ONE = {"block3.2", "block5.3", "block_fusion.2"}
 CHOICE = choose("verified", features="xfeat")
 
 
 @pytest.fixture(scope="module")
 def invented() -> XFeatNetwork:
     """A network of the same layers with random weights."""
-    rng, graph = np.random.default_rng(1), Graph()
-    graph.input("image", 1)
-    shapes = {"skip1.1": (24, 1, 1)}
-    for block, widths in CHANNELS.items():
-        for i, (before, after) in enumerate(pairwise(widths)):
-            layer = f"{block}.{i}"
-            shapes[layer] = (after, before, 1 if layer in ONE_BY_ONE or block.endswith("head") else 3)
-    for layer, (after, before, side) in shapes.items():
-        weight = rng.normal(size=(after, before, side, side)) * (2.0 / (before * side**2)) ** 0.5
-        if layer == "keypoint_head.3":
-            weight *= 3.0
-        of = Convolution(weight.astype(np.float32), np.zeros(after, np.float32))
-        graph.convolution(f"/x/{layer}/Conv_output_0", "image", of=of, relu=False)
-    return XFeatNetwork(graph.to_bytes([]))
+    return XFeatNetwork(xfeat())
 
 
 @pytest.fixture(scope="module")

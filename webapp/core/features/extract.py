@@ -6,15 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.aliked import Aliked, AlikedNetwork
-from webapp.core.features.disk import Disk, DiskNetwork
+from webapp.core.features.keypoint_networks import Aliked, AlikedNetwork, Disk, DiskNetwork
 from webapp.core.features.table import DETECTORS, EXTRACTORS, FeatureChoice
 from webapp.core.features.types import Detector, Extractor, Features, features_from_keypoints
 from webapp.core.features.xfeat import XFeat
 from webapp.core.features.xfeatnet import XFeatNetwork
 
-Network = XFeatNetwork | AlikedNetwork | DiskNetwork
-"""A model with its weights."""
+FeatureNetwork = XFeatNetwork | AlikedNetwork | DiskNetwork
+"""A network that extracts features, with its weights."""
 
 _ENLARGED_TO, _MOST_ENLARGED = 640, 4.0
 """XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos, which
@@ -29,7 +28,7 @@ def extract(
     keypoints: int,
     scale: float = 1.0,
     photo_size: tuple[int, int] | None = None,
-    network: Network | None = None,
+    network: FeatureNetwork | None = None,
 ) -> Features:
     """Detect and describe keypoints.
 
@@ -57,7 +56,7 @@ def extract(
     MissingPart
         The network is needed and not given.
     InputError
-        The network is of a file that the user supplied, and OpenCV cannot run it.
+        The network is of a file that the user supplied, and onnxruntime cannot run it.
     """
     size = photo_size or (gray.shape[1], gray.shape[0])
     if choice.model == "xfeat" and scale >= 1.0:
@@ -86,7 +85,7 @@ def _large_enough(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
     return np.asarray(large, np.uint8), factor
 
 
-def _around(network: Network) -> XFeat | Aliked | Disk:
+def _around(network: FeatureNetwork) -> XFeat | Aliked | Disk:
     if isinstance(network, XFeatNetwork):
         return XFeat(network)
     return Aliked(network) if isinstance(network, AlikedNetwork) else Disk(network)

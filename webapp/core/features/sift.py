@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Described, Kind, also_faint, strongest
+from webapp.core.features.types import Described, Kind, detect_with_fallback_threshold, strongest
 
 _BASE_SIGMA = 1.6
 _LAYERS = 3
@@ -40,8 +40,10 @@ class Sift:
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
         """Find the `keypoints` keypoints of highest contrast in an (h, w) uint8 image."""
-        (found,) = also_faint(
-            lambda most, contrast: (_sift(most, contrast).detect(gray, None),), keypoints, limits=_CONTRAST
+        (found,) = detect_with_fallback_threshold(
+            lambda most, contrast: (_sift(most, contrast).detect(gray, None),),
+            keypoints,
+            thresholds=_CONTRAST,
         )
         for keypoint in found:
             keypoint.size *= _PATCH_OVER_SIZE
@@ -50,10 +52,10 @@ class Sift:
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
         """Find and describe the `keypoints` keypoints of highest contrast; descriptors (n, 128) uint8."""
-        found, raw = also_faint(
+        found, raw = detect_with_fallback_threshold(
             lambda most, contrast: _sift(most, contrast).detectAndCompute(gray, None),
             keypoints,
-            limits=_CONTRAST,
+            thresholds=_CONTRAST,
         )
         return strongest((found, self._as_bytes(raw)), keypoints)
 

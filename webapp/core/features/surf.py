@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.hessian import find_blobs
-from webapp.core.features.types import Described, Kind, also_faint, unit_as_bytes
+from webapp.core.features.types import Described, Kind, detect_with_fallback_threshold, unit_as_bytes
 
 _PATCH = 20.0
 """The described patch, times the scale."""
@@ -57,8 +57,8 @@ class Surf:
         return keypoints, self._described(cv2.integral(gray), keypoints)
 
     def _find(self, integral: NDArray[np.int32], keypoints: int) -> list[cv2.KeyPoint]:
-        blobs = also_faint(
-            lambda most, least: find_blobs(integral, most, least=least), keypoints, limits=_DETERMINANT
+        blobs = detect_with_fallback_threshold(
+            lambda most, least: find_blobs(integral, most, least=least), keypoints, thresholds=_DETERMINANT
         )
         angle = np.degrees(_orientation(integral, blobs.xy, blobs.scale)) % 360.0
         return [

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from webapp.core.features.aliked import Aliked
-from webapp.core.features.disk import Disk
+from webapp.core.features.keypoint_networks import Aliked, Disk
 from webapp.core.features.orb import Orb
 from webapp.core.features.sift import Sift
 from webapp.core.features.surf import Surf

@@ -128,33 +128,36 @@ def strongest(described: Described, keypoints: int) -> Described:
 
 
 Found = TypeVar("Found", bound=tuple[Any, ...])
-"""What a detector gives: columns with an entry for each keypoint."""
+"""Output of a detector: columns with an entry for each keypoint."""
 
 
-def also_faint(look: Callable[[int, float], Found], keypoints: int, *, limits: tuple[float, float]) -> Found:
-    """Look for keypoints, and where a photo shows few, as at night or in fog, once more for faint ones.
+def detect_with_fallback_threshold(
+    detect: Callable[[int, float], Found], keypoints: int, *, thresholds: tuple[float, float]
+) -> Found:
+    """Detect keypoints, with a lower threshold where there are few, as at night or in fog.
 
-    Limits of contrast keep noise out of a photo in good light, of which there is enough to choose from; in a
-    dim one they would keep out nearly everything. Half the number is enough then: the rest is mostly noise.
+    A threshold of contrast keeps noise out of a photo in good light, of which there is enough to choose
+    from; in a dim one it would reject nearly everything. Half the number is enough then: the rest is mostly
+    noise.
 
     Parameters
     ----------
-    look : callable
-        Finds at most so many keypoints, the strongest, of at least that strength.
+    detect : callable
+        Returns at most so many keypoints, the strongest, of at least that strength.
     keypoints : int
-        So many are wanted.
-    limits : (float, float)
-        The usual strength and that of faint keypoints.
+        Number wanted.
+    thresholds : (float, float)
+        The usual one and the lower one.
 
     Returns
     -------
     tuple
-        As from `look`; where keypoints were few, at most half the number.
+        As from `detect`; with the lower threshold at most half the number.
     """
-    usual, faint = limits
-    found = look(keypoints, usual)
+    usual, lower = thresholds
+    found = detect(keypoints, usual)
     few = keypoints // 2
-    return found if len(found[0]) >= few else look(few, faint)
+    return found if len(found[0]) >= few else detect(few, lower)
 
 
 def unit_as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import LEAST_CONTRAST, ONE_SIZE, Described, Kind, unit_as_bytes
-from webapp.core.features.xfeatnet import CELL, LEAST_SIDE, MULTIPLE, Maps, XFeatNetwork
+from webapp.core.features.xfeatnet import CELL, MULTIPLE, Maps, XFeatNetwork
 from webapp.errors import MissingPart
 
 _LEAST_HEAT = 0.05
@@ -63,10 +63,8 @@ class XFeat:
         if contrast < LEAST_CONTRAST:
             return None
         height, width = gray.shape
-        below = max(-height % MULTIPLE, LEAST_SIDE - height)
-        right = max(-width % MULTIPLE, LEAST_SIDE - width)
         # Repeating the last pixels makes no edge where the photo ends.
-        whole = cv2.copyMakeBorder(gray, 0, below, 0, right, cv2.BORDER_REPLICATE)
+        whole = cv2.copyMakeBorder(gray, 0, -height % MULTIPLE, 0, -width % MULTIPLE, cv2.BORDER_REPLICATE)
         return self._network.maps((whole.astype(np.float32) - np.float32(mean)) / np.float32(contrast))
 
 

@@ -1,49 +1,44 @@
-"""The network of XFeat (Potje et al. 2024), for photos of any size.
+"""The network of XFeat (Potje et al., "XFeat: Accelerated features for lightweight image matching", 2024).
 
-The published model files are made for one size of photo each. Their weights fit any: here they are put into a
-network of the same layers that takes every size, with its first steps done on the photo directly, where
-OpenCV is several times as fast. What comes out is the same.
+The published model files are exported for one size of photo each. Their layers fit any size: only the steps
+whose size the export has fixed are replaced by equivalent ones.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.onnx import Convolution, Graph, read_convolutions
-from webapp.threads import Pool
+from webapp.core.features.network import Interface, Network
+from webapp.extras import extra
+
+if TYPE_CHECKING:
+    from onnx import NodeProto
 
 MULTIPLE = 32
 """Width and height of what goes through the network are multiples of this."""
 
-LEAST_SIDE = 64
-"""With less, OpenCV's convolutions of the coarsest level, one value wide, read memory that nobody wrote."""
-
 CELL = 8
 """Pixels of a cell: the outputs have one value for each."""
 
-_STRIDES = {
-    "block1": (1, 2, 1, 2),
-    "block2": (1, 1),
-    "block3": (2, 1, 1),
-    "block4": (2, 1, 1),
-    "block5": (2, 1, 1, 1),
-    "block_fusion": (1, 1, 1),
-    "heatmap_head": (1, 1, 1),
-    "keypoint_head": (1, 1, 1, 1),
-}
-_HEADS = ("block_fusion", "heatmap_head", "keypoint_head")
-"""Their last convolution is not rectified."""
+_DESCRIPTORS = "/block_fusion/block_fusion.2/Conv_output_0"
+_LOGITS = "/keypoint_head/keypoint_head.3/Conv_output_0"
+_RELIABILITY = "/heatmap_head/heatmap_head.2/Conv_output_0"
+_OUTPUTS = {_DESCRIPTORS: 64, _LOGITS: 65, _RELIABILITY: 1}
+"""Layers in all published files, with their channels; what comes after them has other names in each."""
 
-_INPUTS = ("edges", "quarter", "cells")
-_OUTPUTS = (("block_fusion.2", 64), ("keypoint_head.3", 65), ("reliability", 1))
+_GRAY = "/ReduceMean_output_0"
+_CELLS = "/Reshape_1_output_0"
+"""The photo, and its pixels by cell: an export cuts the photo into strips, as many as its size has."""
+
+_ENLARGED = {"/Resize_output_0": 2.0, "/Resize_1_output_0": 4.0}
+"""Coarse levels and how much they are enlarged; an export states the size instead."""
 
 
 class Maps(NamedTuple):
-    """What the network says about a photo of w x h cells.
+    """Output of the network for a photo of w x h cells.
 
     Attributes
     ----------
@@ -52,7 +47,7 @@ class Maps(NamedTuple):
     logits : (65, h, w) float32
         Of a keypoint at each of the 64 pixels of the cell, row by row, and of none.
     reliability : (h, w) float32
-        How well what is seen can be matched, 0 to 1.
+        Probability that the descriptor can be matched, 0 to 1.
     """
 
     descriptors: NDArray[np.float32]
@@ -61,19 +56,22 @@ class Maps(NamedTuple):
 
 
 class XFeatNetwork:
-    """The network with its weights; may be used by several threads.
+    """The network with its weights; threads may share it.
 
     Parameters
     ----------
     model : bytes
         A published model file, known to be whole.
+
+    Raises
+    ------
+    MissingPart
+        onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes) -> None:
-        layers = {_short(name): layer for name, layer in read_convolutions(model).items()}
-        self._first = layers["block1.0"]
-        onnx = np.frombuffer(_any_size(layers), np.uint8)
-        self._nets = Pool(lambda: cv2.dnn.readNetFromONNX(onnx))
+        interface = Interface("XFeat", ("input",), tuple(_OUTPUTS))
+        self._network = Network(_for_any_size(model), interface, file="xfeat")
 
     def maps(self, image: NDArray[np.float32]) -> Maps:
         """Run the network.
@@ -81,55 +79,54 @@ class XFeatNetwork:
         Parameters
         ----------
         image : (h, w) float32
-            Zero mean and unit variance; sides are multiples of `MULTIPLE`, at least `LEAST_SIDE`.
-
-        Returns
-        -------
-        Maps
+            Zero mean and unit variance; sides are multiples of `MULTIPLE`.
         """
-        blobs = self._blobs(image)
-        with self._nets.lent() as net:
-            for name, blob in zip(_INPUTS, blobs, strict=True):
-                net.setInput(blob, name)
-            descriptors, logits, reliability = net.forward([name for name, _ in _OUTPUTS])
-        return Maps(descriptors[0], logits[0], reliability[0, 0])
-
-    def _blobs(self, image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        height, width = image.shape
-        weight, bias = self._first
-        edges = np.empty((1, len(weight), height, width), np.float32)
-        for out, kernel, shift in zip(edges[0], weight[:, 0], bias, strict=True):
-            cv2.filter2D(image, -1, kernel, dst=out, delta=float(shift), borderType=cv2.BORDER_CONSTANT)
-        np.maximum(edges, 0.0, out=edges)
-        quarter = cv2.resize(image, (width // 4, height // 4), interpolation=cv2.INTER_AREA)
-        cells = image.reshape(height // CELL, CELL, width // CELL, CELL).transpose(1, 3, 0, 2)
-        flat = np.ascontiguousarray(cells).reshape(1, CELL * CELL, height // CELL, width // CELL)
-        return [edges, quarter[None, None], flat]
+        descriptors, logits, reliability = self._network.run(input=image[None, None])
+        return Maps(descriptors[0], logits[0], 1.0 / (1.0 + np.exp(-reliability[0, 0])))
 
 
-def _short(output: str) -> str:
-    """Shorten a layer's name: "/block1/block1.0/layer/layer.0/Conv_output_0" is "block1.0"."""
-    return output.split("/")[2]
+def _for_any_size(model: bytes) -> bytes:
+    """Rewrite a published model so that height and width are free, and its outputs have one name each."""
+    with extra("learned"):
+        import onnx
+    whole = onnx.load_model_from_string(model)
+    graph = whole.graph
+    layers = {output: node for node in graph.node for output in node.output}
+    cells = onnx.helper.make_node("SpaceToDepth", [_GRAY], [_CELLS], blocksize=CELL)
+    layers[_CELLS] = cells
+    for output, factor in _ENLARGED.items():
+        scales = onnx.helper.make_tensor(
+            f"{output}.scales", onnx.TensorProto.FLOAT, [4], [1, 1, factor, factor]
+        )
+        graph.initializer.append(scales)
+        source, region, *_ = layers[output].input
+        layers[output].input[:] = [source, region, scales.name]
+    nodes = _in_order(layers)
+    shapes = [("input", 1), *_OUTPUTS.items()]
+    declared = [
+        onnx.helper.make_tensor_value_info(
+            name, onnx.TensorProto.FLOAT, [1, channels, f"{name}.h", f"{name}.w"]
+        )
+        for name, channels in shapes
+    ]
+    free = onnx.helper.make_graph(nodes, "xfeat", declared[:1], declared[1:], graph.initializer)
+    return bytes(
+        onnx.helper.make_model(
+            free, opset_imports=whole.opset_import, ir_version=whole.ir_version
+        ).SerializeToString()
+    )
 
 
-def _any_size(layers: dict[str, Convolution]) -> bytes:
-    graph = Graph()
-    edges, quarter, cells = (graph.input(n, c) for n, c in zip(_INPUTS, (4, 1, 64), strict=True))
+def _in_order(layers: dict[str, NodeProto]) -> list[NodeProto]:
+    """List the layers that the outputs depend on, each after those that it needs."""
+    done: dict[str, NodeProto] = {}
 
-    def block(name: str, source: str, first: int = 0) -> str:
-        strides = _STRIDES[name]
-        for i in range(first, len(strides)):
-            layer, relu = f"{name}.{i}", name not in _HEADS or i < len(strides) - 1
-            source = graph.convolution(layer, source, of=layers[layer], stride=strides[i], relu=relu)
-        return source
+    def visit(name: str) -> None:
+        if name in layers and name not in done:
+            for source in layers[name].input:
+                visit(source)
+            done[name] = layers[name]
 
-    skip = graph.convolution("skip1.1", quarter, of=layers["skip1.1"], relu=False)
-    half = block("block2", graph.sum("stem", of=(block("block1", edges, first=1), skip)))
-    eighth = block("block3", half)
-    sixteenth = block("block4", eighth)
-    coarse = graph.enlarge("from4", sixteenth, times=2)
-    coarsest = graph.enlarge("from5", block("block5", sixteenth), times=4)
-    features = block("block_fusion", graph.sum("all", of=(graph.sum("fine", of=(eighth, coarse)), coarsest)))
-    graph.sigmoid("reliability", block("heatmap_head", features))
-    block("keypoint_head", cells)
-    return graph.to_bytes(_OUTPUTS)
+    for output in _OUTPUTS:
+        visit(output)
+    return list(done.values())

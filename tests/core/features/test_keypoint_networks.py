@@ -1,22 +1,17 @@
-"""ALIKED and DISK: OpenCV's classes are run with stand-ins whose keypoints are the brightest pixels."""
+"""ALIKED and DISK, with stand-ins whose keypoints are the brightest pixels."""
 
-import threading
-import time
 from functools import partial
 
-import cv2
 import numpy as np
 import pytest
 
 from tests.standin_models import TABLE, brighter, brightest, glue
-from webapp.core.features.aliked import Aliked, AlikedNetwork
-from webapp.core.features.disk import Disk, DiskNetwork
 from webapp.core.features.extract import extract
-from webapp.core.features.modelfile import quietly
+from webapp.core.features.keypoint_networks import Aliked, AlikedNetwork, Disk, DiskNetwork
 from webapp.core.features.table import choose
 from webapp.core.features.types import unit_as_bytes
 from webapp.errors import InputError, MissingPart, UsageError
-from webapp.threads import Pool, in_threads
+from webapp.threads import in_threads
 
 KINDS = ("aliked", "disk")
 DOTS = [(3, 5), (70, 8), (10, 60), (20, 30), (99, 41)]
@@ -24,15 +19,11 @@ DOTS = [(3, 5), (70, 8), (10, 60), (20, 30), (99, 41)]
 
 
 @pytest.fixture
-def opened(tmp_path):
+def opened():
     """Make a network of a stand-in."""
 
     def make(kind, model):
-        path = tmp_path / f"{kind}.onnx"
-        path.write_bytes(model)
-        if kind == "disk":
-            return DiskNetwork(model, str(path))
-        return AlikedNetwork(model, str(path), look=lambda: None)
+        return {"aliked": AlikedNetwork, "disk": DiskNetwork}[kind](model, f"{kind}.onnx")
 
     return make
 
@@ -141,10 +132,12 @@ def test_each_thread_and_each_order_of_sizes_gives_the_same(opened, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_file_that_is_no_such_model_is_one_clear_error(opened, kind):
+def test_another_file_is_one_clear_error(opened, kind):
     good = brightest(kind)
     for wrong in (b"", b"no model at all" * 99, b"\xff" * 5000, good[: len(good) // 2], glue()):
-        with pytest.raises(InputError, match=f"no {kind.upper()} model that OpenCV can run") as refused:
+        with pytest.raises(
+            InputError, match=f"not a {kind.upper()} model that onnxruntime can run"
+        ) as refused:
             opened(kind, wrong)
         assert refused.value.where == f"{kind}.onnx"
         assert "keypoints" in refused.value.hint
@@ -152,89 +145,32 @@ def test_a_file_that_is_no_such_model_is_one_clear_error(opened, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("wrong", ["narrow", "batch", "unknown"])
-def test_a_model_that_only_looks_right_is_refused_when_it_is_run(opened, kind, wrong):
-    if wrong == "narrow":
-        model = brightest(kind, table=TABLE[:, :64])
-    elif wrong == "batch":
-        model = brightest("aliked", batch=True)  # which DISK has, but with whole numbers
-    else:
-        model = brightest(kind).replace(b"TopK", b"NopK")
-    network = opened(kind, model)
-    with pytest.raises(InputError, match="that OpenCV can run"):
+def test_a_model_with_other_descriptors_is_rejected_when_it_is_run(opened, kind):
+    network = opened(kind, brightest(kind, table=TABLE[:, :64]))
+    with pytest.raises(InputError, match="that onnxruntime can run"):
         features(kind, network, gray=dotted((64, 128)))
 
 
-def test_a_photo_that_opencv_fails_with_is_no_photo_without_keypoints(opened):
-    network = opened("disk", brightest("disk"))
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_model_with_an_unknown_layer_is_rejected(opened, kind):
+    with pytest.raises(InputError, match="that onnxruntime can run"):
+        opened(kind, brightest(kind).replace(b"TopK", b"NopK"))
+
+
+def test_a_batch_of_one_changes_nothing(opened):
     gray = dotted((64, 128))
-
-    class Short:
-        """A network whose memory is too short for one photo."""
-
-        def __init__(self):
-            self._net = network._opened()
-            self.setImageSize = self._net.setImageSize
-
-        def detectAndCompute(self, image, mask):  # noqa: N802 -- OpenCV's name
-            if image[0, 0, 0] == gray[0, 0]:
-                raise cv2.error(
-                    "OpenCV(5.0.0) alloc.cpp:73: error: (-4:Insufficient memory) Failed to allocate"
-                )
-            return self._net.detectAndCompute(image, mask)
-
-    network._nets = Pool(Short)
-    with pytest.raises(InputError, match="that OpenCV can run") as failed:
-        features("disk", network, gray=gray)
-    assert "Insufficient memory" in str(failed.value.__cause__)
-
-
-def test_opencv_is_quiet_in_all_threads_and_loud_again_afterwards():
-    log = cv2.utils.logging
-    before = log.getLogLevel()
-    first_in, second_asks, levels = threading.Event(), threading.Event(), []
-
-    def first():
-        with quietly():
-            first_in.set()
-            second_asks.wait(5)
-            time.sleep(0.1)
-
-    def second():
-        first_in.wait(5)
-        second_asks.set()
-        with quietly():
-            one.join(5)
-            levels.append(log.getLogLevel())
-
-    one, two = threading.Thread(target=first), threading.Thread(target=second)
-    try:
-        one.start(), two.start()
-        one.join(), two.join()
-        assert levels == [log.LOG_LEVEL_SILENT]
-        assert log.getLogLevel() == before
-    finally:
-        log.setLogLevel(before)
-
-
-def test_a_file_that_changes_is_not_opened_again(tmp_path):
-    path = tmp_path / "aliked.onnx"
-    path.write_bytes(brightest("aliked"))
-    looks = []
-    network = AlikedNetwork(
-        path.read_bytes(), str(path), look=lambda: looks.append(1) if not looks else 1 / 0
+    one, other = (
+        features("aliked", opened("aliked", brightest("aliked", batch=b)), gray=gray) for b in (0, 1)
     )
-    features("aliked", network, gray=dotted((64, 128)))
-    features("aliked", network, gray=dotted((64, 128)))
-    with pytest.raises(ZeroDivisionError):
-        features("aliked", network, gray=dotted((96, 128)))
+    assert np.array_equal(one.xy, other.xy)
+    assert np.array_equal(one.descriptors, other.descriptors)
 
 
 @pytest.mark.parametrize(("kind", "made"), [("aliked", Aliked), ("disk", Disk)])
 def test_only_its_own_keypoints_are_described(opened, kind, made):
     gray = dotted((64, 128))
     network = opened(kind, brightest(kind))
-    with pytest.raises(UsageError, match="no keypoints but its own"):
+    with pytest.raises(UsageError, match="only its own keypoints"):
         made(network).describe(gray, made(network).detect(gray, 5))
     with pytest.raises(MissingPart, match="expmap models list"):
         extract(gray, choose("verified", features=kind), keypoints=5)

@@ -1,0 +1,133 @@
+"""Networks in ONNX files, run by onnxruntime on the processor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.errors import InputError
+from webapp.extras import extra
+
+Sides = tuple[int | None, ...]
+"""Shape of an array; None where a side is not fixed."""
+
+_SILENT = 4
+"""Severity of onnxruntime's messages: what matters is raised."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """Inputs and outputs that a network must have.
+
+    Attributes
+    ----------
+    name : str
+        Of the network, for messages.
+    inputs, outputs : tuple of str
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def error(self, file: str) -> InputError:
+        """Make the error for a file that does not hold this network."""
+        return InputError(
+            f"not a {self.name} model that onnxruntime can run",
+            where=file,
+            hint=f"it needs the inputs {', '.join(self.inputs)} and the outputs {', '.join(self.outputs)}; "
+            "docs/localization.md, Models that you supply, says more",
+        )
+
+
+class Network:
+    """A network with its weights; threads may share it.
+
+    It uses as many native threads as OpenCV may in this process (`cv2.setNumThreads`).
+
+    Parameters
+    ----------
+    model : bytes
+        Content of an ONNX file.
+    interface : Interface
+    file : str
+        Name of the file, for messages.
+
+    Attributes
+    ----------
+    inputs : dict of str to tuple of (int or None)
+        Shape of each input.
+
+    Raises
+    ------
+    InputError
+        onnxruntime cannot open the model, or it has other inputs or outputs.
+    MissingPart
+        onnxruntime is not installed.
+    """
+
+    def __init__(self, model: bytes, interface: Interface, *, file: str) -> None:
+        with extra("learned"):
+            import onnxruntime
+        self._interface, self._file = interface, file
+        self._errors = _errors_of(onnxruntime)
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = _SILENT
+        options.intra_op_num_threads = cv2.getNumThreads()
+        options.inter_op_num_threads = 1
+        # Plans of memory are kept for each shape of the inputs, and photos have many.
+        options.enable_mem_pattern = False
+        # Threads that wait in a busy loop take the cores from the other processes.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        try:
+            self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        except self._errors as error:
+            raise interface.error(file) from error
+        self.inputs: dict[str, Sides] = {i.name: _sides(i.shape) for i in self._session.get_inputs()}
+        outputs = {output.name for output in self._session.get_outputs()}
+        if not (self.inputs.keys() >= {*interface.inputs} and outputs >= {*interface.outputs}):
+            raise interface.error(file)
+
+    def run(self, **inputs: NDArray[np.float32]) -> list[NDArray[Any]]:
+        """Run the network.
+
+        Parameters
+        ----------
+        **inputs : float32
+            By name.
+
+        Returns
+        -------
+        list of array
+            The outputs of the interface, in its order.
+
+        Raises
+        ------
+        InputError
+            The model fails with these inputs.
+        """
+        try:
+            found: list[NDArray[Any]] = self._session.run(list(self._interface.outputs), inputs)
+        except self._errors as error:
+            raise self.error() from error
+        return found
+
+    def error(self) -> InputError:
+        """Make the error for outputs that are not those of the network."""
+        return self._interface.error(self._file)
+
+
+def _errors_of(onnxruntime: Any) -> tuple[type[Exception], ...]:
+    """List what onnxruntime raises: its exceptions have no common base class."""
+    kinds: Mapping[str, object] = vars(onnxruntime.capi.onnxruntime_pybind11_state)
+    own = (kind for kind in kinds.values() if isinstance(kind, type) and issubclass(kind, Exception))
+    return (*own, RuntimeError, ValueError)
+
+
+def _sides(shape: list[int | str | None]) -> Sides:
+    return tuple(side if isinstance(side, int) and side > 0 else None for side in shape)

@@ -1,0 +1,52 @@
+"""Optional parts of an installation: which packages each needs, and a clear error where they are missing.
+
+A plain install is the whole web application. What is heavy and not always needed is an extra of the
+distribution (`[project.optional-dependencies]` in pyproject.toml); its packages are imported in the block
+`with extra(...)` only, inside a function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
+from types import MappingProxyType
+
+from webapp.errors import MissingPart
+
+EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType({"learned": ("onnx", "onnxruntime")})
+"""Packages of each extra, as they are imported."""
+
+_PURPOSE = {"learned": "features and matchers that are networks"}
+
+
+def install_line(name: str) -> str:
+    """Return the command that installs an extra."""
+    return f"pip install 'experience-map[{name}]'"
+
+
+def is_installed(name: str) -> bool:
+    """Check whether the packages of an extra can be imported, without importing them."""
+    try:
+        return all(find_spec(package) for package in EXTRAS[name])
+    except ModuleNotFoundError:
+        return False
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Guard the import of packages that belong to an extra.
+
+    Raises
+    ------
+    MissingPart
+        One of its packages is not installed; the hint is the command that installs it.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in EXTRAS[name]:
+            raise
+        raise MissingPart(
+            f"{error.name} is not installed, which {_PURPOSE[name]} need", where=name, hint=install_line(name)
+        ) from error
