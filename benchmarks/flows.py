@@ -45,8 +45,8 @@ import piexif
 from PIL import Image
 
 PACKAGE = "webapp"
-FACTORIES = ("webapp.app:create_app", "webapp.web:create_app")
-"""Where the application is made, in this and in earlier versions."""
+FACTORIES = ("webapp.app.web:create_app", "webapp.web:create_app")
+"""Where the application is made: where missions are a wing of their own, and before."""
 
 PLAN_PX = (1600, 1200)
 PHOTO_PX = (64, 48)
