@@ -1,6 +1,7 @@
 """Fixtures that many tests share."""
 
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from filelock import FileLock
 
+from webapp.extras import EXTRAS
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks import make_sample
@@ -84,3 +86,15 @@ def make_map(save_photo: Callable[[Path, int], None]) -> Callable[[Path, int], P
         return cfg
 
     return make
+
+
+@pytest.fixture
+def absent(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Make the packages of an extra impossible to import."""
+
+    def take_away(extra: str) -> None:
+        loaded = [name for name in sys.modules if name.partition(".")[0] in EXTRAS[extra]]
+        for name in {*loaded, *EXTRAS[extra]}:
+            monkeypatch.setitem(sys.modules, name, None)
+
+    return take_away

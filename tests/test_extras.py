@@ -1,7 +1,5 @@
 """What is not installed is an error that says which command installs it."""
 
-import sys
-
 import pytest
 
 from tests.standin_models import brightest
@@ -10,31 +8,6 @@ from webapp.core.features.table import choose
 from webapp.errors import MissingPart
 from webapp.extras import EXTRAS, extra, install_line, is_installed
 from webapp.files.models import is_usable, usable_features
-
-
-@pytest.fixture
-def absent(monkeypatch):
-    """Make the packages of an extra impossible to import."""
-
-    class Refuses:
-        """A finder that has none of them."""
-
-        def __init__(self):
-            self.packages = set()
-
-        def find_spec(self, name, path=None, target=None):
-            if name.partition(".")[0] in self.packages:
-                raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-
-    finder = Refuses()
-    monkeypatch.setattr(sys, "meta_path", [finder, *sys.meta_path])
-
-    def take_away(name):
-        finder.packages |= set(EXTRAS[name])
-        for module in [m for m in sys.modules if m.partition(".")[0] in EXTRAS[name]]:
-            monkeypatch.delitem(sys.modules, module)
-
-    return take_away
 
 
 @pytest.mark.parametrize("name", EXTRAS)

@@ -14,10 +14,16 @@ from types import MappingProxyType
 
 from webapp.errors import MissingPart
 
-EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType({"learned": ("onnx", "onnxruntime")})
+EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"learned": ("onnx", "onnxruntime"), "missions": ("rosbags", "pynmea2"), "geotiff": ("rasterio",)}
+)
 """Packages of each extra, as they are imported."""
 
-_PURPOSE = {"learned": "features and matchers that are networks"}
+_PURPOSE = {
+    "learned": "features and matchers that are networks",
+    "missions": "ROS bags and NMEA logs",
+    "geotiff": "TIFF images",
+}
 
 
 def install_line(name: str) -> str:
@@ -27,10 +33,7 @@ def install_line(name: str) -> str:
 
 def is_installed(name: str) -> bool:
     """Check whether the packages of an extra can be imported, without importing them."""
-    try:
-        return all(find_spec(package) for package in EXTRAS[name])
-    except ModuleNotFoundError:
-        return False
+    return all(find_spec(package) for package in EXTRAS[name])
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import pytest
 import rasterio
 from PIL import Image
 
-from webapp.errors import Cancelled, PhotoError
+from webapp.errors import Cancelled, MissingPart, PhotoError
 from webapp.files.pyramid import max_zoom, write_pyramid
 from webapp.files.raster import opened_raster, reduced
 from webapp.progress import Progress
@@ -22,8 +22,16 @@ def gradient(width, height):
     return np.stack([across, down, (across + down) // 2], axis=2).astype(np.uint8)
 
 
+@pytest.fixture(params=["rasterio", "Pillow"])
+def reader(request, absent):
+    """With rasterio, and without it."""
+    if request.param == "Pillow":
+        absent("geotiff")
+    return request.param
+
+
 @pytest.fixture
-def read(tmp_path):
+def read(tmp_path, reader):
     """All pixels of an image given as Pillow image or bytes."""
 
     def all_pixels(image, kind="PNG", rows=64, limits=LIMITS):
@@ -105,11 +113,12 @@ class TestRefused:
     @pytest.mark.parametrize("kind", ["PNG", "JPEG", "TIFF"])
     @pytest.mark.parametrize("kept", [0.02, 0.5, 0.98])
     @pytest.mark.parametrize("rows", [64, 1000])
-    def test_cut_off(self, read, kind, kept, rows):
+    def test_cut_off(self, read, reader, kind, kept, rows):
+        error = MissingPart if (reader, kind) == ("Pillow", "TIFF") else PhotoError
         buffer = io.BytesIO()
         noise = np.random.default_rng(1).integers(0, 256, (300, 400, 3), dtype=np.uint8)
         Image.fromarray(noise).save(buffer, format=kind)
-        with pytest.raises(PhotoError, match=r"cut off|damaged"):
+        with pytest.raises(error, match=r"cut off|damaged|rasterio is not installed"):
             read(buffer.getvalue()[: int(len(buffer.getvalue()) * kept)], rows=rows)
 
     def test_larger_than_the_limits(self, read):
@@ -120,8 +129,18 @@ class TestRefused:
             read(image, limits=SatelliteLimits(max_mb=0.001))
 
 
+def test_a_tiff_needs_rasterio(tmp_path, absent):
+    Image.fromarray(gradient(20, 20)).save(tmp_path / "image.tif")
+    absent("geotiff")
+    with (
+        pytest.raises(MissingPart, match=r"experience-map\[geotiff\]"),
+        opened_raster(tmp_path / "image.tif", limits=LIMITS),
+    ):
+        pass
+
+
 @pytest.mark.parametrize("size", [(1000, 700), (701, 1003), (100, 3), (999, 1)])
-def test_a_reduced_copy_has_the_mean_colours(tmp_path, size):
+def test_a_reduced_copy_has_the_mean_colours(tmp_path, reader, size):
     pixels = gradient(*size)
     Image.fromarray(pixels).save(tmp_path / "image.png")
     with opened_raster(tmp_path / "image.png", limits=LIMITS) as raster:

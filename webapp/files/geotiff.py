@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-
-import rasterio
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from rasterio.io import DatasetReader
+from typing import TYPE_CHECKING
 
 from webapp.core.geo.controlpoints import ControlPoint, from_control_points
 from webapp.core.geo.crs import crs_name, latlon_from_plane
@@ -15,6 +12,11 @@ from webapp.core.geo.fit import Fit, check_on_image
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError
+from webapp.extras import extra
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+    from rasterio.io import DatasetReader
 
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF"}
 """Only the file itself is read: nothing beside it, nothing from the network."""
@@ -39,7 +41,12 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> Fit:
     ------
     GeoreferenceError
         No TIFF, no georeference in it, no coordinate system, or one that describes no image seen from above.
+    MissingPart
+        rasterio is not installed.
     """
+    with extra("geotiff"):
+        import rasterio
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError
     if not path.is_file():
         raise GeoreferenceError("there is no such file", where=str(path), hint="check its path")
     try:
@@ -73,7 +80,7 @@ def _fit(dataset: DatasetReader, crs: str | None) -> Fit:
     return Fit(georeference)
 
 
-def _plane(stated: rasterio.crs.CRS | None, chosen: str | None) -> str:
+def _plane(stated: CRS | None, chosen: str | None) -> str:
     if chosen:
         return crs_name(chosen)
     if not stated:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from typing import Any, BinaryIO
 
-import pynmea2
-
 from webapp.core.trajectory.records import make_poses
+from webapp.extras import extra
 from webapp.files.textlines import numbered_lines
 from webapp.files.trackpieces import CHUNK, Findings, Piece, WorldPiece
 
@@ -145,6 +144,8 @@ def _dated(message: Any) -> datetime | None:
 
 
 def _sentences(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[str, Any]]:
+    with extra("missions"):
+        import pynmea2
     for number, line in numbered_lines(file):
         where = f"line {number}"
         if not is_sentence(line):

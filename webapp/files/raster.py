@@ -1,4 +1,8 @@
-"""Reads large images strip by strip, as 8-bit colours, whatever they hold: their size costs no memory."""
+"""Reads large images strip by strip, as 8-bit colours, whatever they hold.
+
+With rasterio (the extra `geotiff`) their size costs no memory. Without it TIFFs cannot be read, and other
+images are decoded whole.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +11,20 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import cv2
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
-from rasterio.enums import MaskFlags
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from rasterio.io import DatasetReader
-from rasterio.windows import Window
+from PIL import Image
 
 from webapp.errors import PhotoError
-from webapp.settings import SatelliteLimits
+from webapp.extras import extra, is_installed
+from webapp.files.decode import decode, opened
+from webapp.settings import PhotoLimits, SatelliteLimits
+
+if TYPE_CHECKING:
+    from rasterio.io import DatasetReader
 
 Kind = Literal["PNG", "JPEG", "GTiff"]
 Pixels = NDArray[np.uint8]
@@ -47,8 +52,8 @@ _MAX_BLOCK_BYTES = 600_000_000
 _SAMPLE_PX = 1000
 
 
-class Raster:
-    """An opened image. Made by `opened_raster`.
+class Raster(Protocol):
+    """An opened image.
 
     Attributes
     ----------
@@ -56,27 +61,17 @@ class Raster:
         By content.
     width, height : int
         Pixels, as stored.
+    lossy : bool
+        Whether its pixels have been through JPEG.
     """
 
-    def __init__(self, dataset: DatasetReader, kind: Kind) -> None:
-        self.kind = kind
-        self.width, self.height = int(dataset.width), int(dataset.height)
-        self._dataset = dataset
-        colours = dataset.count >= 3
-        self._bands = [1, 2, 3] if colours else [1]
-        # 0 or 1 band with a palette; its fourth column is opacity
-        self._palette = None if colours else _palette(dataset)
-        self._masked = MaskFlags.all_valid not in dataset.mask_flag_enums[0]
-        self._range = None if dataset.dtypes[0] == "uint8" else _range(dataset, self._bands, kind)
-
-    @property
-    def lossy(self) -> bool:
-        """Whether its pixels have been through JPEG."""
-        compression = self._dataset.compression
-        return self.kind == "JPEG" or (compression is not None and compression.name == "jpeg")
+    kind: Kind
+    width: int
+    height: int
+    lossy: bool
 
     def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
-        """Give the image from top to bottom.
+        """Read the image from top to bottom.
 
         Parameters
         ----------
@@ -88,10 +83,51 @@ class Raster:
         (n, width, 3) uint8
             Red, green, blue; what is transparent or without data is white.
         """
-        for top in range(0, self.height, rows):
-            yield self._colours(Window(0, top, self.width, min(rows, self.height - top)))
 
-    def _colours(self, window: Window) -> Pixels:
+
+class _DecodedRaster:
+    """A PNG or JPEG in memory."""
+
+    def __init__(self, image: Image.Image, kind: Kind) -> None:
+        self.kind, self.lossy = kind, kind == "JPEG"
+        self.width, self.height = image.size
+        self._image = image
+
+    def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
+        """Read the image from top to bottom, as `Raster.strips`."""
+        self._image.load()
+        transparent = self._image.has_transparency_data
+        for top in range(0, self.height, rows):
+            strip = self._image.crop((0, top, self.width, min(top + rows, self.height)))
+            if transparent:
+                rgba = np.asarray(strip.convert("RGBA"))
+                yield _on_white(rgba[:, :, :3], rgba[:, :, 3])
+            else:
+                yield decode(strip, "RGB")
+
+
+class _GdalRaster:
+    """An image that GDAL reads block by block."""
+
+    def __init__(self, dataset: DatasetReader, kind: Kind) -> None:
+        self.kind = kind
+        self.width, self.height = int(dataset.width), int(dataset.height)
+        self._dataset = dataset
+        colours = dataset.count >= 3
+        self._bands = [1, 2, 3] if colours else [1]
+        # 0 or 1 band with a palette; its fourth column is opacity
+        self._palette = None if colours else _palette(dataset)
+        self._masked = "all_valid" not in {flag.name for flag in dataset.mask_flag_enums[0]}
+        compression = dataset.compression
+        self.lossy = kind == "JPEG" or (compression is not None and compression.name == "jpeg")
+        self._range = None if dataset.dtypes[0] == "uint8" else _range(dataset, self._bands, kind)
+
+    def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
+        """Read the image from top to bottom, as `Raster.strips`."""
+        for top in range(0, self.height, rows):
+            yield self._colours(((top, min(top + rows, self.height)), (0, self.width)))
+
+    def _colours(self, window: tuple[tuple[int, int], tuple[int, int]]) -> Pixels:
         values = self._dataset.read(self._bands, window=window)
         if self._range is not None:
             low, high = self._range
@@ -104,9 +140,14 @@ class Raster:
         else:
             rgb = np.ascontiguousarray(values.transpose(1, 2, 0))
         if self._masked:
-            opacity = self._dataset.dataset_mask(window=window).astype(np.uint16)[:, :, None]
-            rgb = ((rgb * opacity + 255 * (255 - opacity) + 127) // 255).astype(np.uint8)
+            return _on_white(rgb, self._dataset.dataset_mask(window=window))
         return np.asarray(rgb, dtype=np.uint8)
+
+
+def _on_white(rgb: Pixels, opacity: Pixels) -> Pixels:
+    """Blend (h, w, 3) colours of (h, w) opacity with white."""
+    share = opacity.astype(np.uint16)[:, :, None]
+    return np.asarray((rgb * share + 255 * (255 - share) + 127) // 255, dtype=np.uint8)
 
 
 @contextmanager
@@ -129,19 +170,49 @@ def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
     ------
     PhotoError
         Missing, of another format, damaged, cut off, or larger than the limits.
+    MissingPart
+        A TIFF, and rasterio is not installed.
     """
     kind = _kind(path, limits)
+    read = _with_gdal if kind == "GTiff" or is_installed("geotiff") else _decoded
+    with read(path, kind, limits=limits) as raster:
+        yield raster
+
+
+@contextmanager
+def _with_gdal(path: Path, kind: Kind, *, limits: SatelliteLimits) -> Iterator[Raster]:
+    with extra("geotiff"):
+        import rasterio
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError
     with rasterio.Env(**_ALONE), warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
             with rasterio.open(path, driver=kind) as dataset:
-                _check_size(dataset, limits)
-                yield Raster(dataset, kind)
+                _check_size(dataset.width, dataset.height, limits)
+                _check_blocks(dataset)
+                yield _GdalRaster(dataset, kind)
         except RasterioError as error:
-            raise PhotoError(
-                f"the image is damaged, cut off or of an unusual kind: {error.__cause__ or error}",
-                hint="open it in an image editor and save it again as PNG",
-            ) from error
+            raise _damaged(error.__cause__ or error) from error
+
+
+@contextmanager
+def _decoded(path: Path, kind: Kind, *, limits: SatelliteLimits) -> Iterator[Raster]:
+    pixels = PhotoLimits(max_mb=limits.max_mb, max_megapixels=math.inf)
+    try:
+        with opened(path, limits=pixels) as image:
+            _check_size(*image.size, limits)
+            yield _DecodedRaster(image, kind)
+    except PhotoError as error:
+        if error.__cause__ is None:
+            raise
+        raise _damaged(error.message) from error
+
+
+def _damaged(reason: object) -> PhotoError:
+    return PhotoError(
+        f"the image is damaged, cut off or of an unusual kind: {reason}",
+        hint="open it in an image editor and save it again as PNG",
+    )
 
 
 def reduced(raster: Raster, max_side: int) -> Pixels:
@@ -181,13 +252,16 @@ def _kind(path: Path, limits: SatelliteLimits) -> Kind:
     return kind
 
 
-def _check_size(dataset: DatasetReader, limits: SatelliteLimits) -> None:
-    megapixels = dataset.width * dataset.height / 1e6
+def _check_size(width: int, height: int, limits: SatelliteLimits) -> None:
+    megapixels = width * height / 1e6
     if megapixels > limits.max_megapixels:
         raise PhotoError(
             f"the image has {megapixels:.0f} megapixels, more than the limit of {limits.max_megapixels:g}",
             hint="scale it down, or cut out the area of the map",
         )
+
+
+def _check_blocks(dataset: DatasetReader) -> None:
     if dataset.dtypes[0].startswith("complex"):
         raise PhotoError("the image holds complex numbers", hint="save it as PNG")
     rows, columns = dataset.block_shapes[0]

@@ -7,25 +7,18 @@ out. Frames are taken by their names (`header.frame_id`, `child_frame_id`): ther
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import apsw
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.interfaces import Connection
-from rosbags.rosbag1 import ReaderError as ReaderError1
-from rosbags.rosbag2 import ReaderError as ReaderError2
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from webapp.core.trajectory.records import make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
-from webapp.errors import TrackError
+from webapp.errors import ExpMapError, TrackError
+from webapp.extras import extra
 from webapp.files.rosmessages import OBJECTS, PATH, POSES, WORLD, Row
 from webapp.files.trackpieces import (
     CHUNK,
@@ -38,11 +31,9 @@ from webapp.files.trackpieces import (
     WorldPiece,
 )
 
-_BROKEN = (
-    *(AnyReaderError, ReaderError1, ReaderError2, SerdeError, TypesysError, struct.error, apsw.Error),
-    *(ValueError, TypeError, LookupError, AttributeError, AssertionError, EOFError, ArithmeticError, OSError),
-)
-"""What the library raises for bags that are damaged, encrypted, unfinished, or made to be."""
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +84,8 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
     ------
     TrackError
         It is damaged or not finished, has no such topic, or none that can be read.
+    MissingPart
+        rosbags is not installed.
     """
     with _opened(path, suffix) as bag:
         chosen = _chosen(bag.connections, wanted, findings=findings)
@@ -121,7 +114,7 @@ class _Log:
     count: int = 0
 
     def add(self, message: Any, at_s: float, *, findings: Findings) -> Iterator[Piece]:
-        with _told():
+        with _reading():
             rows = POSES[self.kind](message, at_s)
         if self.kind == PATH:
             rows = self.fresh(rows)
@@ -161,7 +154,7 @@ class _Log:
 
 
 def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Findings) -> Iterator[Piece]:
-    with _told():
+    with _reading():
         seen = list(OBJECTS[kind](message, at_s))
     by_frame: dict[str, list[LocalSighting]] = {}
     for one in seen:
@@ -203,10 +196,10 @@ def _chosen(
 
 
 def _messages(bag: AnyReader, chosen: list[Connection]) -> Iterator[tuple[str, str, int, Any]]:
-    with _told():
+    with _reading():
         messages = bag.messages(connections=chosen)
     while True:
-        with _told():
+        with _reading():
             found = next(messages, None)
             if found is None:
                 return
@@ -217,7 +210,10 @@ def _messages(bag: AnyReader, chosen: list[Connection]) -> Iterator[tuple[str, s
 
 @contextmanager
 def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
-    with _told():
+    with extra("missions"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    with _reading():
         # definitions are in the bag, but for ROS 2 bags in SQLite from before 2023
         bag = AnyReader([_called(path, suffix)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         bag.open()
@@ -228,11 +224,13 @@ def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
 
 
 @contextmanager
-def _told() -> Iterator[None]:
-    """Say what the library says of a bad bag as a `TrackError`."""
+def _reading() -> Iterator[None]:
+    """Raise what the library raises for a bad bag as a `TrackError`."""
     try:
         yield
-    except _BROKEN as error:
+    except (ExpMapError, MemoryError):
+        raise
+    except Exception as error:  # what its parsers raise for damaged bags is no list
         said = " ".join(str(error).split())[:200] or type(error).__name__
         hint = "was its recording cut off? Then reindex it with ROS's own tools"
         raise TrackError(f"the bag cannot be read: {said}", hint=hint) from error

@@ -12,13 +12,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-import rasterio
-import rasterio.shutil
 from numpy.typing import NDArray
 from PIL import ImageOps
-from rasterio.windows import Window
 
 from webapp.errors import PhotoError
+from webapp.extras import extra
 from webapp.files.atomic import storage_error, write_bytes, write_text
 from webapp.files.decode import opened
 from webapp.files.partfile import move_in
@@ -152,6 +150,9 @@ def _orientation(path: Path) -> int:
 
 def _convert(raster: Raster, target: Path, *, scratch: Path) -> None:
     """Write a TIFF as PNG or JPEG, with memory for a few rows only."""
+    with extra("geotiff"):
+        import rasterio
+        import rasterio.shutil
     large = raster.width * raster.height > _AS_PNG_PIXELS or raster.lossy
     jpeg = large and max(raster.width, raster.height) <= _MAX_JPEG_SIDE
     plain = scratch / f"{secrets.token_hex(8)}.tif"
@@ -163,7 +164,7 @@ def _convert(raster: Raster, target: Path, *, scratch: Path) -> None:
         with out:
             top = 0
             for strip in raster.strips():
-                window = Window(0, top, raster.width, len(strip))
+                window = ((top, top + len(strip)), (0, raster.width))
                 with _writing(scratch):
                     out.write(strip.transpose(2, 0, 1), window=window)
                 top += len(strip)

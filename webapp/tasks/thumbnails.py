@@ -9,7 +9,7 @@ import numpy as np
 
 from webapp.core.blur import blur
 from webapp.core.mapmodel.model import Experience
-from webapp.errors import MapError, PhotoError
+from webapp.errors import MapError, MissingPart, PhotoError
 from webapp.files.decode import Pixels
 from webapp.files.mapfolder import photo_path
 from webapp.files.photo import read_upright
@@ -43,7 +43,7 @@ def thumbnail(source: Source, experience: Experience, *, side: int, limits: Phot
         if preview.exists():
             return encoded(read_upright(preview, limits=limits, max_side=side))
         pixels = read_upright(photo_path(cfg, experience.photo), limits=limits, max_side=side)
-    except (MapError, PhotoError):
+    except (MapError, PhotoError, MissingPart):
         return None
     return encoded(blur(pixels, source.blurred.get(id, ())))
 
@@ -60,7 +60,7 @@ def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) ->
         file = photo_path(cfg, path)
         with opened_raster(file, limits=settings.satellite) as raster:
             return np.ascontiguousarray(reduced(raster, side)[:, :, ::-1])
-    except (MapError, PhotoError):
+    except (MapError, PhotoError, MissingPart):
         return None
 
 

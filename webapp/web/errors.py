@@ -54,7 +54,7 @@ _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
     (Cancelled, HTTPStatus.CONFLICT),
     (StorageError, HTTPStatus.INSUFFICIENT_STORAGE),
     (IndexDamaged, HTTPStatus.SERVICE_UNAVAILABLE),
-    (MissingPart, HTTPStatus.SERVICE_UNAVAILABLE),
+    (MissingPart, HTTPStatus.UNPROCESSABLE_ENTITY),
     (ProcessLost, HTTPStatus.SERVICE_UNAVAILABLE),
 )
 

@@ -87,9 +87,9 @@ _MEANINGS = {
     412: "Somebody else has changed it since the revision in `If-Match`.",
     413: "The request is too large.",
     415: "The request is of the wrong type.",
-    422: "A field or a file cannot be used.",
+    422: "A field or a file cannot be used, or a part that it needs is not installed on the server.",
     429: "Too many requests in a short time; `Retry-After` says how many seconds to wait.",
-    503: "A part of the program is missing, or the index is being repaired.",
+    503: "The index is being repaired.",
     507: "There is no space left on the server's disk; nothing was kept.",
 }
 

@@ -9,6 +9,7 @@ from flask import Flask, request
 from flask_babel import format_datetime, format_timedelta
 from flask_babel import gettext as _
 
+from webapp.extras import is_installed
 from webapp.store.clock import now
 from webapp.web import language, sessions
 
@@ -40,6 +41,7 @@ def _common() -> dict[str, Any]:
     theme = request.cookies.get("expmap-theme")
     return {
         "account": sessions.signed_in(),
+        "installed": is_installed,
         "language": language.current(),
         "languages": language.LANGUAGES,
         "map_tabs": map_tabs,
