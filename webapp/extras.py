@@ -51,5 +51,5 @@ def extra(name: str) -> Iterator[None]:
         if (error.name or "").partition(".")[0] not in EXTRAS[name]:
             raise
         raise MissingPart(
-            f"{error.name} is not installed, which {_PURPOSE[name]} need", where=name, hint=install_line(name)
+            f"{error.name} is not installed, which {_PURPOSE[name]} need", hint=install_line(name)
         ) from error
