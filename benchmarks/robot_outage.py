@@ -33,7 +33,7 @@ from tests.browser.app import expmap, free_port
 from tests.robot.wire import Wire
 from webapp.core.trajectory.records import Poses
 from webapp.core.trajectory.thinning import parse_min_move
-from webapp.robot.recover import look
+from webapp.robot.content import has_spool, look
 from webapp.settings import Settings
 from webapp.store import accounts, maps, missions, tracks
 from webapp.store.library import Library, open_library
@@ -149,7 +149,7 @@ def _replay(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
         programs.start("server")
         _wait_for_server(port)
         programs.start("client")
-        while not (folder / "spool" / "spool.json").exists():
+        while not has_spool(folder / "spool"):
             if not programs.client_runs():
                 raise SystemExit((folder / "log").read_text())
             time.sleep(0.05)

@@ -39,9 +39,13 @@ class Module:
             if isinstance(node, ast.Import):
                 yield from (alias.name for alias in node.names)
             elif isinstance(node, ast.ImportFrom):
-                assert node.level == 0 and node.module, f"{self.path}:{node.lineno}: a relative import"
-                yield node.module
-                yield from (f"{node.module}.{alias.name}" for alias in node.names)
+                place = f"{self.path}:{node.lineno}"
+                assert node.module, f"{place}: name the module to import from"
+                # The robot's client is installed alone too, as a package of another name.
+                assert node.level <= (self.layer == "robot"), f"{place}: a relative import"
+                source = f"webapp.robot.{node.module}" if node.level else node.module
+                yield source
+                yield from (f"{source}.{alias.name}" for alias in node.names)
 
 
 @pytest.fixture(scope="session")

@@ -3,16 +3,18 @@
 import hashlib
 import io
 import logging
+import os
 import socket
 import time
 
 import pytest
 
+from tests.robot.damage import damage_record
 from tests.robot.stand_in import refused
 from webapp.errors import Conflict, DiskFull, InputError, NotSignedIn, UsageError
 from webapp.robot import RobotClient
 from webapp.robot.backoff import Backoff
-from webapp.robot.spool import read_aside
+from webapp.robot.content import look
 
 
 @pytest.fixture
@@ -196,7 +198,7 @@ def test_a_bad_record_is_set_aside_with_a_report_and_holds_up_nothing(start, ser
     send(client, 5, begin=17)
     assert client.upload(wait_s=5)
     assert times(server) == [*range(10), *range(11, 16), *range(17, 22)]
-    told = read_aside(tmp_path / "spool")
+    told = look(tmp_path / "spool").aside
     assert [(e["first"], e["count"], e["record"]["id"]) for e in told] == [(10, 1, "x"), (16, 1, "y")]
     assert told[0]["reason"] == "records.0.class status 422"
     client.close()
@@ -215,7 +217,7 @@ def test_a_bad_record_is_found_without_its_place(start, server, tmp_path):
     send(client, 100)
     assert client.upload(wait_s=10)
     assert times(server) == [n for n in range(100) if n not in (33, 34, 70)]
-    assert [entry["first"] for entry in read_aside(tmp_path / "spool")] == [33, 34, 70]
+    assert [entry["first"] for entry in look(tmp_path / "spool").aside] == [33, 34, 70]
     assert len(server.requests) < 60
 
 
@@ -224,7 +226,7 @@ def test_a_proxy_that_refuses_everything_sets_nothing_aside(start, server, tmp_p
     client = start()
     send(client, 10)
     until(lambda: client.status().refused)
-    assert read_aside(tmp_path / "spool") == []
+    assert look(tmp_path / "spool").aside == []
     server.script = lambda path, body: None
     assert client.upload(wait_s=5) and times(server) == list(range(10))
 
@@ -264,11 +266,10 @@ def test_a_server_from_a_backup_gets_what_it_lacks(start, server):
 
 
 def test_a_server_that_lacks_what_is_gone_is_told_of(start, server, until):
-    client = start(limit_mb=0.003, segment_kb=0.5, batch_records=10)
-    for number in range(100):
-        send(client, 1, begin=number)
-        if number % 10 == 9:
-            assert client.upload(wait_s=5)
+    client = start(limit_mb=0.03, batch_records=100)
+    for begin in range(0, 800, 100):
+        send(client, 100, begin=begin)
+        assert client.upload(wait_s=5)
     del server.stored()[2:]
     send(client, 1)
     until(lambda: client.status().refused)
@@ -281,16 +282,13 @@ def test_damage_that_the_server_has_already_is_no_loss(start, server, tmp_path):
     send(client, 5)
     client.close(wait_s=0.2)
     assert times(server) == list(range(5))
-    (file,) = (tmp_path / "spool").glob("records-*.log")
-    data = bytearray(file.read_bytes())
-    data[len(data) // 2] ^= 1
-    file.write_bytes(data)
+    damage_record(tmp_path / "spool", 2)
     server.script = lambda path, body: None
     client = start()
     send(client, 5, begin=5)
     assert client.upload(wait_s=5)
     assert times(server) == list(range(10))
-    assert [e for e in read_aside(tmp_path / "spool") if e["count"]] == []
+    assert [e for e in look(tmp_path / "spool").aside if e["count"]] == []
 
 
 def test_photos_follow_the_records(start, server, tmp_path):
@@ -333,28 +331,33 @@ def test_photos_wait_on_the_disk_and_refused_ones_go_aside(start, server, tmp_pa
     server.script = script
     client = start()
     assert client.upload(wait_s=5)
-    (told,) = read_aside(tmp_path / "spool")
+    (told,) = look(tmp_path / "spool").aside
     assert told["reason"] == "file status 422"
     assert (tmp_path / "spool" / told["photo"]).read_bytes() == b"bad"
 
 
-def test_photos_that_were_not_taken_over_whole_are_forgotten(start, tmp_path):
-    start(every_s=None).close(wait_s=0)
-    folder = tmp_path / "spool" / "photos"
-    (folder / "00000000.tmp").write_bytes(b"half")
-    (folder / "00000001.photo").write_bytes(b"without a note")
-    (folder / "00000002.json").write_text("{")
-    (folder / "00000002.photo").write_bytes(b"with a damaged note")
+def test_photos_that_were_not_stored_whole_are_deleted_and_damaged_ones_set_aside(start, tmp_path):
     client = start(every_s=None)
-    assert client.status().photos == 0
-    assert sorted(path.name for path in folder.iterdir()) == ["00000002.damaged", "00000002.photo"]
-    assert read_aside(tmp_path / "spool")[0]["photo"] == "photos/00000002.damaged"
+    for name in ("short.jpg", "missing.jpg", "good.jpg"):
+        client.photo(io.BytesIO(name.encode()), name=name)
+    client.close(wait_s=0)
+    folder = tmp_path / "spool" / "data" / "photos"
+    (folder / "half-stored.jpg").write_bytes(b"half")
+    files = {path.name.partition("-")[2]: path for path in folder.iterdir()}
+    files["short.jpg"].write_bytes(b"sh")
+    files["missing.jpg"].unlink()
+    client = start(every_s=None)
+    assert client.status().photos == 1
+    assert sorted(path.name.partition("-")[2] for path in folder.iterdir()) == ["good.jpg", "short.jpg"]
+    aside = look(tmp_path / "spool").aside
+    assert [entry["photo"].partition("-")[2] for entry in aside] == ["short.jpg", "missing.jpg"]
+    assert "damaged" in aside[0]["reason"]
 
 
 def test_a_full_spool_is_told_at_once(start):
-    client = start(every_s=None, limit_mb=0.001)
+    client = start(every_s=None, limit_mb=0.02)
     with pytest.raises(DiskFull, match="full"):
-        send(client, 100)
+        send(client, 1000)
     with pytest.raises(DiskFull):
         client.photo(io.BytesIO(b"x" * 2000))
 
@@ -387,18 +390,23 @@ def test_a_redirect_is_told(start, server, until):
     assert "https://maps.example.org/" in str(client.status().refused)
 
 
-def test_every_record_is_synced_where_that_is_asked(start, monkeypatch):
+def test_every_record_is_synced_where_that_is_asked(start):
     client = start(sync_s=0, every_s=None)
-    synced = []
-    monkeypatch.setattr("os.fsync", synced.append)
-    send(client, 5)
-    assert len(synced) == 5
+    database = client._spool._database
+    for number in range(5):
+        send(client, 1, begin=number)
+        assert database._synced == database._commits
+    assert database.select("PRAGMA synchronous") == [(2,)]  # FULL
 
 
-def test_records_are_synced_soon_where_nothing_else_is_asked(start, until):
+def test_records_are_synced_soon_where_nothing_else_is_asked(start, until, monkeypatch):
     client = start(every_s=None)
+    synced = []
+    fsync = os.fsync
+    monkeypatch.setattr("os.fsync", lambda descriptor: (synced.append(descriptor), fsync(descriptor)))
     send(client, 5)
-    until(lambda: client._spool._writer.durable == 5)
+    until(lambda: client._spool._database._synced == client._spool._database._commits)
+    assert client._spool._database.select("PRAGMA synchronous") == [(1,)] and 1 <= len(synced) <= 5
 
 
 def test_waits_double_up_to_the_longest_with_jitter():

@@ -7,9 +7,10 @@ import sys
 
 import pytest
 
+from tests.robot.damage import damage_record
 from webapp.cli import main as program
 from webapp.robot import RobotClient
-from webapp.robot.spool import read_aside
+from webapp.robot.content import look
 from webapp.store import missions
 from webapp.store.schema_missions import MissionObject
 
@@ -60,7 +61,7 @@ def test_what_no_robot_can_mean_is_set_aside_by_the_server(site, mission, tmp_pa
                 robot.object("", "", lat=1, lon=2, time_s=3)
         assert robot.upload(wait_s=10)
     assert site.poses().times_s.tolist() == list(range(20))
-    (told,) = read_aside(tmp_path / "s")
+    (told,) = look(tmp_path / "s").aside
     assert told["first"] == 8 and told["reason"].startswith("records.0.type ")
 
 
@@ -75,15 +76,12 @@ def test_damage_that_the_server_has_already_is_found_out_by_asking(site, mission
             robot.pose(50, 14, time_s=number)
         assert not robot.upload(wait_s=0.5)
         robot.close(wait_s=0)
-    (file,) = (tmp_path / "s").glob("records-*.log")
-    data = bytearray(file.read_bytes())
-    data[len(data) // 2] ^= 1
-    file.write_bytes(data)
+    damage_record(tmp_path / "s", 2)
     with start() as robot:
         robot.pose(50, 14, time_s=5)
         assert robot.upload(wait_s=10)
     assert site.poses().times_s.tolist() == list(range(6))
-    assert read_aside(tmp_path / "s") == []
+    assert look(tmp_path / "s").aside == []
 
 
 def test_lines_of_another_program_are_sent(site, expmap, mission, tmp_path):

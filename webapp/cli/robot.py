@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,8 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.cli.robot_options import find_target, find_token, min_move_option, mission_options, token_option
 from webapp.errors import InputError
 from webapp.robot.client import RobotClient
-from webapp.robot.identity import Identity, read_identity
+from webapp.robot.content import SpoolContent, look
 from webapp.robot.options import RobotOptions
-from webapp.robot.recover import SpoolContent, look
 from webapp.robot.recover import recover as send_all
 from webapp.robot.spool import Spool
 
@@ -73,10 +73,11 @@ def send(spool: Path, every: float, at_end: bool, sync: float, limit: float, **c
 )  # fmt: skip
 def recover(spool: Path, url: str | None, token: str | None, patience: float) -> int:
     """Upload what a robot has left in the folder SPOOL."""
-    known, secret = read_identity(spool), find_token(token)
-    opened = Spool(spool, identity=Identity("", known.mission, url or known.url, known.about))
+    known, secret = look(spool), find_token(token)
+    identity = known.identity
+    opened = Spool(spool, identity=replace(identity, url=url or identity.url))
     try:
-        begun, before = opened.waiting + opened.photos.count(), len(look(spool).aside)
+        begun, before = opened.waiting + opened.photos.count, len(known.aside)
         with terminal_progress("upload") as progress:
             progress.size(begun)
             shown = begun
@@ -93,7 +94,7 @@ def recover(spool: Path, url: str | None, token: str | None, patience: float) ->
     aside = look(spool).aside[before:]
     for entry in aside:
         click.echo(_aside(entry), err=True)
-    click.echo(f"mission {known.mission}: everything is at the server")
+    click.echo(f"mission {identity.mission}: everything is at the server")
     return SOME_FAILED if aside else 0
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from webapp.errors import UsageError
-from webapp.robot.identity import read_identity
+from webapp.robot.content import has_spool, look
 from webapp.robot.uplink import NoAnswer, Uplink
 from webapp.settings import from_environment
 
@@ -100,8 +100,8 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
         Nobody said which mission.
     """
     token, mission, new = find_token(chosen["token"]), chosen["mission"], chosen["new"]
-    if (spool / "spool.json").exists():
-        known = read_identity(spool)
+    if has_spool(spool):
+        known = look(spool).identity
         if new is not None:
             click.echo(f"{spool}: going on with mission {known.mission}", err=True)
         return Target(chosen["url"] or known.url, token, mission or known.mission)

@@ -8,9 +8,9 @@
         robot.pose(50.0755, 14.4378, heading_deg=90.0)
 """
 
-from webapp.robot.client import RobotClient
-from webapp.robot.fixes import Fix, Near
-from webapp.robot.options import RobotOptions
-from webapp.robot.status import RobotStatus
+from .client import RobotClient
+from .fixes import Fix, Near
+from .options import RobotOptions
+from .status import RobotStatus
 
 __all__ = ["Fix", "Near", "RobotClient", "RobotOptions", "RobotStatus"]

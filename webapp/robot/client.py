@@ -12,24 +12,25 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
 
 from webapp.errors import ExpMapError
-from webapp.robot.backoff import Backoff
-from webapp.robot.fixes import Fix, FixFields, ask_where
-from webapp.robot.identity import Identity
-from webapp.robot.journal import as_text
-from webapp.robot.moves import Moves
-from webapp.robot.options import RobotOptions
-from webapp.robot.records import (
+
+from .backoff import Backoff
+from .fixes import Fix, FixFields, ask_where
+from .motionfilter import MotionFilter
+from .options import RobotOptions
+from .records import (
     ObjectFields,
     PoseFields,
     end_record,
     object_record,
     parse_record,
     pose_record,
+    to_json,
 )
-from webapp.robot.spool import Spool
-from webapp.robot.status import RobotStatus
-from webapp.robot.uplink import Uplink
-from webapp.robot.uploader import Step, Uploader
+from .schema import Identity
+from .spool import Spool
+from .status import RobotStatus
+from .uplink import Uplink
+from .uploader import Step, Uploader
 
 _log = logging.getLogger(__name__)
 _PATIENCE_S = 5.0
@@ -75,13 +76,11 @@ class RobotClient:
         about: str = "",
     ) -> None:
         self._options = options or RobotOptions()
-        self._moves: dict[tuple[str, str], Moves] = {}
-        Moves(self._options.min_move)  # says at once if it is no distance
+        self._moves: dict[tuple[str, str], MotionFilter] = {}
+        MotionFilter(self._options.min_move)  # says at once if it is no distance
         self._server = (url, token)
         uplink = Uplink(url, token, timeout_s=self._options.timeout_s)
         self._spool = Spool(Path(spool), identity=Identity("", mission, url, about), options=self._options)
-        if self._spool.torn:
-            _log.warning("%s: %d bytes of an unfinished record were cut off", spool, self._spool.torn)
         self._uplink = uplink
         self._uploader = Uploader(self._spool, uplink, options=self._options)
         self._backoff = Backoff(self._options.backoff_s, self._options.backoff_max_s)
@@ -210,8 +209,8 @@ class RobotClient:
             with Path(file).open("rb") as source:
                 return self._spool.add_photo(
                     source, name=name or Path(file).name, time=when, object_id=object_id
-                ).sha256
-        return self._spool.add_photo(file, name=name or "photo", time=when, object_id=object_id).sha256
+                )
+        return self._spool.add_photo(file, name=name or "photo", time=when, object_id=object_id)
 
     def fix(
         self, file: Path | str | BinaryIO, *, time_s: float | None = None, **more: Unpack[FixFields]
@@ -290,7 +289,7 @@ class RobotClient:
 
     def status(self) -> RobotStatus:
         """Tell how far it is."""
-        spool, photos = self._spool, self._spool.photos.count()
+        spool, photos = self._spool, self._spool.photos.count
         return RobotStatus(spool.next, spool.waiting, photos, self._online, self._problem, self._refused)
 
     def close(self, *, wait_s: float = _PATIENCE_S) -> bool:
@@ -323,7 +322,7 @@ class RobotClient:
         with self._writing:
             if record["type"] == "pose" and self._options.min_move != "0" and not self._thin(record):
                 return False
-            self._spool.append(as_text(record), sync=self._options.sync_s == 0)
+            self._spool.append(to_json(record), sync=self._options.sync_s == 0)
         self._dirty.set()
         return True
 
@@ -331,7 +330,7 @@ class RobotClient:
         """Measure the way of a pose, and tell whether it is kept."""
         key = (record.get("source", "gps"), record.get("track", ""))
         if key not in self._moves:
-            self._moves[key] = Moves(self._options.min_move, travelled_m=self._spool.travelled_m(key))
+            self._moves[key] = MotionFilter(self._options.min_move, travelled_m=self._spool.travelled_m(key))
         kept = self._moves[key].add(record["lat"], record["lon"])
         if kept is None:
             return False

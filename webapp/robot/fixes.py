@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypedDict, Unpack
 
 from webapp.errors import NotReady
-from webapp.robot.uplink import NoAnswer, Uplink
+
+from .uplink import NoAnswer, Uplink
 
 _PATIENCE_S = 60.0
 

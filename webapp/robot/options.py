@@ -21,9 +21,6 @@ class RobotOptions:
     limit_mb: float = 1000.0
     """Megabytes (10^6 bytes) of records and photos in the spool. What the server has goes first."""
 
-    segment_kb: float = 1000.0
-    """Kilobytes (10^3 bytes) of one file of records."""
-
     batch_records: int = 1000
     """Records in one request, at most."""
 

@@ -1,30 +1,33 @@
-"""Photos that wait to be sent, each a file of its own: they are large, and poses do not wait for them.
+"""Photos that wait to be sent: files beside the database, which has a row for each.
 
-`photos/00000007.json` tells of `photos/00000007.photo`. It is written last and deleted first: a photo
-without it was never taken over, or has been sent.
+A photo without a row was never acknowledged to the caller, or the server has it: it is deleted at the next
+start.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import shutil
-from dataclasses import asdict, dataclass
+import re
+import secrets
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from webapp.robot.disk import sync_folder, told, write_whole
+from .database import Database, disk_errors
 
 _BLOCK = 1 << 16
+_ROWS = "SELECT id, file, name, sha256, size, time, object FROM photos ORDER BY id"
 
 
 @dataclass(frozen=True, slots=True)
-class PhotoNote:
-    """What is known of a photo.
+class WaitingPhoto:
+    """A photo on the disk of the robot.
 
     Attributes
     ----------
+    path : Path
     name : str
         Of the file, for people.
     sha256 : str
@@ -37,6 +40,8 @@ class PhotoNote:
         The object it shows.
     """
 
+    id: int
+    path: Path
     name: str
     sha256: str
     size: int
@@ -44,126 +49,112 @@ class PhotoNote:
     object: str | None
 
 
-@dataclass(frozen=True, slots=True)
-class WaitingPhoto:
-    """A photo on the disk.
-
-    Attributes
-    ----------
-    path : Path
-    note : PhotoNote
-    """
-
-    path: Path
-    note: PhotoNote
-
-    @property
-    def _note_path(self) -> Path:
-        return self.path.with_suffix(".json")
-
-
 class PhotoQueue:
     """Photos in the order in which they came.
 
     Parameters
     ----------
-    folder : Path
-        Is made where it is missing.
+    database : Database
+        The photos are in `photos/` beside it.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        with told(folder):
-            folder.mkdir(exist_ok=True)
-            for path in folder.iterdir():
-                if path.suffix == ".tmp" or (
-                    path.suffix == ".photo" and not path.with_suffix(".json").exists()
-                ):
-                    path.unlink()  # a kill came in between
-            self.damaged = _put_damaged_away(folder)
-            """Names of photos whose notes could not be read; they are not sent."""
-            self.size = sum(_read(note).size for note in waiting(folder))
-            """Bytes of the photos that wait."""
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._folder = database.folder / "photos"
+        with disk_errors(self._folder):
+            self._folder.mkdir(exist_ok=True)
+            self._delete_unknown()
+        self.damaged = [photo for photo in self._waiting() if not _is_whole(photo)]
+        """Photos whose file is missing or cut short."""
+        sizes = [photo.size for photo in self._waiting()]
+        self.count, self.size = len(sizes), sum(sizes)
+        """Of the photos that wait, and their bytes."""
 
-    def add(self, source: BinaryIO, *, name: str, time: float, object_id: str | None) -> PhotoNote:
-        """Take a photo over; when this returns, it survives a power cut.
+    def add(self, source: BinaryIO, *, name: str, time: float, object_id: str | None) -> str:
+        """Store a photo; when this returns, it survives a power cut.
+
+        Returns
+        -------
+        str
+            SHA-256, hexadecimal.
 
         Raises
         ------
         DiskFull, StorageError
-            It was not taken over.
+            It was not stored.
         """
-        numbers = [int(path.stem) for path in self._folder.glob("*.photo")]
-        path = self._folder / f"{max(numbers, default=-1) + 1:08d}.photo"
-        temporary = path.with_suffix(".tmp")
+        self._database.require_reserve()
+        plain = re.sub(r"[^\w.-]", "_", Path(name).name)[-60:]
+        path = self._folder / f"{secrets.token_hex(4)}-{plain}"
         try:
-            with told(path):
-                sha256, size = _copy(source, temporary)
-                note = PhotoNote(name, sha256, size, time, object_id)
-                temporary.replace(path)
-                write_whole(path.with_suffix(".json"), json.dumps(asdict(note)).encode("utf-8"))
-        finally:
-            temporary.unlink(missing_ok=True)
-        self.size += size
-        return note
+            with disk_errors(path):
+                sha256, size = _copy(source, path)
+            self._database.write(
+                (
+                    "INSERT INTO photos (file, name, sha256, size, time, object) VALUES (?, ?, ?, ?, ?, ?)",
+                    (path.name, name, sha256, size, time, object_id),
+                ),
+                durable=True,
+            )
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        self.count, self.size = self.count + 1, self.size + size
+        return sha256
 
     def first(self) -> WaitingPhoto | None:
-        """Give the photo that has waited longest."""
-        notes = waiting(self._folder)
-        return WaitingPhoto(notes[0].with_suffix(".photo"), _read(notes[0])) if notes else None
+        """Return the photo that has waited longest."""
+        return next(iter(self._waiting(limit=1)), None)
 
-    def count(self) -> int:
-        """Count the photos that wait."""
-        return len(waiting(self._folder))
-
-    def sent(self, photo: WaitingPhoto) -> None:
+    def remove(self, photo: WaitingPhoto) -> None:
         """Delete a photo that the server has."""
-        with told(photo.path):
-            photo._note_path.unlink()
-            photo.path.unlink()
-        self.size -= photo.note.size
+        self._database.write(("DELETE FROM photos WHERE id = ?", (photo.id,)), urgent=True)
+        self.count, self.size = self.count - 1, self.size - photo.size
+        with disk_errors(photo.path):
+            photo.path.unlink(missing_ok=True)
 
-    def refused(self, photo: WaitingPhoto) -> Path:
-        """Put a photo that the server does not want out of the way; tell where it is now."""
-        aside = self._folder / "refused"
-        target = aside / f"{photo.note.sha256[:16]}-{Path(photo.note.name).name}"
-        with told(aside):
-            aside.mkdir(exist_ok=True)
-            shutil.copyfile(photo.path, target)
-            sync_folder(aside)
-        self.sent(photo)
-        return target
+    def set_aside(self, photo: WaitingPhoto, *, reason: str, next_number: int) -> None:
+        """Keep a photo that will not be sent, with the reason; `next_number` dates it among the records."""
+        self._database.write(
+            ("DELETE FROM photos WHERE id = ?", (photo.id,)),
+            (
+                "INSERT INTO aside (first, stop, reason, photo) VALUES (?, ?, ?, ?)",
+                (next_number, next_number, reason, photo.path.name),
+            ),
+            durable=True,
+            urgent=True,
+        )
+        self.count, self.size = self.count - 1, self.size - photo.size
+
+    def _waiting(self, *, limit: int = -1) -> list[WaitingPhoto]:
+        rows = self._database.select(f"{_ROWS} LIMIT ?", limit)
+        return [WaitingPhoto(id_, self._folder / file, *rest) for id_, file, *rest in rows]
+
+    def _delete_unknown(self) -> None:
+        rows = self._database.select("SELECT file FROM photos UNION SELECT photo FROM aside")
+        known = {file for (file,) in rows}
+        for path in self._folder.iterdir():
+            if path.name not in known:
+                path.unlink()
 
 
-def waiting(folder: Path) -> list[Path]:
-    """List the notes of the photos that wait, longest waiting first."""
-    return sorted(folder.glob("*.json"))
-
-
-def _read(note: Path) -> PhotoNote:
-    return PhotoNote(**json.loads(note.read_text("utf-8")))
-
-
-def _put_damaged_away(folder: Path) -> list[str]:
-    damaged = []
-    for note in waiting(folder):
-        photo = note.with_suffix(".photo")
-        try:
-            whole = photo.exists() and photo.stat().st_size == _read(note).size
-        except (ValueError, TypeError):
-            whole = False
-        if not whole:
-            damaged.append(note.rename(note.with_suffix(".damaged")).name)
-    return damaged
+def _is_whole(photo: WaitingPhoto) -> bool:
+    return photo.path.exists() and photo.path.stat().st_size == photo.size
 
 
 def _copy(source: BinaryIO, target: Path) -> tuple[str, int]:
     digest, size = hashlib.sha256(), 0
-    with target.open("wb") as file:
+    with target.open("xb") as file:
         while block := source.read(_BLOCK):
             digest.update(block)
             size += len(block)
             file.write(block)
         file.flush()
         os.fsync(file.fileno())
+    if sys.platform != "win32":  # there names survive a power cut by themselves
+        descriptor = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
     return digest.hexdigest(), size

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, SupportsFloat, TypedDict, Unpack
@@ -175,6 +176,17 @@ def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
     except TypeError as error:
         raise InputError(f"a field of the {type_} is missing", hint=str(error).rpartition(") ")[2]) from error
     raise InputError(f"{type_!r} is no type of a record", where="type", hint="one of pose, object, end")
+
+
+def to_json(record: Mapping[str, Any]) -> bytes:
+    """Write a record as JSON.
+
+    Raises
+    ------
+    ValueError
+        It holds a number that JSON has not, such as NaN.
+    """
+    return json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode("utf-8")
 
 
 def _where_and_when(lat: SupportsFloat, lon: SupportsFloat, *, time: SupportsFloat) -> dict[str, Any]:

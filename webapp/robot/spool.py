@@ -1,58 +1,73 @@
-"""What a robot has to say, on its own disk first: the folder of a spool.
+"""What a robot has to send, on its own disk first: the folder of a spool.
 
 ::
 
     SPOOL/
-      spool.json             whose it is: its id, the mission, the server
-      records-000000000000.log  the records, see `segments`
-      state.log              how far the server has acknowledged them
-      aside.log              what the server does not have, and why: refused, damaged, cut off
-      photos/                photos that wait, see `photos`
+      data/spool.sqlite3  whose spool it is, the records, what the server has acknowledged, what was set aside
+      data/photos/        photos that wait
+      damaged-1/          a `data` whose database was damaged
+      reserve             disk space for acknowledgements when the disk is full
       lock
 
-Every record has a number. The server wants numbers without gaps, so what is set aside does not count there:
-the state has both `next`, the first record that is not acknowledged, and `wire`, its number at the server.
-Records go out only when they are on the disk, and `sent` says up to which one that may have happened: no
-number is ever given to a second record.
+Every record has a number. The server wants numbers without gaps, so a record that is set aside does not count
+there: the state has both `next`, the first record that is not acknowledged, and `wire`, its number at the
+server. Records are sent only when they are on the disk, and `sent` is the number up to which that may have
+happened: even if the database is damaged, no number is ever given to a second record. What the server has
+stays in the spool until its space is needed, for a server that is restored from a backup.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
-import threading
-from dataclasses import dataclass
+import time
+import uuid
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
-from webapp.errors import DiskFull, InputError
-from webapp.robot.disk import FolderLock, is_full, told
-from webapp.robot.frames import lines
-from webapp.robot.identity import Identity, read_identity, take_over
-from webapp.robot.journal import Journal, entries
-from webapp.robot.options import RobotOptions
-from webapp.robot.photos import PhotoNote, PhotoQueue, WaitingPhoto
-from webapp.robot.segments import Gap, Run, SegmentReader, SegmentWriter
+from webapp.errors import DiskFull, InputError, UsageError
 
-_STATE_BYTES = 100_000
+from .database import DAMAGED, Database, DatabaseDamaged, FolderLock, Statement, disk_errors
+from .options import RobotOptions
+from .photos import PhotoQueue, WaitingPhoto
+from .salvage import put_aside, salvage
+from .schema import IDENTITY, Identity, check_version, create_tables
 
 MAX_RECORD = 100_000
 """Bytes of the longest record."""
 
+_FORGET_RECORDS = 500
+_READ_RECORDS = 50
+_RECENT_RECORDS = 20_000
+
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """How far the server has acknowledged.
-
-    Attributes
-    ----------
-    next, wire, sent : int
-        See the module.
-    """
+    """Up to which record the server has acknowledged; see the module."""
 
     next: int = 0
     wire: int = 0
     sent: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Consecutive records, JSON each, the first of number `first`."""
+
+    first: int
+    texts: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Consecutive records that are damaged or missing."""
+
+    first: int
+    count: int
 
 
 class Spool:
@@ -64,89 +79,54 @@ class Spool:
     ----------
     folder : Path
         Is made where it is missing.
-    identity : Identity, optional
-        Of a new spool, without `id`; None for one that must exist. An existing one has to be of the same
-        mission and about the same; its `url` may be another.
+    identity : Identity
+        `id` is ignored. An existing spool has to be of the same mission and about the same; its `url` may
+        differ.
     options : RobotOptions, optional
 
     Raises
     ------
     UsageError
-        The spool is another mission's, or there is none.
+        The spool is of another mission, or of version 0.7.
     Conflict
         Another program has it open.
     StorageError, DiskFull
     """
 
-    def __init__(
-        self, folder: Path, *, identity: Identity | None = None, options: RobotOptions | None = None
-    ) -> None:
+    def __init__(self, folder: Path, *, identity: Identity, options: RobotOptions | None = None) -> None:
         self.folder = folder
         self._options = options or RobotOptions()
-        self._guard = threading.RLock()
-        if identity is None:
-            read_identity(folder)  # there must be one, and no folder is made
-        with told(folder):
+        check_version(folder)
+        with disk_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = FolderLock(folder)
         try:
-            self.identity = take_over(folder, identity)
-            self._open()
+            self._open(identity)
         except BaseException:
             self._lock.release()
             raise
 
-    def _open(self) -> None:
-        self._states = Journal(self.folder / "state.log")
-        self._aside = Journal(self.folder / "aside.log")
-        self.state = read_state(self.folder)
-        size = int(self._options.segment_kb * 1000)
-        self._writer = SegmentWriter(self.folder, at_least=self.state.sent, segment_bytes=size)
-        self._reader = SegmentReader(self.folder)
-        self.photos = PhotoQueue(self.folder / "photos")
-        if self.torn:
-            self._note(f"{self.torn} bytes of an unfinished record were cut off")
-        for name in self.photos.damaged:
-            self._note("a photo or its note is damaged", photo=f"photos/{name}")
-        self._skips = self._put_aside(since=self.state.next)
-
-    def travelled_m(self, track: tuple[str, str]) -> float:
-        """Tell how far a track had come with the last pose of it; 0 where that is not known.
-
-        Parameters
-        ----------
-        track : tuple of str
-            Source and name.
-        """
-        travelled = 0.0
-        for segment in self._writer.segments[-2:]:
-            for line in lines(segment.path):
-                if line.record is None or b"travelled_m" not in line.record.text:
-                    continue
-                pose = json.loads(line.record.text)
-                if (pose.get("source", "gps"), pose.get("track", "")) == track:
-                    travelled = pose["travelled_m"]
-        return travelled
-
-    @property
-    def torn(self) -> int:
-        """Bytes of unfinished records that were cut off when the spool was opened."""
-        return self._writer.torn
-
-    @property
-    def next(self) -> int:
-        """Number of the record that comes next."""
-        return self._writer.next
-
     @property
     def waiting(self) -> int:
         """Records that the server has not acknowledged."""
-        return self._writer.next - self.state.next
+        return self.next - self.state.next
 
     @property
     def size(self) -> int:
         """Bytes of records and photos."""
-        return self._writer.size + self.photos.size
+        return self._database.used_bytes + self.photos.size
+
+    def travelled_m(self, track: tuple[str, str]) -> float:
+        """Return the distance travelled at the last pose of a track (source and name); 0 if it is unknown."""
+        rows = self._database.select(
+            "SELECT CAST(text AS BLOB) FROM records ORDER BY number DESC LIMIT ?", _RECENT_RECORDS
+        )
+        for (text,) in rows:
+            if b'"travelled_m"' in text:
+                pose = json.loads(text)
+                if (pose.get("source", "gps"), pose.get("track", "")) == track and "travelled_m" in pose:
+                    return float(pose["travelled_m"])
+        return 0.0
 
     def append(self, text: bytes, *, sync: bool) -> int:
         """Add a record.
@@ -154,7 +134,7 @@ class Spool:
         Parameters
         ----------
         text : bytes
-            JSON on one line.
+            JSON.
         sync : bool
             Return when it survives a power cut. Otherwise it survives a kill, and a power cut only after the
             next `sync`.
@@ -166,7 +146,7 @@ class Spool:
 
         Raises
         ------
-        DiskFull
+        DiskFull, StorageError
             It was not added.
         """
         if len(text) > MAX_RECORD:
@@ -174,76 +154,80 @@ class Spool:
                 f"the record has {len(text)} bytes, at most {MAX_RECORD} are taken",
                 hint="send less in one record",
             )
-        with self._guard, told(self.folder):
+        with self._database.guard:
             self._make_room(len(text))
-            number = self._append(text)
-            if sync:
-                self._writer.sync()
-            return number
+            number = self.next
+            insert = (
+                "INSERT INTO records (number, crc, text) VALUES (?, ?, CAST(? AS TEXT))",
+                (number, _crc(number, text), text),
+            )
+            while True:
+                try:
+                    self._database.write(insert, durable=sync, size=len(text))
+                except DiskFull:
+                    if not self._forget():
+                        raise
+                else:
+                    self.next += 1
+                    return number
 
-    def add_photo(self, source: BinaryIO, *, name: str, time: float, object_id: str | None) -> PhotoNote:
-        """Take a photo over; when this returns, it survives a power cut.
+    def add_photo(self, source: BinaryIO, *, name: str, time: float, object_id: str | None) -> str:
+        """Store a photo; when this returns, it survives a power cut.
+
+        Returns
+        -------
+        str
+            SHA-256, hexadecimal.
 
         Raises
         ------
-        DiskFull
-            It was not taken over.
+        DiskFull, StorageError
+            It was not stored.
         """
         size = source.seek(0, os.SEEK_END)
         source.seek(0)
-        with self._guard:
+        with self._database.guard:
             self._make_room(size)
             return self.photos.add(source, name=name, time=time, object_id=object_id)
 
     def sync(self) -> None:
         """Have all records on the disk. Others may add some meanwhile."""
-        with told(self.folder):
-            with self._guard:
-                if self._writer.durable == self._writer.next:
-                    return
-                descriptor, end = self._writer.copy()
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
-        self._writer.synced(end)
+        self._database.sync()
 
-    def read(self, *, records: int, size: int) -> Run | Gap | None:
-        """Read the records to send next, having them on the disk first.
-
-        Parameters
-        ----------
-        records, size : int
-            At most so many, and so many bytes.
+    def take(self, *, records: int, size: int) -> Run | Gap | None:
+        """Read the records to send next, at most so many and so many bytes, having them on the disk first.
 
         Returns
         -------
         Run, Gap or None
             A gap where the next record is damaged; None when all are acknowledged.
         """
-        self._skip()
-        self.sync()
-        end = min(
-            (number for number in self._skips if number > self.state.next), default=self._writer.durable
-        )
-        with told(self.folder):
-            return self._reader.read(
-                self.state.next, end=min(end, self._writer.durable), records=records, size=size
-            )
-
-    def mark_sent(self, end: int) -> None:
-        """Remember that records below `end` may reach the server."""
-        if end > self.state.sent:
-            self._keep(State(self.state.next, self.state.wire, end))
+        end = self._skip()
+        first = self.state.next
+        if first >= end:
+            return None
+        texts: list[bytes] = []
+        for text in self._texts(first, end=min(end, first + records)):
+            size -= 0 if text is None else len(text)
+            if text is None or (texts and size < 0):
+                break
+            texts.append(text)
+        if not texts:
+            damaged = itertools.takewhile(lambda text: text is None, self._texts(first, end=end))
+            return Gap(first, sum(1 for _ in damaged))
+        if first + len(texts) > self.state.sent:
+            self._keep(replace(self.state, sent=first + len(texts)), durable=True)
+        return Run(first, tuple(texts))
 
     def acknowledge(self, count: int) -> None:
         """Remember that the server has the next `count` records."""
         end = self.state.next + count
-        # Forgotten in a power cut, they are sent again, and the server knows that it has them.
-        self._keep(State(end, self.state.wire + count, max(self.state.sent, end)), sync=False)
+        # Forgotten in a power cut, they are sent again, and the server recognizes them by their numbers.
+        self._keep(State(end, self.state.wire + count, max(self.state.sent, end)))
+        self._database.make_reserve()
 
     def set_aside(self, count: int, *, reason: str, text: bytes | None = None) -> None:
-        """Go on behind the next `count` records, which the server does not have and will not get.
+        """Continue after the next `count` records, which the server does not have and will not get.
 
         Parameters
         ----------
@@ -252,15 +236,17 @@ class Spool:
         text : bytes, optional
             The record itself.
         """
-        first = self.state.next
-        record = {} if text is None else {"record": json.loads(text)}
-        self._note(reason, first=first, count=count, **record)
-        self._skips.update(range(first, first + count))
-        self._skip()
+        first, end = self.state.next, self.state.next + count
+        record = None if text is None else text.decode()
+        aside = (
+            "INSERT INTO aside (first, stop, reason, record) VALUES (?, ?, ?, ?)",
+            (first, end, reason, record),
+        )
+        self._keep(replace(self.state, next=end), aside, durable=True)
 
-    def refuse_photo(self, photo: WaitingPhoto, *, reason: str) -> None:
-        """Put a photo out of the way that the server does not want."""
-        self._note(reason, photo=f"photos/refused/{self.photos.refused(photo).name}")
+    def set_photo_aside(self, photo: WaitingPhoto, *, reason: str) -> None:
+        """Keep a photo that will not be sent, with the reason."""
+        self.photos.set_aside(photo, reason=reason, next_number=self.next)
 
     def rewind(self, wire: int) -> bool:
         """Go back to the record that has this number at the server, which has lost it.
@@ -270,75 +256,136 @@ class Spool:
         bool
             False where the record is not here any more.
         """
-        aside = self._put_aside(since=0)
         number, back = self.state.next, self.state.wire - wire
-        while back > 0:
-            number -= 1
-            back -= number not in aside
-        if number < self._writer.segments[0].first:
+        for first, end in self._database.select(
+            "SELECT first, stop FROM aside WHERE stop > first ORDER BY stop DESC"
+        ):
+            if end <= number:
+                if number - end >= back:
+                    break
+                back -= number - end
+                number = first
+        number -= back
+        oldest = self._database.select("SELECT min(number) FROM records")[0][0]
+        if oldest is None or number < oldest:
             return False
-        self._skips = {skipped for skipped in aside if skipped >= number}
         self._keep(State(number, wire, self.state.sent))
         return True
 
     def close(self) -> None:
         """Have everything on the disk, and let others open the spool."""
-        with self._guard, told(self.folder):
-            self._writer.close()
-            self._states.close()
-            self._aside.close()
+        try:
+            self._database.close()
+        finally:
             self._lock.release()
 
-    def _append(self, text: bytes) -> int:
+    def _open(self, wanted: Identity) -> None:
+        data = self.folder / "data"
+        if (data / DAMAGED).exists():
+            put_aside(self.folder)
+        try:
+            salvage(self.folder)
+            self._load(wanted)
+        except DatabaseDamaged:
+            put_aside(self.folder)
+            salvage(self.folder)
+            self._load(wanted)
+
+    def _load(self, wanted: Identity) -> None:
+        self._database = Database(self.folder / "data", reserve=self.folder / "reserve")
+        try:
+            create_tables(self._database)
+            self.identity = self._take_over(wanted)
+            self.state = State(*self._database.select("SELECT next, wire, sent FROM spool")[0])
+            last = self._database.select("SELECT max(number) FROM records")[0][0]
+            self.next = max(self.state.sent, -1 if last is None else last + 1)
+            self.photos = PhotoQueue(self._database)
+            for photo in self.photos.damaged:
+                self.set_photo_aside(photo, reason="the photo is damaged on the disk of the robot")
+        except BaseException:
+            self._database.close()
+            raise
+
+    def _take_over(self, wanted: Identity) -> Identity:
+        """Check whose the spool is; enter it where it is new."""
+        rows = self._database.select(IDENTITY)
+        if not rows:
+            made = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+            found = Identity(uuid.uuid4().hex, wanted.mission, wanted.url, wanted.about)
+            self._database.write(
+                (
+                    "INSERT INTO spool (one, id, mission, url, about, made) VALUES (1, ?, ?, ?, ?, ?)",
+                    (found.id, found.mission, found.url, found.about, made),
+                ),
+                durable=True,
+            )
+            return found
+        found = Identity(*rows[0])
+        if found.mission != wanted.mission:
+            problem = f"the spool is of mission {found.mission}, not {wanted.mission}"
+            raise UsageError(problem, where=str(self.folder), hint="choose another folder")
+        if found.about != wanted.about:
+            problem = f"the spool holds something else: {found.about or 'what a robot sent'}"
+            raise UsageError(problem, where=str(self.folder), hint="choose another folder")
+        if found.url != wanted.url:
+            self._database.write(("UPDATE spool SET url = ?", (wanted.url,)), durable=True, urgent=True)
+        return replace(found, url=wanted.url)
+
+    def _keep(self, state: State, *more: Statement, durable: bool = False) -> None:
+        update = ("UPDATE spool SET next = ?, wire = ?, sent = ?", (state.next, state.wire, state.sent))
+        self._database.write(*more, update, durable=durable, urgent=True)
+        self.state = state
+
+    def _skip(self) -> int:
+        """Pass over what was set aside before a rewind; return the number at which that begins again."""
         while True:
-            try:
-                return self._writer.append(text)
-            except OSError as error:
-                if not (is_full(error) and self._writer.forget_oldest(self.state.next)):
-                    raise
+            rows = self._database.select(
+                "SELECT first, stop FROM aside WHERE stop > ? AND stop > first ORDER BY stop LIMIT 1",
+                self.state.next,
+            )
+            if not rows or rows[0][0] > self.state.next:
+                return int(rows[0][0]) if rows else self.next
+            self._keep(replace(self.state, next=rows[0][1]))
+
+    def _texts(self, first: int, *, end: int) -> Iterator[bytes | None]:
+        """Read records; None for one that is damaged or missing."""
+        for begin in range(first, end, _READ_RECORDS):
+            yield from self._some_texts(begin, end=min(begin + _READ_RECORDS, end))
+
+    def _some_texts(self, first: int, *, end: int) -> list[bytes | None]:
+        query = "SELECT number, crc, CAST(text AS BLOB) FROM records WHERE number >= ? AND number < ?"
+        try:
+            rows = self._database.select(query, first, end, tolerant=True)
+        except DatabaseDamaged:
+            if end - first == 1:
+                return [None]
+            middle = (first + end) // 2
+            return self._some_texts(first, end=middle) + self._some_texts(middle, end=end)
+        whole = {number: text for number, crc, text in rows if text is not None and crc == _crc(number, text)}
+        return [whole.get(number) for number in range(first, end)]
 
     def _make_room(self, size: int) -> None:
         limit = self._options.limit_mb * 1e6
         while self.size + size > limit:
-            if not self._writer.forget_oldest(self.state.next):
+            if not self._forget():
                 raise DiskFull(
                     f"the spool is full: {self.size / 1e6:.1f} of {self._options.limit_mb:g} MB",
                     where=str(self.folder),
                     hint="bring the robot where there is a network, or allow the spool more",
                 )
 
-    def _note(self, reason: str, **more: object) -> None:
-        self._aside.append({"first": self._writer.next, "count": 0, "reason": reason} | more)
-
-    def _put_aside(self, *, since: int) -> set[int]:
-        ranges = [(entry["first"], entry["first"] + entry["count"]) for entry in read_aside(self.folder)]
-        return {number for first, end in ranges for number in range(max(first, since), end)}
-
-    def _skip(self) -> None:
-        following = self.state.next
-        while following in self._skips:
-            self._skips.remove(following)
-            following += 1
-        if following > self.state.next:
-            self._keep(State(following, self.state.wire, self.state.sent))
-
-    def _keep(self, state: State, *, sync: bool = True) -> None:
-        entry = {"next": state.next, "wire": state.wire, "sent": state.sent}
-        if self._states.size > _STATE_BYTES:
-            self._states.replace(entry)
-        else:
-            self._states.append(entry, sync=sync)
-        self.state = state
+    def _forget(self) -> int:
+        """Delete the oldest records that the server has; return how many."""
+        return self._database.write(
+            (
+                "DELETE FROM records WHERE number < (SELECT min(next) FROM spool) AND number IN"
+                " (SELECT number FROM records ORDER BY number LIMIT ?)",
+                (_FORGET_RECORDS,),
+            ),
+            urgent=True,
+        )
 
 
-def read_state(folder: Path) -> State:
-    """Read how far the server has acknowledged."""
-    last = None
-    for entry in entries(folder / "state.log"):
-        last = entry
-    return State(**last) if last else State()
-
-
-def read_aside(folder: Path) -> list[dict[str, Any]]:
-    """Read what the server does not have: `first` and `count` of the records, `reason`, maybe `record`."""
-    return list(entries(folder / "aside.log"))
+def _crc(number: int, text: bytes) -> int:
+    """Checksum of a record, since the database has none."""
+    return zlib.crc32(text, zlib.crc32(b"%d" % number))

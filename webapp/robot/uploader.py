@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from webapp.errors import Conflict, ExpMapError, UsageError
-from webapp.robot.disk import told
-from webapp.robot.options import RobotOptions
-from webapp.robot.segments import Gap, Run
-from webapp.robot.spool import Spool
-from webapp.robot.uplink import Answer, NoAnswer, Uplink
+
+from .database import disk_errors
+from .options import RobotOptions
+from .spool import Gap, Run, Spool
+from .uplink import Answer, NoAnswer, Uplink
 
 _AT_RECORD = re.compile(r"(?:^|\.)records\.(\d+)(?:\.|$)")
 _ABOUT_INPUT = (400, 413, 422)
@@ -74,7 +74,7 @@ class Uploader:
     def send_records(self) -> Step:
         """Send the next records."""
         size = int(self._options.batch_kb * 1000)
-        found = self._spool.read(records=self._limit, size=size)
+        found = self._spool.take(records=self._limit, size=size)
         if found is None:
             return _NOTHING_LEFT
         return self._pass_over(found) if isinstance(found, Gap) else self._send(found)
@@ -84,22 +84,21 @@ class Uploader:
         photo = self._spool.photos.first()
         if photo is None:
             return _NOTHING_LEFT
-        note = photo.note
-        fields = {"time": repr(note.time)} | ({} if note.object is None else {"object": note.object})
-        with told(photo.path):
+        fields = {"time": repr(photo.time)} | ({} if photo.object is None else {"object": photo.object})
+        with disk_errors(photo.path):
             answer = self._uplink.post_file(
-                f"{self._mission}/photos", photo.path, name=note.name, fields=fields
+                f"{self._mission}/photos", photo.path, name=photo.name, fields=fields
             )
         if isinstance(answer, NoAnswer):
             return Step("later", answer.reason)
         if answer.status in (200, 201):
-            if answer.body.get("sha256") == note.sha256:
-                self._spool.photos.sent(photo)
+            if answer.body.get("sha256") == photo.sha256:
+                self._spool.photos.remove(photo)
             else:
-                self._spool.refuse_photo(photo, reason="the photo is damaged on the disk of the robot")
+                self._spool.set_photo_aside(photo, reason="the photo is damaged on the disk of the robot")
             return _WENT_ON
         if answer.status in (*_ABOUT_INPUT, 415) and answer.error is not None:
-            self._spool.refuse_photo(photo, reason=_told(answer))
+            self._spool.set_photo_aside(photo, reason=_told(answer))
             return _WENT_ON
         return _other(answer)
 
@@ -109,7 +108,6 @@ class Uploader:
         return self._uplink.post_batch(path, sender=sender, first=state.wire, texts=texts)
 
     def _send(self, run: Run) -> Step:
-        self._spool.mark_sent(run.first + len(run.texts))
         wire = self._spool.state.wire
         answer = self._post(run.texts)
         if isinstance(answer, NoAnswer):

@@ -33,7 +33,7 @@ class Kept:
     skipped: int
 
 
-class Moves:
+class MotionFilter:
     """One track.
 
     Parameters

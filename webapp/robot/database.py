@@ -1,0 +1,390 @@
+"""The database of a spool, and the disk space that is kept free for it.
+
+SQLite in WAL mode: one process writes, others may read meanwhile. A commit survives a kill; it survives a
+power cut where it was `durable`, or after the next `sync`.
+
+A full disk must not hold up acknowledgements, since only they let the spool shrink. Hence the reserve: a file
+that is deleted when such a write does not fit, and made again when there is room. It is larger than the
+write-ahead log gets before a checkpoint, plus what the database grows by in that checkpoint. Without a
+reserve, new records go into pages that deleted records have left free, and nowhere else.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import sqlite3
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from webapp.errors import Conflict, DiskFull, StorageError
+
+FILE = "spool.sqlite3"
+DAMAGED = "damaged"
+"""A file of this name beside the database says that it was found damaged while it was used."""
+
+RESERVE_BYTES = 4_000_000
+_MARGIN_BYTES = 1_000_000
+_RETRY_S = 0.5
+_PAGE_BYTES = 1024  # each commit writes whole pages; a record has 150 bytes, and SD cards wear out
+_CHECKPOINT_PAGES = 1000
+_SPARE_PAGES = 20  # for the trees of tables, beside what is stored
+_BUSY_S = 0.2
+
+_FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE)  # 2nd: a quota
+_CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+Statement = tuple[str, tuple[object, ...]]
+
+
+class DatabaseDamaged(StorageError):
+    """The file is not a database, or parts of it contradict each other."""
+
+
+class Database:
+    """The database in a folder, opened by its only writer; any thread may use it.
+
+    Parameters
+    ----------
+    folder : Path
+        Is made where it is missing, and the database in it.
+    reserve : Path
+        File that keeps the reserve.
+
+    Raises
+    ------
+    DatabaseDamaged, DiskFull, StorageError
+    """
+
+    def __init__(self, folder: Path, *, reserve: Path) -> None:
+        self.folder = folder
+        self.guard = threading.RLock()
+        """For whoever needs more than one read or write in a row."""
+        self._path = folder / FILE
+        self._reserve = _Reserve(reserve)
+        self._commits = self._synced = 0
+        self._is_durable: bool | None = None
+        with disk_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self._open()
+        except DatabaseDamaged:
+            raise
+        except StorageError:
+            if not self._reserve.release():
+                raise
+            self._open()
+        self._reserve.make()
+
+    @property
+    def used_bytes(self) -> int:
+        """Bytes of the pages in use; pages that deleted records have left free are not counted."""
+        with self.guard:
+            return (self._pragma("page_count") - self._pragma("freelist_count")) * self._pragma("page_size")
+
+    def select(self, query: str, *values: object, tolerant: bool = False) -> list[tuple[Any, ...]]:
+        """Run a query; damage has the database put aside at the next start, but where it is `tolerant`."""
+        noting = contextlib.nullcontext() if tolerant else self._noting_damage()
+        with self.guard, noting, _database_errors(self._path):
+            return self._connection.execute(query, values).fetchall()
+
+    def write(
+        self, *statements: Statement, durable: bool = False, urgent: bool = False, size: int = 0
+    ) -> int:
+        """Run statements in one transaction.
+
+        Parameters
+        ----------
+        *statements : tuple of str and tuple
+            SQL and its values.
+        durable : bool
+            Return when they survive a power cut, and all earlier ones with them.
+        urgent : bool
+            On a full disk, use up the reserve.
+        size : int
+            Bytes that are added, at most.
+
+        Returns
+        -------
+        int
+            Number of rows that the last statement changed.
+
+        Raises
+        ------
+        DiskFull, StorageError
+            Nothing was changed.
+        """
+        with self.guard:
+            if not urgent:
+                self.require_room(size)
+            for make_room in (self._checkpoint, self._reserve.release)[: 1 + urgent]:
+                try:
+                    return self._commit(statements, durable=durable)
+                except DiskFull:
+                    make_room()
+            self._checkpoint()
+            return self._commit(statements, durable=durable)
+
+    def require_room(self, size: int) -> None:
+        """Check that so many bytes may be added to the database: not at the cost of the reserve.
+
+        Raises
+        ------
+        DiskFull
+        """
+        with self.guard:
+            pages = _SPARE_PAGES + 2 * size // _PAGE_BYTES
+            if not self._reserve.make() and self._pragma("freelist_count") < pages:
+                raise _disk_full(self._path, "no space is left but for acknowledgements")
+
+    def require_reserve(self) -> None:
+        """Check that a file may be added beside the database: not at the cost of the reserve.
+
+        Raises
+        ------
+        DiskFull
+        """
+        if not self.make_reserve():
+            raise _disk_full(self._path, "no space is left but for acknowledgements")
+
+    def make_reserve(self) -> bool:
+        """Make the reserve again where it was used up and there is room; return whether it is there."""
+        with self.guard:
+            return self._reserve.make()
+
+    def sync(self) -> None:
+        """Have all commits on the disk. Others may commit meanwhile."""
+        with self.guard:
+            commits = self._commits
+        if commits == self._synced:
+            return
+        # A checkpoint syncs what it takes out of the log, so the log has all that is not synced yet.
+        with disk_errors(self._path), contextlib.suppress(FileNotFoundError):
+            descriptor = os.open(f"{self._path}-wal", os.O_RDWR)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        self._synced = max(self._synced, commits)
+
+    def close(self) -> None:
+        """Have everything on the disk, and close the file."""
+        self.sync()
+        with self.guard:
+            self._connection.close()
+
+    def _open(self) -> None:
+        with _database_errors(self._path):
+            self._connection = sqlite3.connect(
+                self._path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False
+            )
+            try:
+                self._connection.execute(f"PRAGMA page_size = {_PAGE_BYTES}")
+                self._connection.execute("PRAGMA journal_mode = WAL")
+                self._connection.execute(f"PRAGMA wal_autocheckpoint = {_CHECKPOINT_PAGES}")
+                self._connection.execute("PRAGMA cell_size_check = ON")
+                self._connection.execute("SELECT count(*) FROM sqlite_master")
+            except sqlite3.Error:
+                self._connection.close()
+                raise
+
+    def _commit(self, statements: tuple[Statement, ...], *, durable: bool) -> int:
+        changed = 0
+        with self._noting_damage(), _database_errors(self._path):
+            if durable is not self._is_durable:
+                self._connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
+                self._is_durable = durable
+            try:
+                self._connection.execute("BEGIN IMMEDIATE")
+                for sql, values in statements:
+                    changed = self._connection.execute(sql, values).rowcount
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+                raise
+        self._commits += 1
+        if durable:
+            self._synced = self._commits
+        return changed
+
+    @contextmanager
+    def _noting_damage(self) -> Iterator[None]:
+        try:
+            yield
+        except DatabaseDamaged:
+            with contextlib.suppress(OSError):
+                (self.folder / DAMAGED).touch()
+            raise
+
+    def _checkpoint(self) -> None:
+        """Copy the log into the database, so that the next commit writes over its beginning."""
+        with contextlib.suppress(StorageError), _database_errors(self._path):
+            self._connection.execute("PRAGMA wal_checkpoint(RESTART)").fetchall()
+
+    def _pragma(self, name: str) -> int:
+        with _database_errors(self._path):
+            return int(self._connection.execute(f"PRAGMA {name}").fetchone()[0])
+
+
+class _Reserve:
+    """A file of `RESERVE_BYTES`."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._is_held = path.exists() and path.stat().st_size == RESERVE_BYTES
+        self._next_try = -float("inf")
+
+    def make(self) -> bool:
+        """Make it where there is room; return whether it is there."""
+        if self._is_held or time.monotonic() < self._next_try:
+            return self._is_held
+        self._next_try = time.monotonic() + _RETRY_S
+        try:
+            if shutil.disk_usage(self._path.parent).free < RESERVE_BYTES + _MARGIN_BYTES:
+                return False
+            with self._path.open("wb") as file:
+                _allocate(file.fileno())
+        except OSError:
+            with contextlib.suppress(OSError):
+                self._path.unlink(missing_ok=True)
+            return False
+        self._is_held = True
+        return True
+
+    def release(self) -> bool:
+        """Delete it; return whether it was there."""
+        was_held, self._is_held = self._is_held, False
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
+        return was_held
+
+
+if sys.platform == "linux":
+
+    def _allocate(descriptor: int) -> None:
+        os.posix_fallocate(descriptor, 0, RESERVE_BYTES)
+
+else:
+
+    def _allocate(descriptor: int) -> None:
+        block = bytes(1 << 16)
+        left = RESERVE_BYTES
+        while left:
+            left -= os.write(descriptor, block[:left])
+        os.fsync(descriptor)
+
+
+def open_for_reading(folder: Path) -> sqlite3.Connection:
+    """Open the database in a folder while its writer may have it open.
+
+    Raises
+    ------
+    DatabaseDamaged, StorageError
+    """
+    path = folder / FILE
+    with _database_errors(path):
+        return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+
+
+def read(connection: sqlite3.Connection, query: str, *values: object) -> list[tuple[Any, ...]]:
+    """Run a query on a database that was opened for reading; nothing where it has no such table yet."""
+    with _database_errors(Path(FILE)):
+        try:
+            return connection.execute(query, values).fetchall()
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode == sqlite3.SQLITE_ERROR:  # it was made a moment ago
+                return []
+            raise
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Convert what the system reports about a file.
+
+    Raises
+    ------
+    DiskFull, StorageError
+    """
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise _disk_full(path, reason) from error
+        raise StorageError(
+            f"the file cannot be used: {reason}",
+            where=str(path),
+            hint="choose a folder that you may write to",
+        ) from error
+
+
+@contextmanager
+def _database_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.DatabaseError as error:
+        code = getattr(error, "sqlite_errorcode", 0)
+        if code in _FULL:
+            raise _disk_full(path, str(error)) from error
+        if code & 0xFF in _CORRUPT:
+            raise DatabaseDamaged(
+                f"the database of the spool is damaged: {error}",
+                where=str(path),
+                hint="start the client again: it puts the database aside and goes on with what can be read",
+            ) from error
+        raise StorageError(
+            f"the database of the spool cannot be used: {error}",
+            where=str(path),
+            hint="choose a folder that you may write to",
+        ) from error
+
+
+def _disk_full(path: Path, reason: str) -> DiskFull:
+    return DiskFull(
+        f"the disk is full: {reason}", where=str(path), hint="free some space on the disk of the spool"
+    )
+
+
+class FolderLock:
+    """One process, and in it one owner, at a time; the system releases it when the process ends.
+
+    Raises
+    ------
+    Conflict
+        Somebody else has it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = (folder / "lock").open("a+b")
+        try:
+            _lock(self._file.fileno())
+        except OSError as error:
+            self._file.close()
+            raise Conflict(
+                "another program is using this spool", where=str(folder), hint="wait until it has ended"
+            ) from error
+
+    def release(self) -> None:
+        """Let others have the folder."""
+        self._file.close()
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(descriptor: int) -> None:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _lock(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

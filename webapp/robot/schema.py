@@ -1,0 +1,80 @@
+"""Whose a spool is, and the tables of its database."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.errors import UsageError
+
+from .database import Database
+
+_FORMAT = 2
+
+IDENTITY = "SELECT id, mission, url, about FROM spool"
+
+_SCHEMA = (
+    "CREATE TABLE spool (one INTEGER PRIMARY KEY CHECK (one = 1), id TEXT, mission INTEGER,"
+    " url TEXT, about TEXT, made TEXT, next INTEGER DEFAULT 0, wire INTEGER DEFAULT 0,"
+    " sent INTEGER DEFAULT 0)",
+    "CREATE TABLE records (number INTEGER PRIMARY KEY, crc INTEGER, text TEXT)",
+    "CREATE TABLE aside (id INTEGER PRIMARY KEY, first INTEGER, stop INTEGER, reason TEXT,"
+    " photo TEXT, record TEXT)",
+    "CREATE INDEX aside_by_stop ON aside (stop)",
+    "CREATE TABLE photos (id INTEGER PRIMARY KEY AUTOINCREMENT, file TEXT, name TEXT, sha256 TEXT,"
+    " size INTEGER, time REAL, object TEXT)",
+    f"PRAGMA user_version = {_FORMAT}",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Whose a spool is.
+
+    Attributes
+    ----------
+    id : str
+        The sender's name at the server.
+    mission : int
+    url : str
+        Of the server.
+    about : str
+        What fills it; a spool is not continued with something else.
+    """
+
+    id: str
+    mission: int
+    url: str
+    about: str
+
+
+def create_tables(database: Database) -> None:
+    """Make the tables of a spool where they are missing.
+
+    Raises
+    ------
+    UsageError
+        They are of a newer program.
+    """
+    version = database.select("PRAGMA user_version")[0][0]
+    if version > _FORMAT:
+        raise UsageError(
+            "the spool is of a newer program", where=str(database.folder), hint="update this program"
+        )
+    if version < _FORMAT:
+        database.write(*((statement, ()) for statement in _SCHEMA), durable=True)
+
+
+def check_version(folder: Path) -> None:
+    """Check that a folder holds no spool of version 0.7.
+
+    Raises
+    ------
+    UsageError
+    """
+    if (folder / "spool.json").exists():
+        raise UsageError(
+            "the spool was written by version 0.7, which kept it in other files",
+            where=str(folder),
+            hint="upload it with that version: expmap robot recover SPOOL; then choose another folder",
+        )
