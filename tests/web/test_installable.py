@@ -52,7 +52,7 @@ def test_another_content_is_another_version(app, tmp_path, monkeypatch):
     with app.app_context():
         before = shell.version()
         assert shell.version() == before
-        (copy / "js" / "shell.js").write_text("// other\n")
+        (copy / "js" / "shared" / "shell.js").write_text("// other\n")
         changed = shell.version()
         (copy / "js" / "sw.js").write_text("// the worker itself is none of them\n")
         assert before != changed == shell.version()

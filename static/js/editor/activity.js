@@ -1,10 +1,10 @@
 /** What is going on, in a corner of the image: files on their way, and jobs of the server. */
 
-import { h, icon } from "../dom.js";
-import { t, tn } from "../i18n.js";
-import { sentence, toastError } from "../toast.js";
-import { leftText } from "./format.js";
-import { byId, eachFrame } from "./page.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { leftText } from "../shared/format.js";
+import { t, tn } from "../shared/i18n.js";
+import { rafThrottle } from "../shared/timing.js";
+import { sentence, toastError } from "../shared/toast.js";
 import { canGoAgain } from "./uploads.js";
 
 const JOBS = {
@@ -22,7 +22,7 @@ const FAILURES_SHOWN = 100;
 /** The card of uploads and jobs; hidden when there is nothing to tell. */
 export class Activity {
   /**
-   * @param {import("./store.js").Store} store
+   * @param {import("../shared/map/map-store.js").MapStore} store
    * @param {import("./uploads.js").Uploads} uploads
    * @param {{server: Object, refresh: function(): Promise<void>, say: function(string): void}} page
    */
@@ -32,7 +32,7 @@ export class Activity {
     this.filesBox = h("div", { class: "ed-files", hidden: true });
     this.jobsBox = h("div", { class: "ed-jobs" });
     byId("activity").append(foldButton(byId("activity")), this.filesBox, this.jobsBox);
-    const files = eachFrame(() => this._files());
+    const files = rafThrottle(() => this._files());
     uploads.addEventListener("progress", files);
     uploads.addEventListener("finished", () => {
       this.say(this._summary().join(" "));

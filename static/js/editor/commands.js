@@ -1,15 +1,15 @@
-/** What a person can do with the photos, for buttons, keys, clicks and hands alike. */
+/** What a person can do with the photos, for buttons, keys, clicks and gestures alike. */
 
-import { clamped, wholeTurn } from "./coords.js";
-import { t, tn } from "../i18n.js";
-import { toast } from "../toast.js";
-import { stepName } from "./history.js";
+import { t, tn } from "../shared/i18n.js";
+import { clamped, wholeTurn } from "../shared/map/coords.js";
+import { toast } from "../shared/toast.js";
+import { stepName } from "./undo-redo.js";
 
 /** The actions of the page. */
 export class Commands {
   /**
-   * @param {import("./store.js").Store} store
-   * @param {import("./edits.js").Edits} edits
+   * @param {import("../shared/map/map-store.js").MapStore} store
+   * @param {import("./edit-queue.js").EditQueue} edits
    * @param {function(string): void} say tells a screen reader
    */
   constructor(store, edits, say) {

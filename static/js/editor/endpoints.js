@@ -1,6 +1,6 @@
 /** What the editor asks of the server, by name. */
 
-import { api, del, get, patch, post, put, upload } from "../api.js";
+import { api, del, get, patch, post, put, upload } from "../shared/api.js";
 
 /**
  * The requests about one map.

@@ -1,9 +1,9 @@
 /** The keys of the editor, and a switch for those that are single letters. */
 
-import { h } from "../dom.js";
-import { t } from "../i18n.js";
-import { openDialog } from "./dialogs.js";
-import { singleKeys } from "./keys.js";
+import { openDialog } from "../shared/dialogs.js";
+import { h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { singleKeys } from "./keyboard.js";
 
 /** Show how everything is done. */
 export function showHelp() {

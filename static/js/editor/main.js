@@ -1,51 +1,52 @@
 /** The page on which photos are put on the image of a map: makes the parts and connects them. */
 
+import { byId } from "../shared/dom.js";
+import { listenToDrops, usable } from "../shared/drop-files.js";
+import { Crosshair } from "../shared/map/crosshair.js";
+import { MapPolling } from "../shared/map/map-polling.js";
+import { MapStore } from "../shared/map/map-store.js";
+import { MapView } from "../shared/map/map-view.js";
+import { PhotoDots } from "../shared/map/photo-dots.js";
 import { Activity } from "./activity.js";
-import { bulkPlacing } from "./bulkplace.js";
-import { Check } from "./check.js";
+import { bulkPlacing } from "./bulk-placing.js";
+import { ChecksPanel } from "./checks.js";
 import { Commands } from "./commands.js";
-import { CurrentPhoto } from "./current.js";
-import { Dots } from "./dots.js";
-import { listenToDrops, usable } from "./dropfiles.js";
-import { Edits } from "./edits.js";
+import { CurrentPhoto } from "./current-photo.js";
+import { EditQueue } from "./edit-queue.js";
 import { endpointsOf } from "./endpoints.js";
-import { Crosshair, Hands } from "./hands.js";
-import { Health } from "./health.js";
+import { EditGestures } from "./gestures.js";
 import { showHelp } from "./help.js";
-import { showHistory } from "./history.js";
-import { listenToKeys } from "./keys.js";
-import { Live } from "./live.js";
-import { MapView } from "./mapview.js";
-import { byId } from "./page.js";
+import { connectKeyboard } from "./keyboard.js";
+import { MapHealth } from "./map-health.js";
 import { choosePlacement } from "./placements.js";
-import { satelliteInput } from "./satellite.js";
-import { sidePanel } from "./side.js";
-import { Store } from "./store.js";
+import { satelliteInput } from "./satellite-input.js";
+import { sidePanel } from "./side-panel.js";
 import { Tray } from "./tray.js";
+import { connectUndoRedo } from "./undo-redo.js";
 import { Uploads } from "./uploads.js";
 
-const store = new Store(JSON.parse(byId("state").textContent));
+const store = new MapStore(JSON.parse(byId("state").textContent));
 const server = endpointsOf(store.slug);
-const live = new Live(store, server.changes);
+const live = new MapPolling(store, server.changes);
 const refresh = () => live.refresh();
-const edits = new Edits(store, server, refresh);
+const edits = new EditQueue(store, server, refresh);
 const commands = new Commands(store, edits, say);
 
 const view = new MapView(byId("map-canvas"), store);
-const dots = new Dots(store).addTo(view.map);
-const hands = new Hands(view, dots, commands);
+const dots = new PhotoDots(store).addTo(view.map);
+const gestures = new EditGestures(view, dots, commands);
 const crosshair = new Crosshair(view, say);
-const page = { store, server, refresh, view, dots, hands, crosshair, commands, say, help: showHelp };
+const page = { store, server, refresh, view, dots, gestures, crosshair, commands, say, help: showHelp };
 
 new CurrentPhoto(commands, view, server);
 new Tray(commands);
-new Check(store, server, page);
-new Health(page);
-showHistory(commands);
+new ChecksPanel(store, server, page);
+new MapHealth(page);
+connectUndoRedo(commands);
 choosePlacement(page);
 satelliteInput(store, server, refresh);
 sidePanel(store);
-listenToKeys(page);
+connectKeyboard(page);
 chooseFirst();
 takeFiles();
 zoomButtons();
@@ -67,7 +68,7 @@ function chooseFirst() {
   store.on("photos", choose);
   store.on("current", () => {
     const position = store.currentId === null ? null : store.position(store.currentId);
-    if (position && !hands.gesture) view.reveal(position);
+    if (position && !gestures.gesture) view.reveal(position);
   });
   choose();
 }

@@ -1,11 +1,9 @@
 /** Several placements of the same photos: which one is shown, making and deleting one. */
 
-import { confirmDialog } from "../dialog.js";
-import { h } from "../dom.js";
-import { t } from "../i18n.js";
-import { toastError } from "../toast.js";
-import { errorLine, field, openDialog } from "./dialogs.js";
-import { byId } from "./page.js";
+import { confirmDialog, errorLine, field, openDialog } from "../shared/dialogs.js";
+import { byId, h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
 
 /**
  * Connect the choice and its two menu items.

@@ -1,10 +1,10 @@
 /** The tray: photos by time with filter and search; one of them is current, some may be selected. */
 
-import { h, icon } from "../dom.js";
-import { byId, eachFrame, whenCalm } from "./page.js";
-import { VirtualList } from "./virtuallist.js";
-import { clockText } from "./format.js";
-import { t, tn } from "../i18n.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { clockText } from "../shared/format.js";
+import { t, tn } from "../shared/i18n.js";
+import { debounce, rafThrottle } from "../shared/timing.js";
+import { VirtualList } from "./virtual-list.js";
 
 /** The list of photos, its filters, and the bar for what is selected. */
 export class Tray {
@@ -17,7 +17,7 @@ export class Tray {
     this.box = byId("tray-list");
     this.list = new VirtualList(this.box, (id) => this._make(id), (row, id) => this._update(row, id));
     this._listen();
-    const render = eachFrame(() => this.render());
+    const render = rafThrottle(() => this.render());
     this.store.on("photos placement selection", render);
     this.store.on("current", () => this._showCurrent());
     this.render();
@@ -60,7 +60,7 @@ export class Tray {
       const button = event.target.closest("[data-filter]");
       if (button) this.setFilter(button.dataset.filter);
     });
-    byId("tray-search").addEventListener("input", whenCalm((event) => {
+    byId("tray-search").addEventListener("input", debounce((event) => {
       this.search = event.target.value.trim();
       this.render();
     }, 150));

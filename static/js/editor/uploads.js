@@ -22,7 +22,7 @@ const REMEMBERED = 5000;
 export class Uploads extends EventTarget {
   /**
    * @param {Object} server endpoints
-   * @param {import("./store.js").Store} store
+   * @param {import("../shared/map/map-store.js").MapStore} store
    */
   constructor(server, store) {
     super();

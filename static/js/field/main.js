@@ -1,22 +1,21 @@
 /** The page for the field: photos are kept on the device, sent once there is a network, and answered on the map. */
 
-import { get } from "../api.js";
-import { h } from "../dom.js";
-import { MapView } from "../editor/mapview.js";
-import { byId } from "../editor/page.js";
-import { Store } from "../editor/store.js";
-import { t, tn } from "../i18n.js";
-import { answerList } from "../localize/answerlist.js";
-import { Marks } from "../localize/marks.js";
-import { Session } from "../localize/session.js";
-import { toastError } from "../toast.js";
+import { AnswerLayer } from "../shared/answer/answer-layer.js";
+import { answerList } from "../shared/answer/answer-list.js";
+import { QuerySession } from "../shared/answer/query-session.js";
+import { get } from "../shared/api.js";
+import { byId, h } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { MapStore } from "../shared/map/map-store.js";
+import { MapView } from "../shared/map/map-view.js";
+import { toastError } from "../shared/toast.js";
 import { Outbox } from "./outbox.js";
-import { PhotoList } from "./photolist.js";
+import { PhotoList } from "./photo-list.js";
 import { Sender } from "./sender.js";
 
 const LAST = "expmap-field-map";
 const account = Number(document.querySelector('meta[name="expmap-account"]').content);
-const session = new Session();
+const session = new QuerySession();
 const photos = new PhotoList(byId("outbox"), { open, remove: (entry) => outbox.remove([entry.key]) });
 const outbox = await Outbox.open(account);
 const sender = new Sender(outbox);
@@ -103,9 +102,9 @@ async function chooseMap() {
 
 function showMap(state) {
   const satellite = state.satellite && { ...state.satellite, tiles: null }; // one picture is kept more easily than tiles
-  const store = new Store({ ...state, satellite, can_edit: false });
+  const store = new MapStore({ ...state, satellite, can_edit: false });
   const view = new MapView(byId("map-canvas"), store);
-  const marks = new Marks(store, session).addTo(view.map);
+  const marks = new AnswerLayer(store, session).addTo(view.map);
   const look = () => session.position && view.reveal(session.position, { margin: 70 });
   answerList(session, look);
   session.on("answer", look);

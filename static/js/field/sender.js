@@ -1,6 +1,6 @@
 /** Sends what waits in the outbox, one photo after the other, as soon as there is a network. */
 
-import { api, get } from "../api.js";
+import { api, get } from "../shared/api.js";
 
 const AGAIN_MS = 10_000;
 const LOCK = "expmap-field";

@@ -1,6 +1,6 @@
 /** What the localization page asks of the server, by name. */
 
-import { api, del, file, get, post, upload } from "../api.js";
+import { api, del, file, get, post, upload } from "../shared/api.js";
 
 /**
  * The requests about one map.

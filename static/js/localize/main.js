@@ -1,45 +1,45 @@
 /** The page that tells where a photo was taken: makes the parts and connects them. */
 
-import { MapView } from "../editor/mapview.js";
-import { Live } from "../editor/live.js";
-import { Store } from "../editor/store.js";
-import { byId } from "../editor/page.js";
-import { t } from "../i18n.js";
-import { answerList } from "./answerlist.js";
-import { Asking } from "./asking.js";
-import { secondMap } from "./beside.js";
+import { colours } from "../shared/answer/answer-format.js";
+import { AnswerLayer } from "../shared/answer/answer-layer.js";
+import { answerList } from "../shared/answer/answer-list.js";
+import { QuerySession } from "../shared/answer/query-session.js";
+import { byId } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { MapPolling } from "../shared/map/map-polling.js";
+import { MapStore } from "../shared/map/map-store.js";
+import { MapView } from "../shared/map/map-view.js";
+import { connectTabs } from "../shared/tabs.js";
 import { endpointsOf } from "./endpoints.js";
-import { History } from "./history.js";
-import { LiveCamera } from "./livecamera.js";
-import { Marks } from "./marks.js";
-import { Matches } from "./matches.js";
+import { showExplanation } from "./explanation.js";
+import { AnswerGestures, instructions } from "./gestures.js";
+import { LiveCamera } from "./live-camera.js";
+import { Localizer } from "./localizer.js";
+import { MatchPanel } from "./match-panel.js";
 import { Options } from "./options.js";
-import { showPlace } from "./place.js";
-import { instructions, Pointing } from "./pointing.js";
-import { showQuery } from "./queryview.js";
-import { Session } from "./session.js";
-import { listenToSources } from "./sources.js";
-import { connectTabs } from "./tabs.js";
-import { showWhy } from "./why.js";
-import { colours } from "./words.js";
+import { listenToSources } from "./photo-sources.js";
+import { showPlace } from "./place-panel.js";
+import { QueryHistory } from "./query-history.js";
+import { showQuery } from "./query-view.js";
+import { connectSecondMap } from "./second-map.js";
 
 const state = JSON.parse(byId("state").textContent);
-const store = new Store({ ...state, can_edit: false });
-const session = new Session();
+const store = new MapStore({ ...state, can_edit: false });
+const session = new QuerySession();
 const server = endpointsOf(store.slug);
-const live = new Live(store, server.changes);
+const live = new MapPolling(store, server.changes);
 
 const view = new MapView(byId("map-canvas"), store);
-const marks = new Marks(store, session).addTo(view.map);
-new Pointing(view, marks, session, say);
+const marks = new AnswerLayer(store, session).addTo(view.map);
+new AnswerGestures(view, marks, session, say);
 instructions(session);
 
 const options = new Options(session, store, () => askAgain());
-const asking = new Asking({ session, store, server, options, say });
+const asking = new Localizer({ session, store, server, options, say });
 const page = { session, store, server, options, asking, say, slug: store.slug, canEdit: state.can_edit, refresh: () => live.refresh() };
 
-const openTab = connectTabs((name) => name === "history" && past.show());
-const past = new History(page, (id) => {
+const openTab = connectTabs(["answer", "history"], (name) => name === "history" && past.show());
+const past = new QueryHistory(page, (id) => {
   camera.stop();
   openTab("answer");
   asking.open(id);
@@ -48,9 +48,9 @@ const camera = new LiveCamera(page);
 showQuery(page, { forgotten: () => past.refresh() });
 answerList(session, () => look());
 showPlace(page);
-showWhy(session, options, () => askAgain());
-new Matches(page);
-secondMap(page);
+showExplanation(session, options, () => askAgain());
+new MatchPanel(page);
+connectSecondMap(page);
 asking.addEventListener("asked", () => past.refresh());
 session.on("answer", () => look());
 listenToSources((files) => {

@@ -1,16 +1,16 @@
 /** What is known besides the photo, and how to look: the form of the menu. */
 
-import { t } from "../i18n.js";
-import { byId } from "../editor/page.js";
-import { lengthText } from "./words.js";
+import { lengthText } from "../shared/answer/answer-format.js";
+import { byId } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
 
 const USUAL = { method: "verified", features: "auto", fov: "", heading_deg: "" };
 
 /** The options of the next question. */
 export class Options {
   /**
-   * @param {import("./session.js").Session} session
-   * @param {import("../editor/store.js").Store} store
+   * @param {import("../shared/answer/query-session.js").QuerySession} session
+   * @param {import("../shared/map/map-store.js").MapStore} store
    * @param {function(): void} askAgain
    */
   constructor(session, store, askAgain) {

@@ -1,19 +1,17 @@
 /** What people do with a whole mission: import, correct, share, rename, delete. */
 
-import { askDialog, busy, confirmDialog } from "../dialog.js";
-import { h } from "../dom.js";
-import { openDialog } from "../editor/dialogs.js";
-import { listenToDrops, usable } from "../editor/dropfiles.js";
-import { byId } from "../editor/page.js";
-import { locale, t, tn } from "../i18n.js";
-import { toast, toastError } from "../toast.js";
-import { importDialog } from "./importing.js";
-import { ended, jobBar } from "./jobwatch.js";
-import { sharesDialog } from "./sharing.js";
+import { askDialog, busy, confirmDialog, openDialog } from "../shared/dialogs.js";
+import { byId, h } from "../shared/dom.js";
+import { listenToDrops, usable } from "../shared/drop-files.js";
+import { locale, t, tn } from "../shared/i18n.js";
+import { toast, toastError } from "../shared/toast.js";
+import { importDialog } from "./import-dialog.js";
+import { ended, jobBar } from "./job-progress.js";
+import { sharesDialog } from "./share-mission.js";
 
 /**
  * Connect the buttons that the page has for who looks at it.
- * @param {import("./store.js").Store} store
+ * @param {import("./mission-store.js").MissionStore} store
  * @param {function(): Promise<void>} refresh
  */
 export function connectActions(store, refresh) {

@@ -1,6 +1,6 @@
 /** What the pages of missions ask the server. */
 
-import { del, events, get, patch, post, upload } from "../api.js";
+import { del, events, get, patch, post, upload } from "../shared/api.js";
 
 /**
  * The list of missions, or of those in the bin.

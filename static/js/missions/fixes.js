@@ -1,14 +1,14 @@
 /** How sure visual fixes are, and which ones the fusion left out: circles and crosses on the map. */
 
-import { whenCalm } from "../editor/page.js";
-import { toastError } from "../toast.js";
+import { debounce } from "../shared/timing.js";
+import { toastError } from "../shared/toast.js";
 
 const MOST = 2000;
 const CALM_MS = 1500;
 /** Radius of the circle that holds 68 % of a normal distribution in two directions, in standard deviations. */
 const WITHIN_68 = 1.51;
 
-/** Keep the fixes of the page's own mission right. @param {import("./store.js").Store} store */
+/** Keep the fixes of the page's own mission right. @param {import("./mission-store.js").MissionStore} store */
 export function showFixes(store) {
   const server = store.server(store.id);
   let seen = "";
@@ -23,7 +23,7 @@ export function showFixes(store) {
       toastError(error);
     }
   };
-  const later = whenCalm(load, CALM_MS);
+  const later = debounce(load, CALM_MS);
   store.on("missions grown", () => state() !== seen && later());
   if (state() !== "[]") load();
 }

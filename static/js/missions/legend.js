@@ -1,15 +1,14 @@
 /** What the colours of the tracks mean. */
 
-import { h } from "../dom.js";
-import { byId } from "../editor/page.js";
-import { t } from "../i18n.js";
-import { nthColour, SCALE, sourceColour } from "./colours.js";
-import { clockText, DAY_S, sourceName, spanText, speedText, timeText } from "./words.js";
+import { byId, h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { nthColour, SCALE, sourceColour } from "./colour-scales.js";
+import { clockText, DAY_S, sourceName, spanText, speedText, timeText } from "./format.js";
 
 /**
  * Keep the legend right.
- * @param {import("./store.js").Store} store
- * @param {import("./lines.js").Lines} lines
+ * @param {import("./mission-store.js").MissionStore} store
+ * @param {import("./track-lines.js").TrackLines} lines
  */
 export function showLegend(store, lines) {
   const box = byId("legend");

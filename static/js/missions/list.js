@@ -1,15 +1,13 @@
 /** The list of missions: make one, import a file, rename, delete. */
 
-import { askDialog, busy, confirmDialog } from "../dialog.js";
-import { h, icon } from "../dom.js";
-import { errorLine, field, openDialog } from "../editor/dialogs.js";
-import { listenToDrops, usable } from "../editor/dropfiles.js";
-import { byId } from "../editor/page.js";
-import { moment, t, tn } from "../i18n.js";
-import { sentence, toastError } from "../toast.js";
+import { askDialog, busy, confirmDialog, errorLine, field, openDialog } from "../shared/dialogs.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { listenToDrops, usable } from "../shared/drop-files.js";
+import { moment, t, tn } from "../shared/i18n.js";
+import { sentence, toastError } from "../shared/toast.js";
 import { endpointsOf, makeMission, missionList } from "./endpoints.js";
-import { importDialog } from "./importing.js";
-import { lengthText, spanText } from "./words.js";
+import { lengthText, spanText } from "./format.js";
+import { importDialog } from "./import-dialog.js";
 
 const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");

@@ -1,32 +1,32 @@
 /** The page of a mission: makes the parts and connects them. */
 
-import { byId } from "../editor/page.js";
-import { t } from "../i18n.js";
-import { sentence, toastError } from "../toast.js";
+import { byId } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { connectTabs } from "../shared/tabs.js";
+import { sentence, toastError } from "../shared/toast.js";
 import { connectActions } from "./actions.js";
+import { chooseGround } from "./background-choice.js";
 import { showFixes } from "./fixes.js";
-import { chooseGround } from "./grounds.js";
+import { connectGestures } from "./gestures.js";
 import { showLegend } from "./legend.js";
-import { Lines } from "./lines.js";
-import { Live } from "./live.js";
-import { showObject } from "./objectcard.js";
-import { ObjectTable } from "./objecttable.js";
-import { otherMissions } from "./others.js";
+import { Live } from "./live-events.js";
+import { MissionStore } from "./mission-store.js";
+import { MissionView } from "./mission-view.js";
+import { showObject } from "./object-card.js";
+import { ObjectTable } from "./object-table.js";
+import { otherMissions } from "./other-missions.js";
 import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
-import { listenToHands } from "./pointing.js";
 import { Profile } from "./profile.js";
 import { Scene } from "./scene.js";
-import { Store } from "./store.js";
-import { connectTabs } from "./tabs.js";
-import { showTracks } from "./trackpanel.js";
-import { MissionView } from "./view.js";
+import { TrackLines } from "./track-lines.js";
+import { showTracks } from "./track-panel.js";
 
 /** A robot that was not heard for so long is not there any more. */
 const LIVE_MS = 120_000;
 
 const page = JSON.parse(byId("page").textContent);
-const store = new Store(page.id);
+const store = new MissionStore(page.id);
 const server = store.server(page.id);
 
 load();
@@ -54,7 +54,7 @@ function fail(text) {
 
 function begin() {
   const view = new MissionView(byId("map-canvas"));
-  const lines = new Lines(store, view);
+  const lines = new TrackLines(store, view);
   const scene = new Scene(store, lines, view);
   view.add(scene);
   const player = new Player(store);
@@ -64,13 +64,14 @@ function begin() {
     if (boxes.length) view.show(around(boxes));
     else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
   };
-  listenToHands({ view, scene, store, player, fit: () => fit() });
+  connectGestures({ view, scene, store, player, fit: () => fit() });
   chooseGround(store, view, { services: page.services, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: otherMissions(store, fit) });
   showLegend(store, lines);
   new Profile(store, scene, player);
   connectTabs(["tracks", "objects", "photos"]);
+  byId("panel").inert = false; // until now a click would have been lost
   showObject(store);
   new ObjectTable(store, ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon)));
   showFixes(store);

@@ -1,19 +1,19 @@
 /** Photos of the mission, and where the map says that they were taken. */
 
-import { busy } from "../dialog.js";
-import { h, icon } from "../dom.js";
-import { byId, whenCalm } from "../editor/page.js";
-import { t } from "../i18n.js";
-import { toastError } from "../toast.js";
+import { busy } from "../shared/dialogs.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { debounce } from "../shared/timing.js";
+import { toastError } from "../shared/toast.js";
 import { radiusOf } from "./fixes.js";
-import { ended } from "./jobwatch.js";
-import { clockText, lengthText } from "./words.js";
+import { clockText, lengthText } from "./format.js";
+import { ended } from "./job-progress.js";
 
 const CALM_MS = 800;
 
 /**
  * Keep the list of photos right.
- * @param {import("./store.js").Store} store
+ * @param {import("./mission-store.js").MissionStore} store
  * @param {function({lat: number, lon: number}): void} look shows a place
  */
 export function showPhotos(store, look) {
@@ -31,7 +31,7 @@ export function showPhotos(store, look) {
   let seen = store.mission.photos;
   if (seen) load();
   store.on("photos", load);
-  const later = whenCalm(load, CALM_MS);
+  const later = debounce(load, CALM_MS);
   store.on("missions grown", () => {
     if (store.mission.photos === seen && !shown.some(({ fix_state: state }) => state === "queued")) return;
     seen = store.mission.photos;

@@ -1,15 +1,15 @@
 /** The time line: the slider, and the replay that moves it. */
 
-import { byId } from "../editor/page.js";
-import { t } from "../i18n.js";
-import { clockText, DAY_S, SHORTEST_S, spanText, timeText } from "./words.js";
+import { byId } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { clockText, DAY_S, SHORTEST_S, spanText, timeText } from "./format.js";
 
 const STEPS = 400;
 const SHOWN_EVERY_MS = 100;
 
 /** Slider, play button and speed. */
 export class Player {
-  /** @param {import("./store.js").Store} store */
+  /** @param {import("./mission-store.js").MissionStore} store */
   constructor(store) {
     this.store = store;
     this.slider = byId("moment");

@@ -1,12 +1,12 @@
 /** Speed, height or distance over the time line; pointing at it points at the map, a click goes there. */
 
-import { h } from "../dom.js";
-import { byId, eachFrame, whenCalm } from "../editor/page.js";
-import { t } from "../i18n.js";
-import { toastError } from "../toast.js";
-import { nthColour, sourceColour } from "./colours.js";
-import { Inks } from "./inks.js";
-import { lengthText, SHORTEST_S, spanText, speedText } from "./words.js";
+import { byId, h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { ThemeColours } from "../shared/theme-colours.js";
+import { debounce, rafThrottle } from "../shared/timing.js";
+import { toastError } from "../shared/toast.js";
+import { nthColour, sourceColour } from "./colour-scales.js";
+import { lengthText, SHORTEST_S, spanText, speedText } from "./format.js";
 
 const POINTS = 1000;
 const CALM_MS = 2500;
@@ -20,7 +20,7 @@ const QUANTITIES = {
 /** The chart above the slider. */
 export class Profile {
   /**
-   * @param {import("./store.js").Store} store
+   * @param {import("./mission-store.js").MissionStore} store
    * @param {import("./scene.js").Scene} scene
    * @param {import("./player.js").Player} player
    */
@@ -30,9 +30,9 @@ export class Profile {
     this.told = new Map();
     this.hover = null;
     this.canvas = byId("profile");
-    this._draw = eachFrame(() => this._paint());
-    this._inks = new Inks(this.canvas.parentElement, ["--line", "--text", "--text-soft"], this._draw);
-    this._later = whenCalm(() => this._load({ anew: true }), CALM_MS);
+    this._draw = rafThrottle(() => this._paint());
+    this._inks = new ThemeColours(this.canvas.parentElement, ["--line", "--text", "--text-soft"], this._draw);
+    this._later = debounce(() => this._load({ anew: true }), CALM_MS);
     this._choice();
     this._listen();
     store.on("missions shown", () => this._load());

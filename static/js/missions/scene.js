@@ -1,11 +1,11 @@
 /** Everything that is drawn on the ground, on one canvas, anew at every move. */
 
-import { CanvasLayer } from "../canvaslayer.js";
-import { drawGrid } from "./drawgrid.js";
-import { drawTracks } from "./drawtracks.js";
-import { drawObjects } from "./drawobjects.js";
-import { drawMarks } from "./drawmarks.js";
-import { Inks } from "./inks.js";
+import { CanvasLayer } from "../shared/map/canvas-layer.js";
+import { ThemeColours } from "../shared/theme-colours.js";
+import { drawGrid } from "./draw-grid.js";
+import { drawMarks } from "./draw-marks.js";
+import { drawObjects } from "./draw-objects.js";
+import { drawTracks } from "./draw-tracks.js";
 
 const NEAR = { mouse: 14, touch: 24 };
 const INKS = ["rim", "grid", "grid-strong", "text", "halo", "robot", "current"].map((name) => `--mi-${name}`);
@@ -13,16 +13,16 @@ const INKS = ["rim", "grid", "grid-strong", "text", "halo", "robot", "current"].
 /** A layer of Leaflet. */
 export const Scene = CanvasLayer.extend({
   /**
-   * @param {import("./store.js").Store} store
-   * @param {import("./lines.js").Lines} lines
-   * @param {import("./view.js").MissionView} view
+   * @param {import("./mission-store.js").MissionStore} store
+   * @param {import("./track-lines.js").TrackLines} lines
+   * @param {import("./mission-view.js").MissionView} view
    */
   initialize(store, lines, view) {
     Object.assign(this, { store, lines, view, hover: null });
     this.begin();
     store.on("missions shown mode moment objects fixes matching chosen trail grown", this._draw);
     lines.addEventListener("change", this._draw);
-    this._inks = new Inks(view.element, INKS, this._draw);
+    this._inks = new ThemeColours(view.element, INKS, this._draw);
     view.addEventListener("ground", () => this._inks.forget());
   },
 

@@ -1,6 +1,6 @@
 /** Signs of detected objects by their class; a class without a sign shows its first letter. */
 
-import { inkOn, nthColour } from "./colours.js";
+import { inkOn, nthColour } from "./colour-scales.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const PERSON = "M12 4a2.6 2.6 0 1 1 0 5.200a2.600 2.600 0 1 1 0-5.200M7 20v-4.500c0-3 2-4.500 5-4.500s5 1.500 5 4.500V20";

@@ -1,10 +1,11 @@
 /** The page of a map's image: three ways to it, and three to where it is on the Earth. */
 
-import { imageMap } from "./imagemap.js";
-import { byId, page, panels, showKeptNotes } from "./page.js";
-import { blankForm, uploadForm } from "./plain.js";
-import { TilesPanel } from "./tiles.js";
-import { whereSection } from "./where.js";
+import { byId } from "../shared/dom.js";
+import { georeferenceSection } from "./georeference.js";
+import { imageMap } from "./image-map.js";
+import { page, panels, showKeptNotes } from "./page.js";
+import { TilesPanel } from "./tile-download.js";
+import { blankForm, uploadForm } from "./upload-forms.js";
 
 showKeptNotes();
 if (page.satellite) {
@@ -16,5 +17,5 @@ if (page.canEdit) {
   blankForm();
   const tiles = new TilesPanel();
   panels("way", (way) => way === "tiles" && tiles.open());
-  if (page.satellite) whereSection();
+  if (page.satellite) georeferenceSection();
 }

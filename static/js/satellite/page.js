@@ -1,7 +1,8 @@
 /** What this page knows of its map, and words that outlive a reload. */
 
-import { h, icon } from "../dom.js";
-import { sentence } from "../toast.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { tn } from "../shared/i18n.js";
+import { sentence } from "../shared/toast.js";
 
 /** Data of the page: `slug`, `revision`, `satellite`, `earth`, `services`, `photos`, `canEdit`. */
 export const page = JSON.parse(document.getElementById("page").textContent);
@@ -10,9 +11,6 @@ export const page = JSON.parse(document.getElementById("page").textContent);
 export const base = `/maps/${page.slug}`;
 
 const KEY = "expmap-image-notes";
-
-/** Find an element by its id. */
-export const byId = (id) => document.getElementById(id);
 
 /**
  * Show the page anew, with messages at its top.
@@ -64,9 +62,10 @@ export function panels(attribute, chosen) {
   return choose;
 }
 
-/** A latitude and longitude that somebody wrote, as `50.08, 14.42`; null when it is none. */
-export function parseLatLon(text) {
-  const numbers = text.match(/-?\d+(?:\.\d+)?/g)?.map(Number) || [];
-  const [lat, lon] = numbers;
-  return numbers.length === 2 && Math.abs(lat) <= 85 && Math.abs(lon) <= 180 ? [lat, lon] : null;
+/** Notes on photos that were placed, or taken off the map, with a new image. */
+export function movedPhotoNotes(fromTray, toTray) {
+  const notes = [];
+  if (fromTray) notes.push({ kind: "success", text: tn("{n} photo was placed by its GPS.", "{n} photos were placed by their GPS.", fromTray) });
+  if (toTray) notes.push({ kind: "warning", text: tn("{n} photo went back to the tray.", "{n} photos went back to the tray.", toTray) });
+  return notes;
 }

@@ -1,7 +1,7 @@
 /** A rectangle on a slippy map: four corners to drag, or to move by the arrow keys. */
 
-import { t } from "../i18n.js";
-import { pin } from "./slippy.js";
+import { t } from "../shared/i18n.js";
+import { pin } from "./tile-map.js";
 
 const CORNERS = [["north", "west"], ["north", "east"], ["south", "east"], ["south", "west"]];
 const STEP_PX = 8;

@@ -1,0 +1,127 @@
+/** The dialog in which boxes are drawn over faces and plates: they are blurred in every picture of the photo. */
+
+import { busy, errorLine, openDialog } from "../shared/dialogs.js";
+import { h, icon } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+
+const LEAST = 0.008;
+const NEW = { x: 0.4, y: 0.4, width: 0.2, height: 0.2 };
+const STEP = 0.01;
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/**
+ * Let somebody draw what is to be blurred.
+ * @param {Object} photo
+ * @param {function(Object[]): Promise<void>} save gets all boxes
+ */
+export function blurDialog(photo, save) {
+  const image = h("img", { src: photo.preview, alt: photo.name, draggable: "false" });
+  const frame = h("div", { class: "blur-frame" }, image);
+  const boxes = new Boxes(frame, photo.blurred.map((box) => ({ ...box })));
+  const error = errorLine();
+  const add = h("button", { class: "button", type: "button", onclick: () => boxes.add({ ...NEW }) }, icon("plus"), t("Add a box"));
+  const send = h("button", { class: "button button--primary", type: "button" }, t("Save"));
+  const text = t("Drag a box over each face and each number plate. They are blurred in every picture that is shown; the file itself stays as it came.");
+  const body = [h("p", { class: "soft small" }, text), frame, h("div", { class: "row" }, add, boxes.count), error];
+  const dialog = openDialog(t("Blur faces and plates"), body, { actions: [send] });
+  dialog.classList.add("dialog--wide");
+  send.addEventListener("click", () => busy(send, async () => {
+    try {
+      await save(boxes.all);
+      dialog.close();
+    } catch (problem) {
+      error.show(problem);
+    }
+  }));
+}
+
+/** Boxes over a picture, drawn with a pointer, or added and moved with keys. */
+class Boxes {
+  constructor(frame, all) {
+    Object.assign(this, { frame, all });
+    this.count = h("span", { class: "soft small", role: "status" });
+    frame.addEventListener("pointerdown", (event) => this._draw(event));
+    this._show();
+  }
+
+  add(box) {
+    this.all.push(box);
+    this._show();
+    this.frame.querySelector(".blur-box:last-of-type").focus();
+  }
+
+  _show() {
+    for (const old of this.frame.querySelectorAll(".blur-box")) old.remove();
+    this.frame.append(...this.all.map((box) => this._element(box)));
+    this.count.textContent = tn("{n} box", "{n} boxes", this.all.length);
+  }
+
+  _element(box) {
+    const remove = () => {
+      this.all.splice(this.all.indexOf(box), 1);
+      this._show();
+    };
+    const button = h("button", { class: "blur-box__remove", type: "button", "aria-label": t("Take this box away"), onclick: remove }, icon("close"));
+    const words = t("Box: the arrow keys move it, with Shift they change its size");
+    const made = h("div", { class: "blur-box", tabindex: "0", role: "group", "aria-label": words }, button);
+    made.addEventListener("keydown", (event) => this._key(event, made, box));
+    lay(made, box);
+    return made;
+  }
+
+  _key(event, element, box) {
+    const arrow = ARROWS[event.key];
+    if (event.key === "Delete") element.querySelector("button").click();
+    if (!arrow) return;
+    event.preventDefault();
+    const [x, y] = arrow.map((by) => by * STEP);
+    const changed = event.shiftKey
+      ? { ...box, width: box.width + x, height: box.height + y }
+      : { ...box, x: Math.min(box.x + x, 1 - box.width), y: Math.min(box.y + y, 1 - box.height) };
+    Object.assign(box, inside(changed));
+    lay(element, box);
+  }
+
+  /** Drag from one corner to the other. */
+  _draw(event) {
+    if (event.button !== 0 || event.target.closest(".blur-box")) return;
+    event.preventDefault();
+    this.frame.setPointerCapture(event.pointerId);
+    const start = this._at(event);
+    const element = h("div", { class: "blur-box" });
+    this.frame.append(element);
+    let box = { x: start[0], y: start[1], width: 0, height: 0 };
+    const move = (moved) => {
+      box = between(start, this._at(moved));
+      lay(element, box);
+    };
+    const end = (ended) => {
+      for (const [name, run] of [["pointermove", move], ["pointerup", end], ["pointercancel", end]]) this.frame.removeEventListener(name, run);
+      element.remove();
+      if (ended.type === "pointerup" && Math.min(box.width, box.height) > LEAST) this.add(box);
+    };
+    for (const [name, run] of [["pointermove", move], ["pointerup", end], ["pointercancel", end]]) this.frame.addEventListener(name, run);
+  }
+
+  _at(event) {
+    const { left, top, width, height } = this.frame.getBoundingClientRect();
+    const share = (value) => Math.min(Math.max(value, 0), 1);
+    return [share((event.clientX - left) / width), share((event.clientY - top) / height)];
+  }
+}
+
+function between([x, y], [toX, toY]) {
+  return { x: Math.min(x, toX), y: Math.min(y, toY), width: Math.abs(toX - x), height: Math.abs(toY - y) };
+}
+
+/** Keep a box in the picture, and large enough to be seen. */
+function inside({ x, y, width, height }) {
+  const [left, top] = [Math.min(Math.max(x, 0), 1 - LEAST), Math.min(Math.max(y, 0), 1 - LEAST)];
+  const side = (length, from) => Math.min(Math.max(length, LEAST), 1 - from);
+  return { x: left, y: top, width: side(width, left), height: side(height, top) };
+}
+
+function lay(element, { x, y, width, height }) {
+  const percent = (value) => `${value * 100}%`;
+  Object.assign(element.style, { left: percent(x), top: percent(y), width: percent(width), height: percent(height) });
+}

@@ -1,0 +1,75 @@
+/** Many photos placed at once: by their GPS, by a list of positions, by a track. */
+
+import { openDialog } from "../shared/dialogs.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { toast, toastError } from "../shared/toast.js";
+import { trackDialog } from "./track-dialog.js";
+
+const NAMES_SHOWN = 50;
+
+/**
+ * Connect the menu.
+ * @param {Object} page store, server, refresh and dots
+ * @returns {{positions: function(File): Promise<void>, track: function(?File): void}} for dropped files
+ */
+export function bulkPlacing(page) {
+  const { server, refresh } = page;
+  const positions = async (file) => {
+    try {
+      const told = await server.positionsFromFile(file);
+      await refresh();
+      report(told, t("Positions of {name}", { name: file.name }));
+    } catch (error) {
+      toastError(error);
+    }
+  };
+  const track = (file = null) => trackDialog(page, file, report);
+  byId("place-by-gps").addEventListener("click", async () => {
+    try {
+      const told = await server.placeByGps();
+      await refresh();
+      report(told, t("Place by GPS"));
+    } catch (error) {
+      toastError(error);
+    }
+  });
+  byId("place-by-file").addEventListener("click", () => choose(".cfg,.csv,.txt", positions));
+  byId("place-by-track").addEventListener("click", () => track());
+  byId("place-menu").addEventListener("click", (event) => {
+    if (event.target.closest(".menu__item")) byId("place-menu").open = false;
+  });
+  return { positions, track };
+}
+
+/** Let a person choose a file. */
+function choose(accept, take) {
+  const input = h("input", { type: "file", accept });
+  input.addEventListener("change", () => input.files[0] && take(input.files[0]));
+  input.click();
+}
+
+/** Say what placing did: in a line, and in full where something was left out. */
+function report(told, title) {
+  const placed = tn("{n} photo placed.", "{n} photos placed.", told.placed.length);
+  const parts = [
+    names(t("Beside the image"), (told.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    names(t("Not found on the track"), (told.unmatched || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    names(t("In the list, but not among the photos"), told.unknown || []),
+    names(t("Not clear which photo is meant"), told.ambiguous || []),
+    told.missing ? h("p", {}, tn("{n} photo in the tray is not in the list.", "{n} photos in the tray are not in the list.", told.missing)) : null,
+  ].filter(Boolean);
+  if (!parts.length) {
+    toast(told.placed.length ? placed : t("There was nothing to place."));
+    return;
+  }
+  openDialog(title, [h("p", { class: "row" }, icon("pin"), placed), ...parts]);
+}
+
+function names(title, lines) {
+  if (!lines.length) return null;
+  const rows = lines.slice(0, NAMES_SHOWN).map((line) => h("li", {}, line));
+  const more = lines.length - rows.length;
+  if (more > 0) rows.push(h("li", { class: "soft" }, tn("and {n} more", "and {n} more", more)));
+  return h("details", {}, h("summary", {}, `${title}: ${lines.length}`), h("ul", { class: "small" }, ...rows));
+}

@@ -1,0 +1,150 @@
+/** The current photo: large, with what is known of it and what can be done with it. */
+
+import { byId, h, icon } from "../shared/dom.js";
+import { clockText } from "../shared/format.js";
+import { t } from "../shared/i18n.js";
+import { latLonText } from "../shared/map/coords.js";
+import { PhotoZoom } from "../shared/photo-zoom.js";
+import { blurDialog } from "./blur-dialog.js";
+
+/** The panel of the current photo. */
+export class CurrentPhoto {
+  /**
+   * @param {import("./commands.js").Commands} commands
+   * @param {import("../shared/map/map-view.js").MapView} view
+   * @param {Object} server endpoints
+   */
+  constructor(commands, view, server) {
+    Object.assign(this, { commands, view, server, store: commands.store });
+    this.image = byId("current-image");
+    this.zoom = new PhotoZoom(byId("current-frame"), this.image);
+    this._listen();
+    this.store.on("current", () => {
+      this.zoom.reset();
+      this.render();
+    });
+    this.store.on("photos placement satellite tool preview", () => this.render());
+    this.render();
+  }
+
+  _listen() {
+    const { commands, store } = this;
+    const on = (id, run) => byId(id).addEventListener("click", run);
+    on("current-previous", () => commands.step(-1));
+    on("current-next", () => commands.step(1));
+    on("current-closer", () => this.zoom.step(1));
+    on("current-farther", () => this.zoom.step(-1));
+    on("current-show", () => this.view.reveal(store.position(store.currentId), { margin: 120 }));
+    on("current-tray", () => commands.toTray([store.currentId]));
+    on("current-blur", () => this._blur(store.current));
+    on("current-remove", () => commands.remove([store.currentId]));
+    on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
+    byId("current-heading").addEventListener("change", (event) => this._heading(event.target));
+    this.image.addEventListener("error", () => byId("current-frame").classList.add("is-broken"));
+    this.image.addEventListener("load", () => byId("current-frame").classList.remove("is-broken"));
+  }
+
+  _blur(photo) {
+    blurDialog(photo, async (boxes) => this.store.merge(await this.server.blur(photo.id, boxes)));
+  }
+
+  _heading(input) {
+    const degrees = input.value.trim() === "" ? null : Number(input.value.replace(",", "."));
+    if (Number.isFinite(degrees) || degrees === null) this.commands.turn(this.store.currentId, degrees);
+    else this.render();
+  }
+
+  render() {
+    const { store } = this;
+    const photo = store.current;
+    byId("current-none").hidden = Boolean(photo);
+    byId("current-some").hidden = !photo;
+    this._instruction(photo);
+    if (!photo) {
+      this.image.removeAttribute("src");
+      this._shown = null;
+      return;
+    }
+    this._picture(photo);
+    const position = store.position(photo.id);
+    byId("current-name").textContent = photo.name;
+    byId("current-name").title = photo.name;
+    byId("current-facts").replaceChildren(...this._facts(photo, position));
+    this._buttons(photo, position);
+    const input = byId("current-heading");
+    if (document.activeElement !== input) input.value = store.heading(photo.id) === null ? "" : Math.round(store.heading(photo.id));
+  }
+
+  /** The small picture is there at once; the large one takes its place when it has arrived. */
+  _picture(photo) {
+    const address = photo.preview;
+    if (this._shown === address) return;
+    this._shown = address;
+    this.image.alt = photo.name;
+    this.image.src = photo.thumb;
+    const large = new Image();
+    large.src = address;
+    large.decode().then(
+      () => this._shown === address && (this.image.src = large.src),
+      () => this._shown === address && byId("current-frame").classList.toggle("is-broken", !this.image.naturalWidth),
+    );
+    this._ahead();
+  }
+
+  /** Fetch the next photo before it is asked for. */
+  _ahead() {
+    const waiting = this.store.unplaced();
+    const next = waiting[waiting.indexOf(this.store.currentId) + 1];
+    if (next !== undefined) new Image().src = this.store.photos.get(next).preview;
+  }
+
+  _facts(photo, position) {
+    const fact = (name, ...text) => [h("dt", {}, name), h("dd", {}, ...text)];
+    const facts = [];
+    if (photo.taken_at) facts.push(...fact(t("Taken"), clockText(photo.taken_at)));
+    facts.push(...fact(t("GPS"), this._gps(photo)));
+    if (position) facts.push(...fact(t("Placed at"), this.view.positionText(position)));
+    return facts;
+  }
+
+  _gps({ gps, gps_problem: problem }) {
+    if (!gps) return problem || t("no position in this file");
+    const accuracy = gps.accuracy_m ? ` ± ${gps.accuracy_m < 10 ? gps.accuracy_m.toFixed(1) : Math.round(gps.accuracy_m)} m` : "";
+    const { satellite } = this.store;
+    const known = satellite && Number.isFinite(gps.x_px);
+    const outside = known && (gps.x_px < 0 || gps.y_px < 0 || gps.x_px > satellite.width || gps.y_px > satellite.height);
+    return latLonText([gps.lat, gps.lon]) + accuracy + (outside ? ` (${t("outside the image")})` : "");
+  }
+
+  _buttons(photo, position) {
+    const { store } = this;
+    const { gps } = photo;
+    const inside = store.satellite && gps && Number.isFinite(gps.x_px)
+      && gps.x_px >= 0 && gps.y_px >= 0 && gps.x_px <= store.satellite.width && gps.y_px <= store.satellite.height;
+    const there = position && inside && Math.hypot(position[0] - gps.x_px, position[1] - gps.y_px) < 0.5;
+    byId("current-gps").hidden = !store.canEdit || !inside || Boolean(there);
+    byId("current-show").hidden = !position;
+    byId("current-tray").hidden = !store.canEdit || !position;
+    byId("current-blur").hidden = !store.canEdit;
+    byId("current-remove").hidden = !store.canEdit;
+    byId("current-turn").hidden = !store.canEdit;
+  }
+
+  /** One line that says what to do now. */
+  _instruction(photo) {
+    const { store } = this;
+    const left = store.unplaced().length;
+    const state = !photo || !store.satellite || !store.canEdit ? "none" : store.tool;
+    const words = {
+      none: "",
+      place: t("Click on the image where this photo was taken."),
+      select: store.isPlaced(store.currentId) ? t("Drag its dot to move it, its arrow to turn it.") : t("Choose the photo again to place it."),
+    };
+    const line = byId("instruction");
+    line.hidden = !words[state];
+    if (line.dataset.words === words[state]) return;
+    line.dataset.words = words[state];
+    line.replaceChildren(icon(state === "place" ? "target" : "pin"), words[state]);
+    line.classList.toggle("is-placing", state === "place" && left > 0);
+  }
+}

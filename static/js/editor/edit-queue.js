@@ -1,0 +1,228 @@
+/**
+ * EditQueue on their way to the server: one after another, shown at once, kept while there is no connection.
+ *
+ * Every edit is sent with the newest revision that its author had seen. What the author did to the same photo
+ * just before does not count as news; what somebody else did is a conflict, and then nothing is overwritten.
+ */
+
+import { tn } from "../shared/i18n.js";
+import { pendingKey } from "../shared/map/map-store.js";
+
+const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
+/** Turns by key or hand come in many small steps: they are collected for so long. */
+const COLLECT_MS = 450;
+
+/**
+ * @typedef {Object} Item
+ * @property {"edit"|"remove"|"undo"|"redo"} action
+ * @property {string} kind for the words on the undo button
+ * @property {?string} placement
+ * @property {Array<{id: number}>} changes fields by photo
+ * @property {number} seen revision that the author had seen
+ * @property {number} notBefore when it may be sent, in milliseconds
+ * @property {boolean} uncertain whether an answer was lost
+ */
+
+/**
+ * The queue. Fires `change` when its length or state changes, `saved` with the item and the answer, and `refused`
+ * with `message` and `hint` when an edit was given up.
+ */
+export class EditQueue extends EventTarget {
+  /**
+   * @param {import("../shared/map/map-store.js").MapStore} store
+   * @param {Object} server `edit, remove, undo, redo` of endpoints.js
+   * @param {function(): Promise<void>} refresh takes everything that changed on the server
+   */
+  constructor(store, server, refresh) {
+    super();
+    Object.assign(this, { store, server, refresh });
+    this.items = [];
+    this.failures = 0;
+    this.offline = false;
+    this._own = new Map();
+    this._stale = false;
+    this._busy = false;
+    this._timer = 0;
+    addEventListener("online", () => this._wake());
+    addEventListener("beforeunload", (event) => this.items.length && event.preventDefault());
+  }
+
+  /** Number of edits that are not saved yet. */
+  get waiting() {
+    return this.items.length;
+  }
+
+  /** Change positions or headings. @param {string} kind @param {Array<{id: number}>} changes */
+  edit(kind, changes) {
+    const { placement, revision } = this.store;
+    const last = this.items.at(-1);
+    const notBefore = kind === "turn" ? performance.now() + COLLECT_MS : 0;
+    if (last && last !== this._sending && last.kind === kind && kind === "turn" && sameIds(last.changes, changes)) {
+      Object.assign(last, { changes, notBefore });
+    } else {
+      this._add({ action: "edit", kind, placement, changes, seen: revision, notBefore, uncertain: false });
+    }
+    this._show();
+    this._wake();
+  }
+
+  /** Take photos out of the map. @param {number[]} ids */
+  remove(ids) {
+    const changes = ids.map((id) => ({ id, removed: true }));
+    this._add({ action: "remove", kind: "remove", placement: null, changes, seen: this.store.revision, notBefore: 0 });
+    this._show();
+    this._wake();
+  }
+
+  /** @param {"undo"|"redo"} action */
+  step(action) {
+    this.items.forEach((item) => (item.notBefore = 0));
+    this._add({ action, kind: action, placement: null, changes: [], seen: this.store.revision, notBefore: 0 });
+    this._wake();
+  }
+
+  _add(item) {
+    this.items.push(item);
+    this.dispatchEvent(new Event("change"));
+  }
+
+  /** Lay all that waits over what the server said. */
+  _show() {
+    const pending = new Map();
+    for (const item of this.items) {
+      for (const { id, ...fields } of item.changes) {
+        for (const [name, value] of Object.entries(fields)) {
+          const key = pendingKey(name === "x_px" || name === "y_px" ? item.placement : null, id);
+          pending.set(key, { ...pending.get(key), [name]: value });
+        }
+      }
+    }
+    this.store.setPending(pending);
+  }
+
+  _wake() {
+    clearTimeout(this._timer);
+    if (!this._busy) this._send();
+  }
+
+  async _send() {
+    const item = this.items[0];
+    if (!item) return;
+    const wait = item.notBefore - performance.now();
+    if (wait > 0) {
+      this._timer = setTimeout(() => this._send(), wait);
+      return;
+    }
+    this._busy = true;
+    this._sending = item;
+    let pause = 0;
+    try {
+      await this._one(item);
+      this.failures = 0;
+      this.offline = false;
+    } catch (error) {
+      pause = await this._failed(item, error);
+    }
+    this._sending = null;
+    this._busy = false;
+    this.dispatchEvent(new Event("change"));
+    if (this.items.length) this._timer = setTimeout(() => this._send(), pause);
+  }
+
+  async _one(item) {
+    if (item.uncertain || this._stale) {
+      const before = this.store.revision;
+      await this.refresh();
+      this._stale = false;
+      if (item.uncertain && this._arrived(item, before)) return this._done(item);
+    }
+    const answer = await this._call(item);
+    await this._take(item, answer);
+    this._done(item);
+  }
+
+  _call(item) {
+    const { action, kind, placement, changes } = item;
+    const foreign = changes.some(({ id }) => this._changedByOthers(id, item.seen));
+    const seen = foreign ? item.seen : this.store.revision; // the server knows who it was, and refuses
+    if (action === "edit") return this.server.edit({ seen, kind, changes, ...(placement && { placement }) });
+    if (action === "remove") return this.server.remove({ seen, ids: changes.map(({ id }) => id) });
+    return this.server[action]();
+  }
+
+  /** Take an answer in; a gap in the revisions means that somebody else was faster with something. */
+  async _take(item, answer) {
+    const gap = answer.revision > this.store.revision + 1;
+    if (answer.revision !== null) {
+      for (const { id } of [...item.changes, ...answer.photos]) this._own.set(id, answer.revision);
+      if (!gap) this.store.revision = Math.max(this.store.revision, answer.revision);
+    }
+    this.items = this.items.filter((other) => other !== item);
+    this._show();
+    this.store.merge(answer);
+    this.dispatchEvent(new CustomEvent("saved", { detail: { item, answer } }));
+    this._stale = gap;
+    if (gap) await this.refresh();
+    this._stale = false;
+  }
+
+  _done(item) {
+    this.items = this.items.filter((other) => other !== item);
+    this._show();
+  }
+
+  _changedByOthers(id, seen) {
+    const photo = this.store.photos.get(id);
+    return Boolean(photo) && photo.revision > seen && this._own.get(id) !== photo.revision;
+  }
+
+  /** Tell whether an edit whose answer was lost has been made. */
+  _arrived(item, before) {
+    if (item.action === "undo" || item.action === "redo") return this.store.revision > before;
+    return item.changes.every(({ id, removed, ...fields }) => {
+      const photo = this.store.photos.get(id);
+      if (removed || !photo) return Boolean(removed) && !photo;
+      const place = item.placement ? this.store.placements.get(item.placement)?.get(id) : [photo.x_px, photo.y_px];
+      const there = { x_px: place?.[0] ?? null, y_px: place?.[1] ?? null, heading_deg: photo.heading_deg };
+      return Object.entries(fields).every(([name, value]) => there[name] === value);
+    });
+  }
+
+  /** @returns {Promise<number>} how long to wait before the next try, in milliseconds */
+  async _failed(item, error) {
+    if (!this.items.includes(item)) return 0; // it is saved; only the look at what else is new failed
+    const later = error.status === 0 || error.status >= 500 || error.status === 429 || error.status === 401;
+    if (later) {
+      item.uncertain = error.status === 0 || error.status >= 500;
+      this.offline = error.status === 0;
+      this.failures += 1;
+      if (error.status !== 0 && this.failures === 1) this._refused(error);
+      return RETRY_MS[Math.min(this.failures, RETRY_MS.length) - 1];
+    }
+    const conflict = error.status === 409 || error.status === 412;
+    this._done(item);
+    await this.refresh().catch(() => {});
+    if (conflict) this._conflict(item, error.message, error.hint);
+    else this._refused(error);
+    return 0;
+  }
+
+  /** Give up an edit, and those after it that build on it. */
+  _conflict(item, message, hint = null) {
+    const ids = new Set(item.changes.map(({ id }) => id));
+    const lost = this.items.filter((other) => other === item || other.changes.some(({ id }) => ids.has(id)));
+    this.items = this.items.filter((other) => !lost.includes(other));
+    this._show();
+    const count = Math.max(lost.length, 1);
+    const told = hint || tn("Your change was not made: the photo is shown as it is now", "{n} of your changes were not made: the photos are shown as they are now", count);
+    this.dispatchEvent(new CustomEvent("refused", { detail: { message, hint: told } }));
+  }
+
+  _refused(error) {
+    this.dispatchEvent(new CustomEvent("refused", { detail: { message: error.message, hint: error.hint } }));
+  }
+}
+
+function sameIds(a, b) {
+  return a.length === b.length && a.every(({ id }, n) => id === b[n].id);
+}

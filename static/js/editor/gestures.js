@@ -1,0 +1,175 @@
+/** Mouse, pen and fingers on the image: place, choose, drag, turn, box; Leaflet keeps pan, wheel and pinch. */
+
+import { h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { clamped, imageAngle, isInside } from "../shared/map/coords.js";
+import { rafThrottle } from "../shared/timing.js";
+
+const LONG_PRESS_MS = 500;
+const STILL = { mouse: 4, touch: 10 };
+const COARSE_STEP = 15;
+
+/** Turns pointer events into commands. */
+export class EditGestures {
+  /**
+   * @param {import("../shared/map/map-view.js").MapView} view
+   * @param {Object} dots layer of dots.js
+   * @param {import("./commands.js").Commands} commands
+   */
+  constructor(view, dots, commands) {
+    Object.assign(this, { view, dots, commands, store: commands.store });
+    this.gesture = null;
+    const { element } = view;
+    element.addEventListener("pointerdown", (event) => this._down(event), { capture: true });
+    addEventListener("pointermove", (event) => this._move(event));
+    addEventListener("pointerup", (event) => this._up(event));
+    addEventListener("pointercancel", () => this.cancel());
+    element.addEventListener("contextmenu", (event) => event.pointerType === "touch" && event.preventDefault());
+    const hover = rafThrottle(() => this._hover());
+    element.addEventListener("pointermove", (event) => {
+      this._last = event;
+      hover();
+    });
+    this.store.on("tool", () => this._cursor());
+    this._cursor();
+  }
+
+  /** Stop what a hand is doing; nothing has been changed. */
+  cancel() {
+    const { gesture } = this;
+    if (!gesture) return;
+    clearTimeout(gesture.timer);
+    gesture.box?.remove();
+    this.gesture = null;
+    this.view.map.dragging.enable();
+    this.store.setPreview(new Map());
+  }
+
+  _down(event) {
+    if (!this.store.satellite || event.target.closest("button, a, input, .ed-overlay")) return;
+    if (this.gesture) {
+      this.cancel(); // a second finger: a pinch
+      this._ignore = event.pointerId;
+      return;
+    }
+    if (event.button !== 0) return;
+    const pointer = event.pointerType === "touch" ? "touch" : "mouse";
+    const point = this.view.map.mouseEventToContainerPoint(event);
+    const gesture = { id: event.pointerId, pointer, point, start: this.view.pixelAt(event), moved: false };
+    Object.assign(gesture, this._meaning(event, point, pointer));
+    if (gesture.mode !== "pan") this.view.map.dragging.disable();
+    if (pointer === "touch") gesture.timer = setTimeout(() => this._longPress(), LONG_PRESS_MS);
+    this.gesture = gesture;
+  }
+
+  /** What a press there would do when it moves. */
+  _meaning(event, point, pointer) {
+    const { store, dots } = this;
+    if (store.canEdit && dots.onHandle(point, pointer)) return { mode: "turn", target: store.currentId };
+    const [hit] = dots.near(point, pointer);
+    if (hit === undefined) return { mode: event.shiftKey ? "box" : "pan" };
+    const chosen = store.selection.has(hit) || hit === store.currentId;
+    if (!store.canEdit || (pointer === "touch" && !chosen)) return { mode: "pan" };
+    const ids = store.selection.has(hit) ? [...store.selection].filter((id) => store.isPlaced(id)) : [hit];
+    return { mode: "drag", from: new Map(ids.map((id) => [id, store.position(id)])) };
+  }
+
+  _move(event) {
+    const { gesture } = this;
+    if (!gesture || event.pointerId !== gesture.id) return;
+    const point = this.view.map.mouseEventToContainerPoint(event);
+    if (!gesture.moved && point.distanceTo(gesture.point) < STILL[gesture.pointer]) return;
+    gesture.moved = true;
+    clearTimeout(gesture.timer);
+    if (gesture.mode === "drag") this._drag(gesture, this.view.pixelAt(event));
+    if (gesture.mode === "turn") this._turn(gesture, this.view.pixelAt(event), event.shiftKey);
+    if (gesture.mode === "box") this._box(gesture, point);
+  }
+
+  _up(event) {
+    const { gesture } = this;
+    if (!gesture || event.pointerId !== gesture.id) return;
+    const { moved, mode, long } = gesture;
+    if (!moved && !long) this._click(event, gesture);
+    if (moved && mode === "drag") this.commands.move(gesture.to);
+    if (moved && mode === "turn") this.commands.turn(gesture.target, gesture.heading);
+    if (moved && mode === "box") this._choose(gesture);
+    this.cancel();
+  }
+
+  _drag(gesture, [x, y]) {
+    const [dx, dy] = [x - gesture.start[0], y - gesture.start[1]];
+    const to = ([fromX, fromY]) => clamped([fromX + dx, fromY + dy], this.store.satellite);
+    gesture.to = new Map([...gesture.from].map(([id, position]) => [id, to(position)]));
+    this.view.showPosition([...gesture.to.values()][0]);
+    this.store.setPreview(new Map([...gesture.to].map(([id, [x_px, y_px]]) => [id, { x_px, y_px }])));
+  }
+
+  _turn(gesture, pixel, coarse) {
+    const position = this.store.position(gesture.target);
+    const step = coarse ? COARSE_STEP : 1;
+    const heading = imageAngle(position, pixel) - this.store.georeference.north(position);
+    gesture.heading = (((Math.round(heading / step) * step) % 360) + 360) % 360;
+    this.store.setPreview(new Map([[gesture.target, { heading_deg: gesture.heading }]]));
+  }
+
+  _box(gesture, point) {
+    gesture.box ??= this.view.element.appendChild(h("div", { class: "ed-box" }));
+    gesture.bounds = L.bounds([gesture.point, point]);
+    const { min } = gesture.bounds;
+    const size = gesture.bounds.getSize();
+    Object.assign(gesture.box.style, {
+      left: `${min.x}px`, top: `${min.y}px`, width: `${size.x}px`, height: `${size.y}px`,
+    });
+  }
+
+  _choose({ bounds }) {
+    const { store } = this;
+    store.setSelection([...store.selection, ...this.dots.within(bounds)]);
+  }
+
+  _longPress() {
+    const { gesture } = this;
+    const [hit] = this.dots.near(gesture.point, "touch");
+    if (hit === undefined) return;
+    gesture.long = true;
+    navigator.vibrate?.(15);
+    this.store.toggleSelected(hit);
+  }
+
+  _click(event, { point, pointer, mode }) {
+    if (mode === "turn") return;
+    const { store } = this;
+    const hits = this.dots.near(point, pointer);
+    const choosing = event.shiftKey || event.ctrlKey || event.metaKey || (pointer === "touch" && store.selection.size);
+    if (choosing) {
+      if (hits.length) store.toggleSelected(hits[0]);
+    } else if (store.tool === "place" && store.current && !store.isPlaced(store.currentId)) {
+      this._place(event);
+    } else if (hits.length) {
+      const at = hits.indexOf(store.currentId);
+      store.setCurrent(hits[(at + 1) % hits.length]);
+    } else if (store.selection.size) {
+      store.setSelection([]);
+    }
+  }
+
+  _place(event) {
+    const pixel = this.view.pixelAt(event);
+    if (isInside(pixel, this.store.satellite)) this.commands.placeCurrent(pixel);
+    else this.commands.say(t("That is outside the image"));
+  }
+
+  _hover() {
+    if (this.gesture || !this._last || this._last.pointerType === "touch") return;
+    const point = this.view.map.mouseEventToContainerPoint(this._last);
+    const handle = this.store.canEdit && this.dots.onHandle(point);
+    const dot = !handle && this.store.tool === "select" && this.dots.near(point).length > 0;
+    this.view.element.classList.toggle("is-on-handle", handle);
+    this.view.element.classList.toggle("is-on-dot", dot);
+  }
+
+  _cursor() {
+    this.view.element.classList.toggle("is-placing", this.store.tool === "place");
+  }
+}

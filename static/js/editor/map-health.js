@@ -1,0 +1,84 @@
+/** Colours on the dots for places that look alike, stand alone, or were seen in one direction only. */
+
+import { byId, h } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
+
+const STATES = {
+  confusable: { colour: "#e8503a", words: () => t("looks like another place") },
+  lonely: { colour: "#8a5cf6", words: () => t("alone: nothing near confirms it") },
+  "one-direction": { colour: "#f2a900", words: () => t("seen in one direction only") },
+  good: { colour: "#2fa866", words: () => t("found again well") },
+};
+
+/** The switch for the colours, and their legend. */
+export class MapHealth {
+  /** @param {Object} page store, server, refresh and dots */
+  constructor({ store, server, refresh, dots }) {
+    Object.assign(this, { store, server, refresh, dots });
+    this.toggle = byId("health-toggle");
+    this.job = null;
+    this.toggle.addEventListener("change", () => this._switch());
+    store.on("jobs", () => this._watch());
+  }
+
+  async _switch() {
+    this.job = null;
+    if (this.toggle.checked) await this._ask("health");
+    else this._clear();
+  }
+
+  /** @param {"health"|"findHealth"} question */
+  async _ask(question) {
+    try {
+      const health = await this.server[question]();
+      if (!this.toggle.checked) return;
+      this.job = health.job;
+      if (health.revision === null && health.job === null) await this._ask("findHealth"); // for the first time
+      else this._show(health);
+    } catch (error) {
+      this.toggle.checked = false;
+      this._clear();
+      toastError(error);
+    }
+  }
+
+  /** Look again when the job that finds it out has ended. */
+  _watch() {
+    const job = this.store.jobs.find(({ id }) => id === this.job);
+    if (!job || job.state === "queued" || job.state === "running") return;
+    this.job = null;
+    if (job.state === "done") this._ask("health");
+  }
+
+  _clear() {
+    byId("health-legend").hidden = true;
+    this.dots.setColours(null);
+  }
+
+  _show({ photos, revision, current, job }) {
+    const counts = new Map();
+    for (const { state } of photos) counts.set(state, (counts.get(state) || 0) + 1);
+    const rows = Object.entries(STATES).filter(([state]) => counts.has(state)).map(([state, { colour, words }]) => {
+      const dot = h("span", { class: "ed-legend__dot" });
+      dot.style.background = colour;
+      return h("li", {}, dot, words(), h("span", { class: "soft" }, String(counts.get(state))));
+    });
+    if (photos.length) {
+      const unknown = this.store.order.filter((id) => this.store.isPlaced(id)).length - photos.length;
+      if (unknown > 0) rows.push(h("li", { class: "soft" }, tn("{n} photo was not tried", "{n} photos were not tried", unknown)));
+    }
+    if (job !== null) rows.push(h("li", {}, t("This is being found out; it takes some minutes.")));
+    else if (revision !== null && !current) rows.push(this._again());
+    this.dots.setColours(photos.length === 0 ? null : new Map(photos.filter(({ state }) => STATES[state]).map(({ id, state }) => [id, STATES[state].colour])));
+    const legend = byId("health-legend");
+    legend.replaceChildren(...rows);
+    legend.hidden = false;
+  }
+
+  _again() {
+    const find = () => this._ask("findHealth").then(() => this.refresh()).catch(toastError);
+    return h("li", {}, t("The map was changed since."),
+      h("button", { class: "button", type: "button", onclick: find }, t("Find out again")));
+  }
+}

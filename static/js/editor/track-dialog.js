@@ -1,0 +1,93 @@
+/** The dialog for a GPX track: how the camera's clock was set, and where the photos would come. */
+
+import { errorLine, field, openDialog } from "../shared/dialogs.js";
+import { h } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { debounce } from "../shared/timing.js";
+
+/**
+ * Open the dialog.
+ * @param {Object} page store, server, refresh and dots
+ * @param {?File} given dropped on the page
+ * @param {function(Object, string): void} report
+ */
+export function trackDialog({ server, refresh, dots, view }, given, report) {
+  const file = h("input", { class: "input", type: "file", accept: ".gpx" });
+  const offset = h("input", { class: "input", type: "number", step: "any", value: 0, inputmode: "decimal" });
+  const zone = h("input", { class: "input", value: Intl.DateTimeFormat().resolvedOptions().timeZone || "UTC" });
+  const gap = h("input", { class: "input", type: "number", min: 1, value: 60, inputmode: "numeric" });
+  const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite" });
+  const error = errorLine();
+  const place = h("button", { class: "button button--primary", type: "button", disabled: true }, t("Place"));
+  const dialog = openDialog(t("Place by a GPX track"), [
+    h("p", { class: "soft" }, t("Photos in the tray get the place where the track was when they were taken.")),
+    given ? h("p", {}, given.name) : field(t("Track"), file),
+    field(t("Seconds to add to the camera's time"), offset, t("When the camera's clock was slow, add; when it was fast, take away.")),
+    field(t("Time zone of the camera"), zone),
+    field(t("Longest gap in the track that is bridged, in seconds"), gap),
+    outcome,
+    error,
+  ], { actions: [place], beside: true });
+  const fields = () => ({
+    file: given || file.files[0], offset_s: offset.value || 0, time_zone: zone.value, max_gap_s: gap.value || 60,
+  });
+
+  let turn = 0;
+  const look = async () => {
+    const mine = (turn += 1);
+    place.disabled = true;
+    if (!fields().file) return;
+    try {
+      const seen = await server.matchTrack(fields(), { preview: true });
+      if (mine !== turn) return;
+      error.show(null);
+      show(seen);
+    } catch (problem) {
+      if (mine === turn) error.show(problem);
+    }
+  };
+  const show = (seen) => {
+    const inside = seen.photos.filter(({ x_px: x }) => x !== null);
+    dots.setMark(inside.map(({ x_px: x, y_px: y }) => [x, y]));
+    if (inside.length) view.focus(inside.map(({ x_px: x, y_px: y }) => [x, y]));
+    place.disabled = !inside.length;
+    place.textContent = inside.length ? tn("Place {n} photo", "Place {n} photos", inside.length) : t("Place");
+    const beside = seen.photos.length - inside.length;
+    outcome.replaceChildren(...[
+      h("p", {}, tn("{n} photo would be placed: see the rings on the image.", "{n} photos would be placed: see the rings on the image.", inside.length)),
+      beside > 0 && h("p", {}, tn("{n} lies beside the image.", "{n} lie beside the image.", beside)),
+      seen.unmatched.length > 0 && h("p", {}, tn("{n} is not on the track", "{n} are not on the track", seen.unmatched.length), `: ${seen.unmatched[0].reason}`),
+      suggestion(seen.suggested),
+    ].filter(Boolean));
+  };
+  const suggestion = (suggested) => {
+    if (!suggested || Math.abs(suggested.offset_s - Number(offset.value)) < 1) return null;
+    const seconds = Math.round(suggested.offset_s);
+    const use = () => {
+      offset.value = seconds;
+      look();
+    };
+    return h("p", { class: "note" },
+      h("span", {}, t("Photos that know their place fit best with {seconds} seconds.", { seconds })),
+      h("button", { class: "button", type: "button", onclick: use }, t("Use it")));
+  };
+  const later = debounce(look, 400);
+  for (const input of [file, offset, zone, gap]) input.addEventListener("input", later);
+  place.addEventListener("click", async () => {
+    place.disabled = true;
+    try {
+      const told = await server.matchTrack(fields(), { preview: false });
+      dialog.close();
+      await refresh();
+      report(told, t("Place by a GPX track"));
+    } catch (problem) {
+      error.show(problem);
+      place.disabled = false;
+    }
+  });
+  dialog.addEventListener("close", () => {
+    turn += 1;
+    dots.setMark([]);
+  });
+  if (given) look();
+}

@@ -1,0 +1,78 @@
+/** Undo and redo with words for what they do, and whether everything is saved. */
+
+import { byId } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { toast } from "../shared/toast.js";
+
+/** What an edit was, as the words on its button. */
+const KINDS = {
+  place: (n) => tn("placing {n} photo", "placing {n} photos", n),
+  move: (n) => tn("moving {n} photo", "moving {n} photos", n),
+  turn: (n) => tn("turning {n} photo", "turning {n} photos", n),
+  unplace: (n) => tn("taking {n} photo back to the tray", "taking {n} photos back to the tray", n),
+  remove: (n) => tn("removing {n} photo", "removing {n} photos", n),
+  "place-gps": (n) => tn("placing {n} photo by GPS", "placing {n} photos by GPS", n),
+  "place-file": (n) => tn("placing {n} photo by a list", "placing {n} photos by a list", n),
+  "place-gpx": (n) => tn("placing {n} photo by a track", "placing {n} photos by a track", n),
+  placement: () => t("the change of the placement"),
+  fix: (n) => tn("correcting {n} photo", "correcting {n} photos", n),
+  satellite: () => t("the new image"),
+  georeference: () => t("the new position of the image"),
+};
+
+/**
+ * Connect the buttons and the line about saving.
+ * @param {import("./commands.js").Commands} commands
+ */
+export function connectUndoRedo(commands) {
+  const { store, edits } = commands;
+  const [undo, redo] = [byId("undo"), byId("redo")];
+  undo.addEventListener("click", () => commands.history("undo"));
+  redo.addEventListener("click", () => commands.history("redo"));
+  const render = () => {
+    label(undo, t("Undo"), store.history.undo, "Ctrl+Z");
+    label(redo, t("Redo"), store.history.redo, "Ctrl+Shift+Z");
+    undo.disabled = !store.history.undo && !edits.waiting;
+    redo.disabled = !store.history.redo || edits.waiting > 0;
+    saved(edits);
+  };
+  store.on("history", render);
+  edits.addEventListener("change", render);
+  edits.addEventListener("refused", ({ detail }) => toast(detail.message, { kind: "error", hint: detail.hint }));
+  store.on("people", () => people(store.people));
+  render();
+}
+
+/** Words for what an edit was. @param {{kind: string, count: ?number}} step */
+export function stepName({ kind, count }) {
+  return (KINDS[kind] || (() => t("the last change")))(count ?? 1);
+}
+
+function label(button, word, step, keys) {
+  const what = step ? stepName(step) : "";
+  const text = what ? `${word}: ${what}` : word;
+  button.title = `${text} (${keys})`;
+  button.setAttribute("aria-label", text);
+}
+
+let timer = 0;
+
+/** Say that something waits, but not for the moment that saving takes. */
+function saved(edits) {
+  const line = byId("saved");
+  clearTimeout(timer);
+  line.dataset.waiting = edits.waiting;
+  const show = () => {
+    const waiting = edits.waiting > 0;
+    line.classList.toggle("is-waiting", waiting);
+    line.textContent = waiting ? t("Not saved yet: {n}", { n: edits.waiting }) : "";
+  };
+  if (!edits.waiting || edits.failures || line.textContent) show();
+  else timer = setTimeout(show, 1500);
+}
+
+function people(names) {
+  const line = byId("people");
+  line.textContent = names.length > 1 ? tn("{n} person here", "{n} people here", names.length) : "";
+  line.title = names.join(", ");
+}

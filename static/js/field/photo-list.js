@@ -1,0 +1,68 @@
+/** The photos of this device as a list: what waits, what was answered, and what was refused. */
+
+import { percentText, probabilityColours } from "../shared/answer/answer-format.js";
+import { isOffMap } from "../shared/answer/query-session.js";
+import { h, icon } from "../shared/dom.js";
+import { moment, t } from "../shared/i18n.js";
+
+/** Shows the entries of the outbox, the newest first. */
+export class PhotoList {
+  /**
+   * @param {HTMLElement} list
+   * @param {{open: function(Object): void, remove: function(Object): void}} on
+   */
+  constructor(list, on) {
+    Object.assign(this, { list, on, current: null });
+    this.pictures = new Map();
+  }
+
+  /** @param {import("./outbox.js").Entry[]} entries */
+  show(entries) {
+    for (const [key, address] of this.pictures) {
+      if (entries.some((entry) => entry.key === key)) continue;
+      URL.revokeObjectURL(address);
+      this.pictures.delete(key);
+    }
+    this.list.replaceChildren(...[...entries].reverse().map((entry) => this._item(entry)));
+  }
+
+  /** @param {?string} key of the entry whose answer is looked at */
+  mark(key) {
+    this.current = key;
+    for (const item of this.list.children) item.dataset.current = String(item.dataset.key === key);
+  }
+
+  _item(entry) {
+    const answered = entry.state === "answered";
+    const props = { class: "fi-photo__open", ...(answered ? { type: "button", onclick: () => this.on.open(entry) } : {}) };
+    return h("li", { class: "fi-photo", "data-testid": "field-photo", dataset: { key: entry.key, state: entry.state, current: entry.key === this.current } },
+      h(answered ? "button" : "div", props,
+        this._picture(entry),
+        h("span", { class: "fi-photo__text" },
+          h("span", { class: "fi-photo__name" }, entry.name),
+          h("span", { class: "small soft" }, about(entry))),
+        badge(entry)),
+      entry.state === "refused" && h("button", { class: "icon-button", type: "button", "aria-label": t("Remove {name}", { name: entry.name }), onclick: () => this.on.remove(entry) }, icon("trash")));
+  }
+
+  _picture({ key, thumb }) {
+    if (!thumb) return h("span", { class: "fi-photo__picture" });
+    if (!this.pictures.has(key)) this.pictures.set(key, URL.createObjectURL(thumb));
+    return h("img", { class: "fi-photo__picture", src: this.pictures.get(key), alt: "" });
+  }
+}
+
+function about({ state, error, map, at }) {
+  return state === "refused" ? error : `${map} · ${moment(at)}`;
+}
+
+function badge({ state, answer }) {
+  if (state === "waiting") return h("span", { class: "badge badge--warning" }, t("waiting"));
+  if (state === "refused") return h("span", { class: "badge badge--danger" }, t("refused"));
+  if (isOffMap(answer)) return h("span", { class: "badge" }, t("not here"));
+  const [first] = answer.hypotheses;
+  const made = h("span", { class: "badge" }, percentText(first.probability));
+  const { fill, text } = probabilityColours(first.probability);
+  Object.assign(made.style, { backgroundColor: fill, color: text });
+  return made;
+}

@@ -1,0 +1,64 @@
+/** Why the answer is as it is: matches, distances, seconds, and the field of view, which can be given here. */
+
+import { numberText } from "../shared/answer/answer-format.js";
+import { byId, h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+
+/**
+ * @param {import("../shared/answer/query-session.js").QuerySession} session
+ * @param {{set: function(string, string): void}} options
+ * @param {function(): void} askAgain
+ */
+export function showExplanation(session, options, askAgain) {
+  session.on("answer chosen", () => {
+    const { answer } = session;
+    if (answer) byId("why").replaceChildren(...rows(session, { options, askAgain }));
+  });
+}
+
+function rows(session, { options, askAgain }) {
+  const { answer, hypothesis } = session;
+  const { statistics: counts, seconds } = answer;
+  const facts = [[t("Method"), `${answer.method}, ${answer.features}`]];
+  if (answer.fov_deg !== null) facts.push([t("Field of view"), fieldOfView(answer, options, askAgain)]);
+  facts.push([t("Keypoints"), numberText(counts.keypoints)]);
+  facts.push([t("Matches"), t("{n}, {left} left after pruning", { n: numberText(counts.matches), left: numberText(counts.matches_pruned) })]);
+  if (hypothesis) {
+    const { inliers, matches } = hypothesis;
+    facts.push([t("Of this place"), inliers === null ? t("{n} matches", { n: matches }) : t("{inliers} inliers of {n} matches", { inliers, n: matches })]);
+    facts.push([t("Photos"), hypothesis.experiences.join(", ")]);
+  }
+  if (counts.distance_mean !== null) {
+    const told = { least: numberText(counts.distance_min, 1), mean: numberText(counts.distance_mean, 1), most: numberText(counts.distance_max, 1) };
+    facts.push([t("Distances"), t("{least} to {most}, mean {mean}", told)]);
+  }
+  facts.push([t("Time"), times(seconds)]);
+  facts.push([t("Map revision"), numberText(answer.map_revision)]);
+  return facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
+}
+
+function times(seconds) {
+  const names = { read: t("reading"), extract: t("describing"), retrieve: t("searching"), verify: t("checking"), position: t("position") };
+  const parts = Object.entries(names).filter(([stage]) => seconds[stage] !== null && seconds[stage] !== undefined);
+  const told = parts.map(([stage, name]) => `${name} ${numberText(seconds[stage], 2)}`).join(", ");
+  return t("{total} s ({parts})", { total: numberText(seconds.total, 2), parts: told });
+}
+
+function fieldOfView({ fov_deg, fov_source }, options, askAgain) {
+  const told = { n: numberText(fov_deg, 1) };
+  if (fov_source === "option") return t("{n}°, as given", told);
+  if (fov_source === "exif") return t("{n}°, from the photo", told);
+  const input = h("input", {
+    class: "input", type: "number", min: 1, max: 179, step: "any", inputmode: "decimal",
+    "aria-label": t("Field of view in degrees"), placeholder: String(Math.round(fov_deg)),
+  });
+  const give = (event) => {
+    event.preventDefault();
+    if (!input.value || !input.checkValidity()) return;
+    options.set("fov", input.value);
+    askAgain();
+  };
+  return h("form", { class: "lo-fov", onsubmit: give },
+    h("span", {}, t("{n}°, guessed. Better:", told)), input, "°",
+    h("button", { class: "button", type: "submit" }, t("Ask again")));
+}

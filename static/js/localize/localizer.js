@@ -1,0 +1,246 @@
+/** Sends photos, waits for an index that is still being built, and shows what comes back. */
+
+import { isOffMap } from "../shared/answer/query-session.js";
+import { openDialog } from "../shared/dialogs.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { usable } from "../shared/drop-files.js";
+import { t, tn } from "../shared/i18n.js";
+import { sentence, toast } from "../shared/toast.js";
+
+const MOST_OF_ONE_SPOT = 8;
+/** A first place that is less probable is worth further photos. */
+const SURE = 0.8;
+
+/** Asks one question at a time; the newest one counts. */
+export class Localizer extends EventTarget {
+  /**
+   * @param {{session: import("../shared/answer/query-session.js").QuerySession, store: import("../shared/map/map-store.js").MapStore, server: Object,
+   *   options: import("./options.js").Options, say: function(string): void}} page
+   */
+  constructor(page) {
+    super();
+    Object.assign(this, page);
+    this.waiting = null;
+    this._abort = null;
+    this.store.on("jobs", () => this._jobs());
+    this.session.on("answer", () => byId("further").replaceChildren());
+  }
+
+  /** Localize photos that were chosen, dropped or pasted. @param {File[]} files */
+  async take(files) {
+    if (!files.length) return;
+    if (files.length === 1) return this.ask(files);
+    const together = await this._together(files.length);
+    if (together === null) return;
+    if (together) return this.ask(files);
+    for (const file of files) if (!(await this.ask([file]))) break;
+    toast(tn("{n} photo has an answer in the history.", "{n} photos have their answers in the history.", files.length));
+  }
+
+  /** @param {File[]} files of one spot @returns {Promise<boolean>} whether there is an answer */
+  ask(files) {
+    const { session } = this;
+    session.setQuery({ name: files.map(({ name }) => name).join(", "), url: URL.createObjectURL(files[0]), files });
+    const told = (sent, all) => this._progress(sent < all ? sent / all : null);
+    return this._run((signal) => this.server.ask(files, this.options.values(), told, signal));
+  }
+
+  /** Ask about the same photo, with the options as they are now. */
+  again() {
+    const { query } = this.session;
+    if (this.waiting) return this._run(this.waiting);
+    if (query?.files?.length > 1) return this.ask(query.files);
+    if (query?.id) return this._run(() => this.server.askAgain(query.id, this.options.values()));
+    return null;
+  }
+
+  /** Show an earlier answer. @param {number} id */
+  async open(id) {
+    this._abort?.abort();
+    this.waiting = null;
+    try {
+      this._show(await this.server.query(id));
+    } catch (error) {
+      this._problem(error);
+    }
+  }
+
+  /** Let go of a question that is on its way. */
+  cancel() {
+    this._abort?.abort();
+    this.waiting = null;
+    this.session.setBusy(false);
+    byId("notes").replaceChildren();
+  }
+
+  /** Ask anew, with further photos of the same spot. @param {File[]} files */
+  async _add(files) {
+    const { session } = this;
+    const { query, answer } = session;
+    if (!files.length) return;
+    let first = query.files;
+    try {
+      first ||= [new File([await this.server.photo(query.id)], query.name)];
+    } catch (error) {
+      this._problem(error);
+      return;
+    }
+    if (session.query !== query) return; // something else was asked meanwhile
+    const all = [...first, ...files];
+    if (all.length > MOST_OF_ONE_SPOT) toast(tn("{n} photo of one spot is enough.", "{n} photos of one spot are enough.", MOST_OF_ONE_SPOT));
+    const asked = this.ask(all.slice(0, MOST_OF_ONE_SPOT));
+    const ours = session.query;
+    if ((await asked) || this.waiting || session.query !== ours) return;
+    session.setQuery(query); // the answer that there was still holds
+    session.setAnswer(answer);
+    history.replaceState(null, "", `?query=${query.id}`);
+    this._offerMore(answer);
+  }
+
+  async _run(send) {
+    this._abort?.abort();
+    const abort = new AbortController();
+    this._abort = abort;
+    this.waiting = null;
+    this._progress(null);
+    this.session.setBusy(true);
+    this.session.setAnswer(null);
+    byId("notes").replaceChildren();
+    history.replaceState(null, "", location.pathname);
+    try {
+      const { files } = this.session.query;
+      const answer = await send(abort.signal);
+      if (abort.signal.aborted) return false;
+      this._show({ ...(await this.server.query(answer.id)), files }, answer);
+      this.dispatchEvent(new Event("asked"));
+      return true;
+    } catch (error) {
+      if (!abort.signal.aborted && error.name !== "AbortError") this._failed(error, send);
+      return false;
+    } finally {
+      if (this._abort === abort) this.session.setBusy(Boolean(this.waiting));
+    }
+  }
+
+  _show(query, answer = query.answer) {
+    byId("notes").replaceChildren();
+    this.session.setQuery(query);
+    this.session.setAnswer(answer);
+    history.replaceState(null, "", `?query=${query.id}`);
+    this._notes(answer);
+    this.say(isOffMap(answer) ? t("The photo is probably not from this map.") : tn("{n} place found.", "{n} places found.", answer.hypotheses.length));
+  }
+
+  /** What limits the answer. */
+  _notes(answer) {
+    const notes = [];
+    if (answer.calibrated === false) notes.push(t("The probabilities are those of most maps: this map's own are still being worked out."));
+    if (answer.not_indexed) notes.push(tn("{n} new photo of the map cannot be found yet.", "{n} new photos of the map cannot be found yet.", answer.not_indexed));
+    for (const text of notes) byId("notes").append(note("info", text));
+    this._offerMore(answer);
+  }
+
+  /** Offer what may make an answer surer. */
+  _offerMore(answer) {
+    const { files, options } = this.session.query;
+    const photos = files?.length || options.photos;
+    const whole = Boolean(files) || photos === 1; // the server keeps one photo of several
+    const buttons = [];
+    if (whole && photos < MOST_OF_ONE_SPOT) buttons.push(chooseMore((chosen) => this._add(chosen)));
+    if (whole && answer.method === "verified" && this.options.offers("method", "thorough")) {
+      buttons.push(lookCloser(() => {
+        this.options.set("method", "thorough");
+        this.options.set("features", "auto");
+        this.again();
+      }));
+    }
+    if (isSure(answer) || !buttons.length) return;
+    const text = t("Not sure yet. Photos from the same spot in other directions make the answer surer.");
+    byId("further").replaceChildren(note("info", text), h("div", { class: "lo-more" }, ...buttons));
+  }
+
+  _failed(error, send) {
+    if (error.code === "not_ready") {
+      this.waiting = send;
+      this._building();
+      return;
+    }
+    this._problem(error);
+  }
+
+  _problem({ message, hint, where }) {
+    const oneOfSeveral = this.session.query?.files?.length > 1 && where;
+    const text = oneOfSeveral ? `${where}: ${message}` : sentence(message);
+    byId("notes").replaceChildren(note("danger", text, hint && sentence(hint)));
+  }
+
+  _building() {
+    const job = this.store.jobs.find(({ kind, state }) => kind === "index" && (state === "running" || state === "queued"));
+    const bar = h("progress", { class: "progress", max: 1, "aria-label": t("Progress of the index") });
+    if (job?.total) bar.value = job.done / job.total;
+    byId("notes").replaceChildren(
+      note("info", t("The map is being made ready; then the photo is localized by itself."), null, bar),
+    );
+  }
+
+  /** The index that a question waits for may be there now. */
+  _jobs() {
+    if (!this.waiting) return;
+    const jobs = this.store.jobs.filter(({ kind }) => kind === "index");
+    const failed = jobs.at(-1)?.state === "failed" && jobs.at(-1);
+    if (jobs.some(({ state }) => state === "running" || state === "queued")) this._building();
+    else if (failed) {
+      this.waiting = null;
+      this.session.setBusy(false);
+      this._problem(failed.error);
+    } else this._run(this.waiting);
+  }
+
+  _progress(share) {
+    const bar = byId("busy");
+    if (share === null) bar.removeAttribute("value");
+    else bar.value = share;
+  }
+
+  /** Ask whether several photos are of one spot. @returns {Promise<?boolean>} null: neither */
+  _together(count) {
+    return new Promise((resolve) => {
+      let answer = null;
+      const button = (label, value, kind) =>
+        h("button", { class: `button ${kind}`, type: "button", onclick: () => ((answer = value), dialog.close()) }, label);
+      const actions = [button(t("Each by itself"), false, "")];
+      if (count <= MOST_OF_ONE_SPOT) actions.push(button(t("All from one spot"), true, "button--primary"));
+      const text = t("Photos that were taken at one spot, in several directions, are answered together.");
+      const dialog = openDialog(tn("{n} photo", "{n} photos", count), [h("p", { class: "soft" }, text)], { actions });
+      dialog.addEventListener("close", () => resolve(answer));
+    });
+  }
+}
+
+/** Whether nothing more needs to be known; `vote` has no probabilities that would tell. */
+function isSure({ method, hypotheses: [first], off_map_probability: off }) {
+  return method === "vote" || Math.max(first?.probability ?? 0, off) >= SURE;
+}
+
+function lookCloser(run) {
+  return h("button", { class: "button", type: "button", "data-testid": "look-closer", onclick: run }, icon("target"), t("Compare thoroughly"));
+}
+
+function chooseMore(take) {
+  const input = h("input", {
+    class: "ed-file", id: "more-input", type: "file", multiple: true, accept: byId("query-input").accept,
+    "data-testid": "more-input", onchange: () => take(usable(input.files)),
+  });
+  return h("span", {}, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos of this spot")));
+}
+
+/** A message in the panel. */
+export function note(kind, text, hint = null, more = null) {
+  const danger = kind === "danger";
+  return h(
+    "div",
+    { class: `note note--${kind}`, role: danger ? "alert" : "status", "data-testid": danger ? "error-message" : null },
+    icon(danger ? "warning" : "info"),
+    h("div", { class: "grow" }, h("div", {}, text), hint && h("div", { class: "small" }, hint), more),
+  );
+}

@@ -1,0 +1,93 @@
+/** The query beside a photo of the map that speaks for the chosen place; small in the panel, large in a dialog. */
+
+import { openDialog } from "../shared/dialogs.js";
+import { byId, h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { matchView } from "./match-view.js";
+
+const ROOM_IN_PANEL = 0.85;
+
+/** Shows matches of the answer that is open. */
+export class MatchPanel {
+  /** @param {{session: import("../shared/answer/query-session.js").QuerySession, store: import("../shared/map/map-store.js").MapStore, server: Object}} page */
+  constructor({ session, store, server }) {
+    Object.assign(this, { session, store, server });
+    this.of = null;
+    this.known = [];
+    this.select = byId("matches-photo");
+    session.on("answer query", () => this._load());
+    session.on("chosen", () => this._choices());
+    this.select.addEventListener("change", () => this._show());
+    byId("matches-all").addEventListener("change", () => this._show());
+    byId("matches-large").addEventListener("click", () => this._large());
+  }
+
+  async _load() {
+    const id = this.session.answer ? this.session.query?.id : null;
+    if (!id) {
+      this.of = null;
+      this.known = [];
+      return this._choices();
+    }
+    if (id === this.of) return;
+    this.of = id;
+    this.known = [];
+    this._choices();
+    try {
+      const { matches } = await this.server.matches(id);
+      if (this.of === id) this.known = matches;
+    } catch (error) {
+      if (this.of === id) this.of = null;
+    }
+    this._choices();
+  }
+
+  /** Photos that speak for the chosen place and whose matches are known. */
+  _choices() {
+    const speaking = new Set(this.session.hypothesis?.experiences || []);
+    const some = this.known.filter(({ experience }) => speaking.has(experience) && this.store.photos.has(experience));
+    byId("matches").hidden = !some.length;
+    const name = ({ experience }) => this.store.photos.get(experience).name;
+    this.select.replaceChildren(...some.map((match) => h("option", { value: match.experience }, name(match))));
+    this._show();
+  }
+
+  get _pair() {
+    const match = this.known.find(({ experience }) => experience === Number(this.select.value));
+    const { query } = this.session;
+    const photo = match && this.store.photos.get(match.experience);
+    if (!photo || !query?.id) return null;
+    return {
+      query: { src: query.preview, name: query.name, width: query.width, height: query.height },
+      photo: { src: photo.preview, name: photo.name, width: photo.width, height: photo.height },
+      lines: match,
+    };
+  }
+
+  _show() {
+    const pair = this._pair;
+    const view = byId("matches-view");
+    view.replaceChildren(...(pair ? [matchView(pair, { all: this._all, shape: ROOM_IN_PANEL })] : []));
+    byId("matches-count").textContent = pair ? count(pair.lines) : "";
+  }
+
+  get _all() {
+    return byId("matches-all").checked;
+  }
+
+  _large() {
+    const pair = this._pair;
+    if (!pair) return;
+    const shape = innerWidth / innerHeight;
+    const dialog = openDialog(t("{query} beside {photo}", { query: pair.query.name, photo: pair.photo.name }), [
+      matchView(pair, { all: this._all, shape }),
+      h("p", { class: "small soft" }, count(pair.lines), " · ", t("Zoom by wheel, pinch or double-click.")),
+    ]);
+    dialog.classList.add("lo-dialog");
+  }
+}
+
+function count({ inlier }) {
+  const inliers = inlier.filter(Boolean).length;
+  return t("{inliers} inliers of {n} matches", { inliers, n: inlier.length });
+}

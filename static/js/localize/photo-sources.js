@@ -1,0 +1,22 @@
+/** Where photos come from: the file dialog, the phone's camera, a drop anywhere on the page, the clipboard. */
+
+import { byId, takesText } from "../shared/dom.js";
+import { listenToDrops, usable } from "../shared/drop-files.js";
+
+/** @param {function(File[]): void} take */
+export function listenToSources(take) {
+  for (const id of ["query-input", "shot-input"]) {
+    byId(id).addEventListener("change", (event) => {
+      const files = usable(event.target.files);
+      event.target.value = "";
+      take(files);
+    });
+  }
+  listenToDrops(byId("drop"), take);
+  addEventListener("paste", (event) => {
+    const files = usable(event.clipboardData?.files || []);
+    if (!files.length || (takesText(event.target) && event.clipboardData.types.includes("text/plain"))) return;
+    event.preventDefault();
+    take(files);
+  });
+}

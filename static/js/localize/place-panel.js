@@ -1,0 +1,109 @@
+/** The place that is looked at: coordinates to copy, and the buttons that take the photo over into the map. */
+
+import { numberText } from "../shared/answer/answer-format.js";
+import { busy } from "../shared/dialogs.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { debounce } from "../shared/timing.js";
+import { toast, toastError } from "../shared/toast.js";
+import { copy } from "./query-view.js";
+
+const CALM_MS = 60;
+
+/** @param {{session: import("../shared/answer/query-session.js").QuerySession, server: Object, canEdit: boolean, slug: string}} page */
+export function showPlace(page) {
+  const { session } = page;
+  const coordinates = debounce(() => showCoordinates(page), CALM_MS);
+  const render = () => {
+    const { position } = session;
+    const buttons = actions(page);
+    byId("place").hidden = !position && !buttons.length;
+    byId("place-title").textContent = title(session);
+    byId("adopt-actions").replaceChildren(...buttons);
+    if (position) coordinates();
+    else byId("coordinates").replaceChildren();
+  };
+  session.on("chosen spot query mode", render);
+}
+
+function title({ spot, chosen }) {
+  if (spot) return t("The place as you say it");
+  return chosen === null ? t("Do you know where it was taken?") : t("Place {n}", { n: chosen });
+}
+
+async function showCoordinates({ session, server }) {
+  showCoordinates.last?.abort();
+  const abort = new AbortController();
+  showCoordinates.last = abort;
+  const { position } = session;
+  if (!position) return;
+  const pixels = row(t("Map"), `${numberText(position[0], 1)}, ${numberText(position[1], 1)} px`);
+  try {
+    const told = await server.coordinates(position, abort.signal);
+    if (abort.signal.aborted) return;
+    const known = [[t("Decimal"), told.decimal], [t("Degrees"), told.dms], ["UTM", told.utm], ["MGRS", told.mgrs]];
+    const rows = known.filter(([, text]) => text).flatMap(([name, text]) => row(name, text));
+    byId("coordinates").replaceChildren(...(rows.length ? rows : pixels));
+  } catch (error) {
+    if (error.name !== "AbortError") byId("coordinates").replaceChildren(...pixels);
+  }
+}
+
+function row(name, text) {
+  const button = h(
+    "button",
+    { class: "lo-copy", type: "button", title: t("Copy"), "aria-label": t("Copy {text}", { text }), onclick: () => copy(text, t("Copied: {text}", { text })) },
+    h("span", {}, text), icon("copy"),
+  );
+  return [h("dt", {}, name), h("dd", {}, button)];
+}
+
+function actions(page) {
+  const { session, canEdit, slug } = page;
+  const { query, spot, mode } = session;
+  if (!query?.id || !canEdit) return [];
+  if (query.adopted !== null && query.adopted !== undefined) {
+    return [
+      h("span", { class: "badge badge--success" }, icon("check"), t("In the map")),
+      h("a", { class: "button button--quiet", href: `/maps/${slug}/edit` }, t("Show it in the editor")),
+    ];
+  }
+  const known = Boolean(session.position);
+  const label = spot ? t("Add it to the map here") : t("This is right: add it to the map");
+  const add = h("button", { class: "button button--primary", type: "button", id: "adopt", onclick: (event) => adopt(page, event.currentTarget) }, icon("plus"), label);
+  const correcting = mode === "correct";
+  const correct = h(
+    "button",
+    { class: "button", type: "button", id: "correct", "aria-pressed": String(correcting), onclick: () => toggle(session) },
+    icon("target"), correctLabel(session, known),
+  );
+  return known ? [add, correct] : [correct];
+}
+
+function correctLabel({ mode, spot }, known) {
+  if (mode === "correct" || spot) return known && !spot ? t("Leave it as it was found") : t("Cancel");
+  return known ? t("Correct the place") : t("Show where on the map");
+}
+
+function toggle(session) {
+  const back = session.mode === "correct" || session.spot;
+  session.setMode(back ? "look" : "correct");
+  if (back) session.setSpot(null);
+  else byId("map-canvas").focus({ preventScroll: true });
+}
+
+function adopt({ session, server, refresh }, button) {
+  return busy(button, async () => {
+    const { query, hypothesis, spot } = session;
+    const [x_px, y_px] = session.position;
+    try {
+      const done = await server.adopt(query.id, { x_px, y_px, heading_deg: spot ? null : hypothesis.heading_deg });
+      if (session.query?.id === query.id) session.setQuery({ ...query, adopted: done.id });
+      session.setMode("look");
+      await refresh();
+      toast(t("The photo is in the map now. Undo it in the editor."));
+    } catch (error) {
+      toastError(error);
+    }
+  });
+}

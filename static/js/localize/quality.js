@@ -1,0 +1,54 @@
+/** The page that tells how well photos are found: starts the evaluation, and follows its job. */
+
+import { get, post } from "../shared/api.js";
+import { busy } from "../shared/dialogs.js";
+import { duration, t } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
+
+const ASK_MS = 1000;
+
+const { map, job } = JSON.parse(document.getElementById("page").textContent);
+const button = document.getElementById("evaluate");
+const bar = document.getElementById("bar");
+
+button?.addEventListener("click", () => busy(button, start).catch(toastError));
+if (job !== null) follow(job);
+
+async function start() {
+  const { id } = await post(`/maps/${encodeURIComponent(map)}/evaluation`, {});
+  follow(id);
+}
+
+/** Show how far a job is until it has ended; what it has found is in the page that is loaded then. */
+async function follow(id) {
+  document.getElementById("progress").hidden = false;
+  if (button) button.hidden = true;
+  for (;;) {
+    try {
+      const found = document.hidden ? null : await get(`/jobs/${id}`);
+      if (found?.state === "done") return location.reload();
+      if (found && ended(found)) return;
+    } catch (error) {
+      if (error.code !== "offline") return stop(error);
+    }
+    await new Promise((resolve) => setTimeout(resolve, ASK_MS));
+  }
+}
+
+/** Tell how far it is. @returns {boolean} whether it ended without a result */
+function ended({ state, done, total, note, seconds_left: left, error }) {
+  if (state === "failed") stop(error);
+  if (state === "cancelled") stop({ message: t("cancelled"), hint: null, code: state });
+  if (total > 0 && state === "running") Object.assign(bar, { max: total, value: Math.min(done, total) });
+  else bar.removeAttribute("value");
+  const parts = [total > 0 && t("{done} of {total}", { done, total }), note, left !== null && t("about {time} left", { time: duration(left) })];
+  const words = state === "queued" ? t("Waits for its turn") : parts.filter(Boolean).join(" · ");
+  document.getElementById("words").textContent = words;
+  return state === "failed" || state === "cancelled";
+}
+
+function stop(error) {
+  document.getElementById("progress").hidden = true;
+  if (button) button.hidden = false;
+  toastError({ code: "job", ...error, message: error.message, hint: error.hint });
+}

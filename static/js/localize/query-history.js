@@ -1,0 +1,81 @@
+/** What was asked of this map before: thumbnails, each a link to its answer. */
+
+import { percentText, probabilityColours } from "../shared/answer/answer-format.js";
+import { isOffMap } from "../shared/answer/query-session.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { moment, t } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
+
+const PAGE = 30;
+
+/** The list in the second tab; it is read when it is shown. */
+export class QueryHistory {
+  /**
+   * @param {{session: import("../shared/answer/query-session.js").QuerySession, server: Object}} page
+   * @param {function(number): void} open
+   */
+  constructor({ session, server }, open) {
+    Object.assign(this, { session, server, open });
+    this.queries = [];
+    this.stale = true;
+    byId("history-more").addEventListener("click", () => this._read(this.queries.at(-1).id));
+    session.on("query", () => this._mark());
+  }
+
+  /** Read it anew when it is shown the next time, or now. */
+  refresh() {
+    this.stale = true;
+    if (!byId("panel-history").hidden) this.show();
+  }
+
+  show() {
+    if (this.stale) this._read(null);
+  }
+
+  async _read(before) {
+    try {
+      const { queries } = await this.server.history(before);
+      this.queries = before ? [...this.queries, ...queries] : queries;
+      this.stale = false;
+      byId("history").replaceChildren(...this.queries.map((query) => this._entry(query)));
+      byId("history-none").hidden = this.queries.length > 0;
+      byId("history-more").hidden = queries.length < PAGE;
+      this._mark();
+    } catch (error) {
+      toastError(error);
+    }
+  }
+
+  _entry(query) {
+    const open = (event) => {
+      if (event.ctrlKey || event.metaKey || event.shiftKey) return;
+      event.preventDefault();
+      this.open(query.id);
+    };
+    return h("li", { dataset: { id: query.id } },
+      h("a", { class: "lo-past", href: `?query=${query.id}`, onclick: open },
+        h("img", { class: "ed-thumb", src: query.thumb, alt: "", loading: "lazy" }),
+        h("span", { class: "lo-past__text" },
+          h("span", { class: "lo-past__name" }, query.name),
+          h("span", { class: "small soft" }, [query.who, moment(query.at)].filter(Boolean).join(" · "))),
+        query.adopted !== null && h("span", { class: "lo-past__in", title: t("In the map") }, icon("check")),
+        verdict(query.answer)));
+  }
+
+  _mark() {
+    for (const item of byId("history").children) {
+      const current = Number(item.dataset.id) === this.session.query?.id;
+      item.firstElementChild.toggleAttribute("aria-current", current);
+    }
+  }
+}
+
+/** The first hypothesis in its colour, or the word that it is not from this map. */
+function verdict(answer) {
+  if (isOffMap(answer)) return h("span", { class: "badge" }, t("not here"));
+  const [first] = answer.hypotheses;
+  const made = h("span", { class: "badge" }, percentText(first.probability));
+  const { fill, text } = probabilityColours(first.probability);
+  Object.assign(made.style, { backgroundColor: fill, color: text });
+  return made;
+}

@@ -1,0 +1,82 @@
+/** The photo that was asked about, large enough to be recognised, and what can be done with its answer. */
+
+import { confirmDialog } from "../shared/dialogs.js";
+import { byId } from "../shared/dom.js";
+import { moment, t, tn } from "../shared/i18n.js";
+import { PhotoZoom } from "../shared/photo-zoom.js";
+import { shareDialog } from "../shared/share-dialog.js";
+import { toast, toastError } from "../shared/toast.js";
+
+/**
+ * @param {{session: import("../shared/answer/query-session.js").QuerySession, server: Object, slug: string}} page
+ * @param {{forgotten: function(): void}} on
+ */
+export function showQuery({ session, server, slug }, on) {
+  const [box, image, frame] = [byId("query"), byId("query-image"), byId("query-frame")];
+  const zoom = new PhotoZoom(frame, image);
+  image.addEventListener("error", () => frame.classList.add("is-broken"));
+  image.addEventListener("load", () => frame.classList.remove("is-broken"));
+  session.on("query live", () => {
+    const { query, live } = session;
+    const empty = !query && !live;
+    box.hidden = empty;
+    byId("welcome").hidden = !empty;
+    byId("video").hidden = !live;
+    image.hidden = live;
+    byId("query-menu").hidden = !query?.id;
+    byId("query-name").textContent = live ? t("Live camera") : query?.name || "";
+    byId("query-about").textContent = live || !query ? "" : about(query);
+    if (!query || live) return;
+    const source = query.preview || query.url;
+    if (image.getAttribute("src") !== source) {
+      frame.classList.remove("is-broken");
+      image.src = source;
+      zoom.reset();
+    }
+    image.alt = query.name;
+    if (query.id) byId("query-download").href = query.photo;
+  });
+  session.on("busy", () => {
+    byId("busy").hidden = !session.busy;
+  });
+  byId("query-link").addEventListener("click", () => copy(location.href, t("The link has been copied.")));
+  document.getElementById("query-share")?.addEventListener("click", () => {
+    byId("query-menu").open = false;
+    shareDialog({ slug, query: session.query.id });
+  });
+  byId("query-delete").addEventListener("click", async () => {
+    byId("query-menu").open = false;
+    const { id, name } = session.query;
+    const sure = await confirmDialog({ title: t("Delete {name} and its answer?", { name }), action: t("Delete"), danger: true });
+    if (!sure) return;
+    try {
+      await server.forget(id);
+      session.setAnswer(null);
+      session.setQuery(null);
+      history.replaceState(null, "", location.pathname);
+      on.forgotten();
+    } catch (error) {
+      toastError(error);
+    }
+  });
+}
+
+/**
+ * Put text into the clipboard; without https the browser has none, and the text is shown instead.
+ * @param {string} text
+ * @param {string} told
+ */
+export async function copy(text, told) {
+  try {
+    await navigator.clipboard.writeText(text);
+    toast(told);
+  } catch {
+    toast(text);
+  }
+}
+
+function about({ at, who, options }) {
+  if (!at) return "";
+  const several = options.photos > 1 && tn("{n} photo of one spot", "{n} photos of one spot", options.photos);
+  return [several, who, moment(at)].filter(Boolean).join(" · ");
+}

@@ -1,0 +1,75 @@
+/** A second placement of the same photos beside the exact one: "which part of the map?". */
+
+import { AnswerLayer } from "../shared/answer/answer-layer.js";
+import { byId, h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { MapStore } from "../shared/map/map-store.js";
+import { MapView } from "../shared/map/map-view.js";
+import { AnswerGestures } from "./gestures.js";
+
+/**
+ * Connect the choice of the second placement.
+ * @param {{store: MapStore, session: import("../shared/answer/query-session.js").QuerySession, say: function(string): void}} page
+ */
+export function connectSecondMap({ store, session, say }) {
+  const select = byId("beside");
+  let second = null;
+  const choices = () => {
+    const names = [...store.placements.keys()];
+    const shown = JSON.stringify(names);
+    if (select.dataset.shown === shown) return;
+    select.dataset.shown = shown;
+    const chosen = select.value;
+    select.replaceChildren(h("option", { value: "" }, t("nothing")), ...names.map((name) => h("option", { value: name }, name)));
+    if (names.includes(chosen)) select.value = chosen;
+    select.parentElement.hidden = !names.length;
+    show();
+  };
+  const show = () => {
+    const name = select.value;
+    byId("maps").classList.toggle("has-two", Boolean(name));
+    if (name) second ??= make({ store, session, say });
+    second?.show(name);
+  };
+  select.addEventListener("change", show);
+  store.on("photos", () => {
+    second?.update();
+    choices();
+  });
+  choices();
+}
+
+/** The map appears with the first placement that is chosen, and is hidden when none is. */
+function make({ store, session, say }) {
+  const label = t("The same photos in another placement");
+  const canvas = h("div", { class: "ed-canvas", id: "map-canvas-2", tabindex: 0, role: "application", "aria-label": label });
+  const title = h("p", { class: "lo-map__name" });
+  const section = h("section", { class: "ed-map lo-map", "aria-label": label }, canvas, title);
+  byId("maps").append(section);
+  const other = new MapStore(stateOf(store));
+  const view = new MapView(canvas, other);
+  const marks = new AnswerLayer(other, session).addTo(view.map);
+  new AnswerGestures(view, marks, session, say);
+  return {
+    show: (name) => {
+      section.hidden = !name;
+      title.textContent = name;
+      if (name) other.showPlacement(name);
+    },
+    update: () => other.merge(changesOf(store)),
+  };
+}
+
+function stateOf(store) {
+  return {
+    slug: store.slug, name: store.name, can_edit: false, revision: store.revision, ...changesOf(store),
+    satellite: store.satellite, georeference: store.georeference.state, undo: null, redo: null,
+  };
+}
+
+function changesOf(store) {
+  return {
+    photos: [...store.photos.values()],
+    placements: [...store.placements].map(([name, placed]) => ({ name, positions: Object.fromEntries(placed) })),
+  };
+}

@@ -1,0 +1,88 @@
+/** What people do with whole maps: in the list, in the bin, and on the settings page. */
+
+import { del, patch, post, upload } from "../shared/api.js";
+import { askDialog, confirmDialog } from "../shared/dialogs.js";
+import { t } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
+
+const actions = { rename, duplicate, delete: bin, restore, "delete-forever": deleteForever };
+
+for (const button of document.querySelectorAll("[data-action]")) {
+  button.addEventListener("click", () => {
+    const { slug, name } = button.closest("[data-slug]").dataset;
+    button.closest("details")?.removeAttribute("open");
+    actions[button.dataset.action](slug, name).catch(toastError);
+  });
+  button.disabled = false; // until now a click would have been lost
+}
+for (const button of document.querySelectorAll("#create, [data-opens='create']")) {
+  button.addEventListener("click", create);
+  button.disabled = false;
+}
+connectImport(document.getElementById("import"), document.getElementById("import-file"));
+
+function create() {
+  askDialog({ title: t("New map"), label: t("Name"), action: t("Create"), testid: "map-name" }, async (name) => {
+    const made = await post("/maps", { name });
+    location.assign(`/maps/${made.slug}/edit`);
+  });
+}
+
+async function rename(slug, name) {
+  askDialog({ title: t("Rename the map"), label: t("Name"), value: name, action: t("Rename") }, async (wanted) => {
+    await patch(`/maps/${slug}`, { name: wanted });
+    location.reload();
+  });
+}
+
+async function duplicate(slug) {
+  goTo(await post(`/maps/${slug}/duplicate`, {}));
+}
+
+async function bin(slug, name) {
+  const title = t("Put {name} into the bin?", { name });
+  const text = t("It can be restored from there.");
+  if (!(await confirmDialog({ title, text, action: t("Put into the bin") }))) return;
+  await del(`/maps/${slug}`);
+  location.assign("/");
+}
+
+async function restore(slug) {
+  await post(`/maps/${slug}/restore`, {});
+  location.reload();
+}
+
+async function deleteForever(slug, name) {
+  const title = t("Delete {name} for good?", { name });
+  const text = t("Its photos, its image and all its edits are deleted from the disk. This cannot be undone.");
+  if (!(await confirmDialog({ title, text, action: t("Delete for good"), danger: true }))) return;
+  await del(`/maps/${slug}?forever=true`);
+  location.reload();
+}
+
+/** Work that takes a while gives a job: its page shows how far it is. */
+function goTo({ slug, job }) {
+  location.assign(job ? `/maps/${slug}/jobs` : `/maps/${slug}/edit`);
+}
+
+function connectImport(button, input) {
+  if (!button) return;
+  const frame = document.getElementById("import-progress");
+  const bar = frame.querySelector("progress");
+  button.addEventListener("click", () => input.click());
+  button.disabled = false;
+  input.addEventListener("change", async () => {
+    const body = new FormData();
+    body.append("file", input.files[0]);
+    frame.hidden = false;
+    try {
+      goTo(await upload("/maps/import", { body, onProgress: (sent, all) => Object.assign(bar, { value: sent, max: all }) }));
+    } catch (error) {
+      toastError(error);
+    } finally {
+      frame.hidden = true;
+      input.value = "";
+      bar.removeAttribute("value");
+    }
+  });
+}

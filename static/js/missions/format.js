@@ -1,0 +1,68 @@
+/** Lengths, speeds, times and names of sources, for people. */
+
+import { locale, t } from "../shared/i18n.js";
+
+const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "medium" });
+/** Times within a day are told without their date. */
+export const DAY_S = 86400;
+
+/** What took less has no times that mean something: many files have all points at one. */
+export const SHORTEST_S = 1;
+
+const dayTime = new Intl.DateTimeFormat(locale, { timeStyle: "medium" });
+
+/** A number, not more exact than it means something. */
+export function numberText(value, digits = 0) {
+  return value.toLocaleString(locale, { maximumFractionDigits: digits });
+}
+
+/** @param {number} metres */
+export function lengthText(metres) {
+  if (metres >= 1000) return t("{n} km", { n: numberText(metres / 1000, metres < 10000 ? 2 : 1) });
+  return t("{n} m", { n: numberText(metres, metres < 10 ? 2 : metres < 100 ? 1 : 0) });
+}
+
+/** @param {number} speed metres a second */
+export function speedText(speed) {
+  return t("{n} m/s", { n: numberText(speed, speed < 10 ? 2 : 1) });
+}
+
+/** A share of one, in percent. */
+export function percentText(share) {
+  return `${numberText(share * 100, share < 0.01 ? 2 : 1)}\u00a0%`;
+}
+
+/** When something was. @param {number} time Unix seconds */
+export function clockText(time) {
+  return clock.format(new Date(time * 1000));
+}
+
+/** When it was on its day. @param {number} time Unix seconds */
+export function timeText(time) {
+  return dayTime.format(new Date(time * 1000));
+}
+
+/** How long something took, as a clock shows it. @param {number} seconds */
+export function spanText(seconds) {
+  const whole = Math.max(0, Math.round(seconds));
+  const pad = (value) => String(value).padStart(2, "0");
+  const [hours, minutes] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60];
+  return hours ? `${hours}:${pad(minutes)}:${pad(whole % 60)}` : `${minutes}:${pad(whole % 60)}`;
+}
+
+/** What a source of positions is called. */
+export function sourceName(source) {
+  const names = {
+    gps: t("GPS"),
+    odometry: t("Odometry"),
+    visual: t("Visual fixes"),
+    fused: t("Fused"),
+    manual: t("By hand"),
+  };
+  return names[source] || source;
+}
+
+/** What a track is called. */
+export function trackName({ source, name }) {
+  return name ? `${sourceName(source)} · ${name}` : sourceName(source);
+}

@@ -1,0 +1,40 @@
+/** Mouse, fingers and keys on the map. */
+
+import { takesText } from "../shared/dom.js";
+
+const PAN = { ArrowLeft: [-80, 0], ArrowRight: [80, 0], ArrowUp: [0, -80], ArrowDown: [0, 80] };
+
+/**
+ * @param {Object} page
+ * @param {import("./mission-view.js").MissionView} page.view
+ * @param {import("./scene.js").Scene} page.scene
+ * @param {import("./mission-store.js").MissionStore} page.store
+ * @param {import("./player.js").Player} page.player
+ * @param {function(): void} page.fit shows everything
+ */
+export function connectGestures({ view, scene, store, player, fit }) {
+  view.addEventListener("ground", () => {
+    view.map.on("click", ({ containerPoint, originalEvent }) => {
+      const [spot] = scene.near(containerPoint, originalEvent.pointerType === "touch" ? "touch" : "mouse");
+      store.choose(spot ? spot.key : null);
+    });
+    view.map.on("mousemove", ({ containerPoint }) => view.element.classList.toggle("is-on-dot", scene.near(containerPoint).length > 0));
+  });
+  const keys = { "+": () => view.zoom(1), "=": () => view.zoom(1), "-": () => view.zoom(-1), 0: fit };
+  view.element.addEventListener("keydown", (event) => {
+    if (!view.map || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (PAN[event.key]) view.map.panBy(PAN[event.key], { animate: false });
+    else if (keys[event.key]) keys[event.key]();
+    else return;
+    event.preventDefault();
+  });
+  addEventListener("keydown", (event) => {
+    const { target, key } = event;
+    if (event.ctrlKey || event.metaKey || event.altKey || takesText(target) || document.querySelector("dialog[open]")) return;
+    if (key === " " && !target.closest("button, summary, a, input")) player.toggle();
+    else if (key === "," || key === ".") player.step(key === "." ? 1 : -1);
+    else if (key === "Escape") store.choose(null);
+    else return;
+    if (key !== "Escape") event.preventDefault();
+  });
+}

@@ -1,0 +1,100 @@
+/**
+ * A mission that goes on: the server tells what is new, and where its stream cannot be had, it is asked.
+ */
+
+const ASK_MS = 3000;
+const SLOWEST_MS = 30000;
+const ENDED_MS = 15000;
+
+/** Follows one mission; fires `state` with whether it hears the server, `gone` when there is no such mission any more. */
+export class Live extends EventTarget {
+  /**
+   * @param {import("./mission-store.js").MissionStore} store
+   * @param {number} id
+   */
+  constructor(store, id) {
+    super();
+    Object.assign(this, { store, id });
+    this.connected = true;
+    this.failures = 0;
+    this._stream = null;
+    this._timer = 0;
+    this._server = store.server(id);
+    this._away = new AbortController();
+    const { signal } = this._away;
+    document.addEventListener("visibilitychange", () => (document.hidden ? this._pause() : this.start()), { signal });
+    addEventListener("online", () => this.start(), { signal });
+    addEventListener("pagehide", () => this._pause(), { signal });
+  }
+
+  /** Listen to what comes after the state that is known. */
+  start() {
+    this._pause();
+    const mission = this.store.missions.get(this.id);
+    if (mission.ended_at) return this._later(ENDED_MS); // it may still be corrected, and needs no stream for that
+    this._stream = this._server.events(mission.cursor, {
+      changed: (told, cursor) => this._take(told, cursor),
+      open: () => this._heard(),
+      error: (closed) => this._lost(closed),
+    });
+    return null;
+  }
+
+  stop() {
+    this._pause();
+    this._away.abort();
+  }
+
+  /** Take everything that changed until now, without the stream. */
+  async refresh() {
+    try {
+      const mission = await this._server.state();
+      if (!this.store.missions.has(this.id)) return;
+      this._heard();
+      this.store.refresh(mission);
+    } catch (error) {
+      if (error.status === 404) this._gone();
+      else this._tell(error.code !== "offline");
+    }
+  }
+
+  _pause() {
+    clearTimeout(this._timer);
+    this._stream?.close();
+    this._stream = null;
+  }
+
+  _take(told, cursor) {
+    this._heard();
+    this.store.merge(this.id, { ...told, cursor });
+  }
+
+  _heard() {
+    this.failures = 0;
+    this._tell(true);
+  }
+
+  /** The browser comes back by itself, as long as the server does not refuse. */
+  _lost(closed) {
+    this.failures += 1;
+    this._tell(navigator.onLine && this.failures < 3);
+    if (!closed) return;
+    this._pause();
+    this._later(Math.min(ASK_MS * 2 ** Math.min(this.failures - 1, 6), SLOWEST_MS));
+  }
+
+  _later(wait) {
+    this._timer = setTimeout(() => this.refresh().then(() => this._away.signal.aborted || this.start()), wait);
+  }
+
+  _gone() {
+    this.stop();
+    this.dispatchEvent(new Event("gone"));
+  }
+
+  _tell(connected) {
+    if (this.connected === connected) return;
+    this.connected = connected;
+    this.dispatchEvent(new Event("state"));
+  }
+}

@@ -1,0 +1,189 @@
+/** What the page of a mission knows: missions, tracks, objects; what is shown, how, and at which moment. */
+
+import { endpointsOf } from "./endpoints.js";
+import { Symbols } from "./symbols.js";
+
+/** Missions whose times lie farther apart than this many of their lengths are laid side by side. */
+const APART = 3;
+const BEST_FIRST = ["fused", "gps", "odometry", "visual", "manual"];
+
+/** The state of the page; fires an event named after what changed. */
+export class MissionStore extends EventTarget {
+  /** @param {number} id of the mission that the page is about */
+  constructor(id) {
+    super();
+    this.id = id;
+    this.missions = new Map();
+    this.hidden = new Set();
+    this.mode = "source";
+    this.moment = null;
+    this.objects = new Map();
+    this.fixes = [];
+    this.matching = null;
+    this.chosen = null;
+    this.trail = [];
+    this.symbols = new Symbols();
+    this._servers = new Map();
+  }
+
+  /** Tell whoever listens. */
+  emit(name, detail = null) {
+    this.dispatchEvent(new CustomEvent(name, { detail }));
+  }
+
+  /** Call a function on some events. */
+  on(names, run) {
+    for (const name of names.split(" ")) this.addEventListener(name, run);
+  }
+
+  /** The mission that the page is about. */
+  get mission() {
+    return this.missions.get(this.id) || null;
+  }
+
+  server(id) {
+    if (!this._servers.has(id)) this._servers.set(id, endpointsOf(id));
+    return this._servers.get(id);
+  }
+
+  /** All tracks of all missions: `{mission, track, key}`, those of the page's own mission first. */
+  get tracks() {
+    return [...this.missions.values()].flatMap((mission) =>
+      [...mission.tracks]
+        .sort((a, b) => BEST_FIRST.indexOf(a.source) - BEST_FIRST.indexOf(b.source) || a.id - b.id)
+        .map((track) => ({ mission, track, key: keyOf(mission.id, track.id) })));
+  }
+
+  /** The tracks that are shown. */
+  get shown() {
+    return this.tracks.filter(({ key }) => !this.hidden.has(key));
+  }
+
+  track(key) {
+    return this.tracks.find((one) => one.key === key) || null;
+  }
+
+  setMission(mission) {
+    this.missions.set(mission.id, mission);
+    this.emit("missions");
+  }
+
+  removeMission(id) {
+    this.missions.delete(id);
+    for (const [key, object] of this.objects) if (object.mission === id) this.objects.delete(key);
+    this.emit("missions");
+    this.emit("objects");
+  }
+
+  setShown(key, shown) {
+    if (shown) this.hidden.delete(key);
+    else this.hidden.add(key);
+    this.emit("shown");
+  }
+
+  setMode(mode) {
+    this.mode = mode;
+    this.emit("mode");
+  }
+
+  /** @param {?number} moment seconds since the begin of the time line; null: now */
+  setMoment(moment) {
+    this.moment = moment;
+    this.emit("moment");
+  }
+
+  /** @param {number} mission @param {Array<Object>} objects as the server tells them */
+  setObjects(mission, objects) {
+    for (const object of objects) this.objects.set(keyOf(mission, object.id), { ...object, mission, key: keyOf(mission, object.id) });
+    this.emit("objects");
+  }
+
+  /** @param {Array<{time: number, lat: number, lon: number, radius_m: ?number, gated: boolean}>} fixes of the page's mission */
+  setFixes(fixes) {
+    this.fixes = fixes;
+    this.emit("fixes");
+  }
+
+  /** @param {?Set<string>} keys of the objects that the filter lets through; null: all */
+  setMatching(keys) {
+    this.matching = keys;
+    this.emit("matching");
+  }
+
+  /** @param {?string} key of an object */
+  choose(key) {
+    if (this.chosen === key) return;
+    this.chosen = key;
+    this.trail = [];
+    this.emit("chosen");
+  }
+
+  /** @param {Array<{lat: number, lon: number}>} places at which the chosen object was seen */
+  setTrail(places) {
+    this.trail = places;
+    this.emit("trail");
+  }
+
+  /** Take all of a mission anew; poses that have come meanwhile are fetched. */
+  refresh(mission) {
+    const before = new Map(this.missions.get(mission.id)?.tracks.map((track) => [track.id, track.poses]));
+    this.setMission(mission);
+    for (const { id, poses } of mission.tracks) {
+      if (before.has(id) && before.get(id) < poses) this.emit("missed", { key: keyOf(mission.id, id) });
+    }
+    this.emit("grown");
+  }
+
+  /** Take what an event of the server told. */
+  merge(id, { tracks, objects, ...facts }) {
+    const mission = this.missions.get(id);
+    if (!mission) return;
+    Object.assign(mission, facts);
+    const known = new Map(mission.tracks.map((track) => [track.id, track]));
+    const added = tracks.filter((told) => !known.has(told.id));
+    for (const { new: points, ...told } of tracks) {
+      if (known.has(told.id)) Object.assign(known.get(told.id), told);
+      else mission.tracks.push(told);
+      if (points.length) this.emit("poses", { key: keyOf(id, told.id), points });
+    }
+    if (objects.length) this.setObjects(id, objects);
+    if (added.length) this.emit("missions");
+    this.emit("grown");
+  }
+
+  /**
+   * The time line: from the first pose of what is shown to the last. Missions of different days begin together.
+   * @returns {?{first: number, span: number, aligned: boolean}} Unix seconds, seconds
+   */
+  get clock() {
+    const times = [...this.missions.values()].map(timesOf).filter(Boolean);
+    if (!times.length) return null;
+    const first = Math.min(...times.map(([from]) => from));
+    const span = Math.max(...times.map(([, to]) => to)) - first;
+    const longest = Math.max(...times.map(([from, to]) => to - from));
+    const aligned = times.length > 1 && span > APART * longest;
+    return { first, span: aligned ? longest : span, aligned };
+  }
+
+  /** Unix seconds of the moment in a mission; Infinity for now. */
+  timeIn(mission, moment = this.moment) {
+    if (moment === null) return Infinity;
+    const clock = this.clock;
+    return moment + (clock.aligned ? timesOf(mission)?.[0] ?? clock.first : clock.first);
+  }
+
+  /** The moment at which a mission's clock shows a time. */
+  momentOf(mission, time) {
+    const clock = this.clock;
+    return time - (clock.aligned ? timesOf(mission)?.[0] ?? clock.first : clock.first);
+  }
+}
+
+/** Key of a track or object among those of all missions. */
+export const keyOf = (mission, id) => `${mission}/${id}`;
+
+function timesOf({ tracks }) {
+  const known = tracks.filter(({ first_time_s: first }) => first !== null && first !== undefined);
+  if (!known.length) return null;
+  return [Math.min(...known.map((track) => track.first_time_s)), Math.max(...known.map((track) => track.last_time_s))];
+}

@@ -1,0 +1,60 @@
+/** The links of a mission: who has one sees it without signing in. */
+
+import { busy, confirmDialog, errorLine, openDialog } from "../shared/dialogs.js";
+import { h, icon } from "../shared/dom.js";
+import { moment, t } from "../shared/i18n.js";
+import { showAddress } from "../shared/share-dialog.js";
+import { toastError } from "../shared/toast.js";
+
+/** @param {Object} server of the mission */
+export async function sharesDialog(server) {
+  try {
+    const { shares } = await server.shares();
+    open(server, shares);
+  } catch (error) {
+    toastError(error);
+  }
+}
+
+function open(server, shares) {
+  const open_to_all = h("input", { type: "checkbox", name: "public" });
+  const photos = h("input", { type: "checkbox", name: "photos", checked: true });
+  const error = errorLine();
+  const make = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Make a link"));
+  const list = h("ul", { class: "shares" }, ...shares.map((share) => entry(server, share, () => dialog.close())));
+  const dialog = openDialog(t("Share this mission"), [
+    shares.length ? list : h("p", { class: "soft" }, t("Who has a link sees the mission live, without signing in.")),
+    h("div", { class: "share-ways" },
+      h("label", { class: "check share-way" }, open_to_all, h("span", {}, t("In the list of public maps, too"))),
+      h("label", { class: "check share-way" }, photos, h("span", {}, t("With photos")))),
+    error,
+  ], { actions: [make] });
+  make.addEventListener("click", () => busy(make, async () => {
+    try {
+      error.show(null);
+      const share = await server.share({ public: open_to_all.checked, photos: photos.checked });
+      dialog.close();
+      showAddress(share);
+    } catch (problem) {
+      error.show(problem);
+    }
+  }));
+}
+
+function entry(server, share, close) {
+  const show = () => (close(), showAddress(share));
+  const revoke = async () => {
+    close();
+    const text = t("Its address leads to nothing from then on, also where it is embedded.");
+    if (await confirmDialog({ title: t("Take the link back?"), text, action: t("Take it back"), danger: true })) {
+      await server.revoke(share.id).catch(toastError);
+    }
+    sharesDialog(server);
+  };
+  return h("li", { class: "share", "data-testid": "share" },
+    h("div", { class: "share__text" },
+      h("span", { class: share.public ? "badge badge--accent" : "badge" }, share.public ? t("public") : t("by a secret link")),
+      h("div", { class: "small soft" }, moment(share.created_at))),
+    share.url && h("button", { class: "icon-button", type: "button", "aria-label": t("Show the link"), onclick: show }, icon("link")),
+    h("button", { class: "icon-button", type: "button", "aria-label": t("Take the link back"), onclick: revoke }, icon("close")));
+}

@@ -1,0 +1,105 @@
+/** A shared mission, for visitors: the same views as its owners have, to look at. */
+
+import { byId } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { connectTabs } from "../shared/tabs.js";
+import { sentence, toastError } from "../shared/toast.js";
+import { chooseGround } from "./background-choice.js";
+import { connectGestures } from "./gestures.js";
+import { showLegend } from "./legend.js";
+import { MissionView } from "./mission-view.js";
+import { showObject } from "./object-card.js";
+import { ObjectTable } from "./object-table.js";
+import { showPhotos } from "./photos.js";
+import { Player } from "./player.js";
+import { Profile } from "./profile.js";
+import { Scene } from "./scene.js";
+import { Following, SharedStore } from "./shared-store.js";
+import { TrackLines } from "./track-lines.js";
+import { showTracks } from "./track-panel.js";
+
+const page = JSON.parse(byId("page").textContent);
+const store = new SharedStore(page);
+
+load();
+
+async function load() {
+  byId("loading").hidden = false;
+  byId("failed").hidden = true;
+  try {
+    store.setMission(await store.server().state());
+    begin();
+  } catch (error) {
+    if (error.status === undefined) throw error;
+    fail([error.message, error.hint].filter(Boolean).map(sentence).join(". "));
+    byId("try-again").addEventListener("click", load, { once: true });
+  } finally {
+    byId("loading").hidden = true;
+  }
+}
+
+function fail(text) {
+  byId("failed").hidden = false;
+  byId("failed-text").textContent = text;
+}
+
+function begin() {
+  const view = new MissionView(byId("map-canvas"));
+  const lines = new TrackLines(store, view);
+  const scene = new Scene(store, lines, view);
+  view.add(scene);
+  const player = new Player(store);
+  const fit = (track = null) => fitTo(view, track ? [track] : store.shown.map((one) => one.track));
+  const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
+  connectGestures({ view, scene, store, player, fit: () => fit() });
+  chooseGround(store, view, { services: page.services, fit });
+  lines.load().catch(toastError);
+  showTracks(store, { fit, forget: () => {} });
+  showLegend(store, lines);
+  new Profile(store, scene, player);
+  connectTabs(["tracks", "objects", "photos"]);
+  byId("panel").inert = false; // until now a click would have been lost
+  showObject(store);
+  new ObjectTable(store, look);
+  showPhotos(store, look);
+  byId("zoom-in").addEventListener("click", () => view.map?.zoomIn());
+  byId("zoom-out").addEventListener("click", () => view.map?.zoomOut());
+  byId("zoom-fit").addEventListener("click", () => fit());
+  follow(view, fit);
+}
+
+function fitTo(view, tracks) {
+  const boxes = tracks.map(({ bounds }) => bounds).filter(Boolean);
+  if (!view.ground) return;
+  const all = (axis) => boxes.map((box) => box[axis]);
+  if (boxes.length) {
+    view.show({ south: Math.min(...all(0)), west: Math.min(...all(1)), north: Math.max(...all(2)), east: Math.max(...all(3)) });
+  } else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
+}
+
+/** Whether the mission goes on; where it does, what is new is shown. */
+function follow(view, fit) {
+  const following = new Following(store);
+  const badge = byId("live-state");
+  let empty = false;
+  const render = () => {
+    const ended = Boolean(store.mission.ended_at);
+    badge.textContent = !following.connected ? t("No connection") : ended ? t("Ended") : t("Live");
+    badge.className = `badge ${!following.connected ? "badge--warning" : ended ? "" : "badge--success mi-live"}`;
+    byId("follow-part").hidden = ended;
+    const none = !store.tracks.some(({ track }) => track.poses) && !store.mission.objects;
+    byId("empty").hidden = !none;
+    if (empty && !none) fit();
+    empty = none;
+  };
+  store.on("missions grown", render);
+  store.on("missed", () => {
+    const newest = store.shown.map(({ track }) => track.last).filter(Boolean).sort((a, b) => b.time_s - a.time_s)[0];
+    const flat = newest && view.ground?.flat(newest.lat, newest.lon);
+    if (flat && byId("follow").checked && store.moment === null) view.reveal(flat, { margin: 90 });
+  });
+  following.addEventListener("state", render);
+  following.addEventListener("gone", () => fail(t("This link leads to nothing any more.")));
+  render();
+  following.start();
+}

@@ -1,0 +1,82 @@
+/** The list of tracks: which are shown, how long they are, how far the end is from the start. */
+
+import { byId, h, icon } from "../shared/dom.js";
+import { locale, t, tn } from "../shared/i18n.js";
+import { rafThrottle } from "../shared/timing.js";
+import { nthColour, sourceColour } from "./colour-scales.js";
+import { clockText, lengthText, percentText, SHORTEST_S, spanText, speedText, trackName } from "./format.js";
+
+/**
+ * Keep the list right.
+ * @param {import("./mission-store.js").MissionStore} store
+ * @param {{fit: function(Object): void, forget: function(number): void}} page
+ */
+export function showTracks(store, page) {
+  const box = byId("tracks");
+  const render = () => {
+    const focused = document.activeElement?.id;
+    box.replaceChildren(...[...store.missions.values()].map((mission, n) => section(store, page, { mission, n })));
+    if (focused && box.querySelector(`#${CSS.escape(focused)}`)) byId(focused).focus();
+  };
+  store.on("missions shown mode", render);
+  store.on("grown", rafThrottle(() => numbers(store, box)));
+  render();
+}
+
+function section(store, page, { mission, n }) {
+  const several = store.missions.size > 1;
+  const tracks = store.tracks.filter((one) => one.mission === mission);
+  const head = several && h("div", { class: "mi-mission__head" },
+    swatch(nthColour(n)),
+    h("h3", {}, mission.id === store.id ? mission.name : h("a", { href: `/missions/${mission.id}` }, mission.name)),
+    mission.id !== store.id && h("button", {
+      class: "icon-button", type: "button", title: t("Take it away"), "aria-label": t("Take {name} away", { name: mission.name }),
+      onclick: () => page.forget(mission.id),
+    }, icon("close")));
+  const none = !tracks.length && h("p", { class: "soft small mi-none" }, t("No positions yet."));
+  return h("section", { class: "mi-mission" }, head, none, h("ul", { class: "mi-tracks" }, ...tracks.map((one) => row(store, page, one))));
+}
+
+function row(store, page, { mission, track, key }) {
+  const id = `track-${key.replace("/", "-")}`;
+  const name = trackName(track);
+  const box = h("input", { type: "checkbox", id, checked: !store.hidden.has(key), onchange: (event) => store.setShown(key, event.target.checked) });
+  const colour = store.mode === "mission" ? nthColour([...store.missions.keys()].indexOf(mission.id)) : sourceColour(track.source);
+  return h("li", { class: "mi-track", "data-testid": "track", dataset: { key } },
+    h("div", { class: "mi-track__head" },
+      h("label", { class: "check" }, box, swatch(colour), h("span", { class: "mi-track__name" }, name)),
+      h("button", {
+        class: "icon-button", type: "button", title: t("Show it whole"), "aria-label": t("Show {name} whole", { name }),
+        disabled: !track.bounds, onclick: () => page.fit(track),
+      }, icon("fit"))),
+    h("dl", { class: "facts small number mi-track__facts", "data-part": "facts" }, ...facts(track)));
+}
+
+/** Only the numbers change while a robot sends. */
+function numbers(store, box) {
+  for (const { track, key } of store.tracks) {
+    const part = box.querySelector(`[data-key="${CSS.escape(key)}"] [data-part="facts"]`);
+    part?.replaceChildren(...facts(track));
+  }
+}
+
+function facts(track) {
+  const { poses, skipped, distance_m: way, duration_s: duration, closing } = track;
+  const rows = [[t("Distance"), lengthText(way || 0)]];
+  if (duration >= SHORTEST_S) {
+    const speed = t("{speed} on average", { speed: speedText(way / duration) });
+    rows.push([t("Duration"), `${spanText(duration)} (${speed})`]);
+  }
+  const left = skipped ? `, ${tn("{n} left out", "{n} left out", skipped)}` : "";
+  rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
+  if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
+  if (!track.timed) rows.push([t("Times"), t("none known: points are in their order only")]);
+  if (closing) rows.push([t("End to start"), t("{gap}, {share} of the way", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);
+  return rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
+}
+
+function swatch(colour) {
+  const made = h("span", { class: "mi-swatch", "aria-hidden": "true" });
+  made.style.background = colour;
+  return made;
+}

@@ -1,0 +1,79 @@
+/** Corners and world files: forms that say where the image is. */
+
+import { byId } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { toast } from "../shared/toast.js";
+import { page } from "./page.js";
+
+const TWO = ["top_left", "bottom_right"];
+const FOUR = ["top_left", "top_right", "bottom_left", "bottom_right"];
+
+/**
+ * Connect the form of the corners; the present ones stand in it.
+ * @param {function(): void} changed
+ * @returns {function(): ?Object} what is to be asked of the server; null while it is incomplete
+ */
+export function cornersForm(changed) {
+  const all = byId("all-corners");
+  const names = () => (all.checked ? FOUR : TWO);
+  const fill = (corners) => {
+    all.checked = Boolean(corners.top_right && corners.bottom_left);
+    for (const name of FOUR) {
+      for (const axis of ["lat", "lon"]) byId(`${name}-${axis}`).value = rounded(corners[name]?.[axis]);
+    }
+    show();
+  };
+  const show = () => {
+    for (const box of document.querySelectorAll("[data-corner]")) box.hidden = !names().includes(box.dataset.corner);
+    changed();
+  };
+  const { corners } = page.earth || {};
+  if (corners && FOUR.every((name) => corners[name])) {
+    const straight = Math.abs(page.earth.north_deg) < 0.01;
+    fill(straight ? { top_left: corners.top_left, bottom_right: corners.bottom_right } : corners);
+  }
+  byId("known-corners").addEventListener("input", changed);
+  byId("known-corners").addEventListener("submit", (event) => event.preventDefault());
+  all.addEventListener("change", show);
+  byId("corners-json").addEventListener("change", async (event) => {
+    const [file] = event.target.files;
+    if (!file) return;
+    try {
+      fill(JSON.parse(await file.text()));
+    } catch {
+      toast(t("This file is not JSON."), { kind: "error" });
+    }
+  });
+  return () => {
+    const corner = (name) => ({ lat: byId(`${name}-lat`).valueAsNumber, lon: byId(`${name}-lon`).valueAsNumber });
+    const given = Object.fromEntries(names().map((name) => [name, corner(name)]));
+    const whole = Object.values(given).every(({ lat, lon }) => Number.isFinite(lat) && Number.isFinite(lon));
+    return whole ? { kind: "corners", corners: given } : null;
+  };
+}
+
+/**
+ * Connect the form of a world file.
+ * @param {function(): void} changed
+ * @returns {function(): ?Object} as of `cornersForm`
+ */
+export function worldfileForm(changed) {
+  const text = byId("worldfile-text");
+  byId("worldfile-file").addEventListener("change", async (event) => {
+    const [file] = event.target.files;
+    if (!file) return;
+    text.value = (await file.slice(0, 10_000).text()).trim();
+    changed();
+  });
+  byId("known-worldfile").addEventListener("input", changed);
+  byId("known-worldfile").addEventListener("submit", (event) => event.preventDefault());
+  return () => {
+    const crs = byId("worldfile-crs").value.trim() || null;
+    return text.value.trim() ? { kind: "worldfile", worldfile: text.value, crs } : null;
+  };
+}
+
+/** Degrees to a millimetre. */
+function rounded(degrees) {
+  return Number.isFinite(degrees) ? Number(degrees.toFixed(8)) : "";
+}

@@ -1,0 +1,129 @@
+/** The georeference: what the person says, what the server makes of it, and only then the change. */
+
+import { del, post, put } from "../shared/api.js";
+import { busy, confirmDialog } from "../shared/dialogs.js";
+import { byId, h } from "../shared/dom.js";
+import { metresText } from "../shared/format.js";
+import { t } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
+import { ControlPoints } from "./control-points.js";
+import { cornersForm, worldfileForm } from "./corner-forms.js";
+import { base, movedPhotoNotes, note, page, panels, reloadWith } from "./page.js";
+
+const WAIT_MS = 350;
+
+/** Connect the section; where it is folded, it waits: a map needs a size to be drawn. */
+export function georeferenceSection() {
+  const section = byId("where");
+  if (section.open) connect();
+  else section.addEventListener("toggle", connect, { once: true });
+}
+
+function connect() {
+  const verdict = new Verdict();
+  const points = new ControlPoints(() => verdict.ask());
+  const sources = {
+    "control-points": { wish: () => points.wish(), tell: (told) => points.tell(told) },
+    corners: { wish: cornersForm(() => verdict.ask()) },
+    worldfile: { wish: worldfileForm(() => verdict.ask()) },
+  };
+  const choose = panels("known", (kind) => {
+    verdict.from(sources[kind]);
+    if (kind === "control-points") points.open();
+  });
+  choose("control-points");
+  byId("apply").addEventListener("click", (event) => {
+    busy(event.currentTarget, () => apply(verdict.wish)).catch(toastError);
+  });
+  byId("forget")?.addEventListener("click", (event) => {
+    busy(event.currentTarget, forget).catch(toastError);
+  });
+}
+
+async function apply(wish) {
+  const answer = await put(`${base}/georeference`, { ...wish, seen: page.revision });
+  const notes = [{ kind: "success", text: t("The map knows now where it is.") }];
+  reloadWith([...notes, ...movedPhotoNotes(answer.from_tray, answer.to_tray)]);
+}
+
+async function forget() {
+  const title = t("Take the georeference away?");
+  const text = t("Photos stay where they are on the image. It can be undone.");
+  if (!(await confirmDialog({ title, text, action: t("Take it away") }))) return;
+  await del(`${base}/georeference`);
+  reloadWith([{ kind: "success", text: t("The georeference is gone.") }]);
+}
+
+/** Asks the server what it thinks of a wish, and shows the answer. */
+class Verdict {
+  constructor() {
+    this.source = null;
+    this.wish = null;
+    this.asked = 0;
+    this.timer = null;
+  }
+
+  /** Listen to another way of saying it. */
+  from(source) {
+    this.source = source;
+    this.ask();
+  }
+
+  /** Ask soon; what is typed in between is asked together. */
+  ask() {
+    if (!this.source) return;
+    clearTimeout(this.timer);
+    byId("apply").disabled = true;
+    this.timer = setTimeout(() => this._ask(), WAIT_MS);
+  }
+
+  async _ask() {
+    const { source } = this;
+    const wish = source.wish();
+    this.asked += 1;
+    const mine = this.asked;
+    if (!wish) return this._show(source, null, []);
+    try {
+      const told = await post(`${base}/georeference/preview`, wish);
+      if (mine !== this.asked) return null;
+      this.wish = wish;
+      return this._show(source, told, verdict(told));
+    } catch (error) {
+      if (mine !== this.asked) return null;
+      if (![400, 422].includes(error.status)) toastError(error);
+      return this._show(source, null, [note("danger", error.message, error.hint)]);
+    }
+  }
+
+  _show(source, told, content) {
+    byId("verdict").replaceChildren(...content);
+    byId("apply").disabled = !told;
+    source.tell?.(told);
+  }
+}
+
+function verdict(told) {
+  const facts = [[t("Fit"), kindName(told.kind)]];
+  if (told.rms_m !== null && told.rms_m !== undefined) {
+    facts.push([t("Residuals"), t("{rms} m root mean square, {most} m at most", { rms: metresText(told.rms_m), most: metresText(Math.max(...told.residuals)) })]);
+  }
+  if (told.metres_per_pixel) {
+    facts.push([t("Scale"), t("{metres} m a pixel", { metres: metresText(told.metres_per_pixel) })]);
+    const { width, height } = page.satellite;
+    facts.push([t("Extent"), `${Math.round(width * told.metres_per_pixel)} × ${Math.round(height * told.metres_per_pixel)} m`]);
+  }
+  if (Math.abs(told.north_deg ?? 0) >= 0.05) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: told.north_deg.toFixed(1) })]);
+  const list = h("dl", { class: "facts number" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
+  return [list, ...told.warnings.map((text) => note("warning", text))];
+}
+
+function kindName(kind) {
+  const names = {
+    corners: t("corners"),
+    worldfile: t("world file"),
+    similarity: t("similarity: shift, turn, one scale"),
+    affine: t("affine: two scales and a skew"),
+    projective: t("projective: images taken at an angle"),
+  };
+  return names[kind] || kind;
+}

@@ -1,0 +1,38 @@
+/** The image itself as a Leaflet map: one unit is one pixel of the image. */
+
+import { imageBounds } from "../shared/map/coords.js";
+
+const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+/**
+ * Show an image.
+ * @param {HTMLElement} element
+ * @param {{url: string, width: number, height: number, tiles: ?Object}} satellite
+ * @param {Object} [options] of Leaflet
+ * @returns {L.Map}
+ */
+export function imageMap(element, satellite, options = {}) {
+  const map = L.map(element, {
+    crs: L.CRS.Simple,
+    attributionControl: false,
+    zoomSnap: 0.25,
+    minZoom: -20,
+    maxZoom: 5,
+    zoomAnimation: !calm,
+    fadeAnimation: !calm,
+    ...options,
+  });
+  const bounds = imageBounds(satellite);
+  map.fitBounds(bounds);
+  map.setMaxBounds(bounds.pad(1));
+  layer(satellite, bounds).addTo(map);
+  new ResizeObserver(() => map.invalidateSize({ pan: false })).observe(element);
+  return map;
+}
+
+function layer({ url, tiles }, bounds) {
+  if (!tiles) return L.imageOverlay(url, bounds, { alt: "" });
+  const most = tiles.max_zoom;
+  const zooms = { zoomOffset: most, minNativeZoom: -most, maxNativeZoom: 0, minZoom: -20, maxZoom: 5 };
+  return L.tileLayer(tiles.url, { tileSize: 256, bounds, noWrap: true, ...zooms });
+}

@@ -1,0 +1,169 @@
+/** An image from a tile service: area, zoom, an estimate, and the job that fetches it. */
+
+import { get, post } from "../shared/api.js";
+import { busy } from "../shared/dialogs.js";
+import { byId } from "../shared/dom.js";
+import { duration, locale, t, tn } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
+import { cut } from "./mercator.js";
+import { outsideChoices } from "./outside-photos.js";
+import { base, note, page, reloadWith } from "./page.js";
+import { Rectangle } from "./rectangle.js";
+import { goHere, goTo, slippyMap } from "./tile-map.js";
+
+const EDGES = ["north", "south", "west", "east"];
+const GOOD_SIDE_PX = 2000;
+const ASK_MS = 700;
+
+/** The panel; its map is made when it is first shown. */
+export class TilesPanel {
+  constructor() {
+    this.form = byId("way-tiles");
+    this.zoom = byId("tile-zoom");
+    this.slippy = null;
+    this.job = null;
+    goTo(byId("tile-goto"), () => this.slippy?.map);
+    goHere(byId("tile-here"), () => this.slippy?.map);
+    byId("tile-service").addEventListener("change", () => this._service());
+    byId("tile-view").addEventListener("click", () => this.rectangle.ofView());
+    byId("tile-cancel").addEventListener("click", (event) => this._cancel(event.currentTarget));
+    this.zoom.addEventListener("input", () => this._estimate());
+    for (const edge of EDGES) byId(`tile-${edge}`).addEventListener("change", () => this._written());
+    this.form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      busy(event.submitter, () => this._fetch()).catch(toastError);
+    });
+  }
+
+  /** Show the map, and the area around the photos where there are any. */
+  open() {
+    if (this.slippy) return;
+    this.slippy = slippyMap(byId("tile-map"), byId("tile-service"));
+    this.rectangle = new Rectangle(this.slippy.map, (box) => this._write(box));
+    this._service();
+    if (page.photos || page.earth) {
+      this.rectangle.ofView();
+      this._goodZoom();
+    }
+    this._estimate();
+    this._resume();
+  }
+
+  _service() {
+    const { max_zoom } = this.slippy.service();
+    this.zoom.max = max_zoom;
+    this.zoom.value = Math.min(this.zoom.value, max_zoom);
+    this._estimate();
+  }
+
+  /** The zoom at which the image has a good size. */
+  _goodZoom() {
+    const { max_tiles } = this.slippy.service();
+    for (let zoom = Number(this.zoom.max); zoom > 0; zoom -= 1) {
+      const { width, height, tiles } = cut(this.rectangle.box, zoom);
+      this.zoom.value = zoom;
+      if (Math.max(width, height) <= GOOD_SIDE_PX && tiles <= max_tiles) return;
+    }
+  }
+
+  /** The rectangle was changed on the map. */
+  _write(box) {
+    const first = !byId("tile-north").value;
+    for (const edge of EDGES) byId(`tile-${edge}`).value = box[edge];
+    if (first) this._goodZoom();
+    this._estimate();
+  }
+
+  /** The edges were changed in the fields. */
+  _written() {
+    const box = Object.fromEntries(EDGES.map((edge) => [edge, byId(`tile-${edge}`).valueAsNumber]));
+    const whole = Object.values(box).every(Number.isFinite) && box.north > box.south && box.west !== box.east;
+    this.rectangle.show(whole ? box : null);
+    if (whole) this.slippy.map.fitBounds(this.rectangle.shape.getBounds().pad(0.2));
+    this._estimate();
+  }
+
+  _estimate() {
+    const zoom = this.zoom.valueAsNumber;
+    byId("tile-zoom-value").textContent = zoom;
+    const { box } = this.rectangle || {};
+    const button = this.form.querySelector("[type=submit]");
+    const place = byId("tile-estimate");
+    place.classList.remove("sat-estimate--bad");
+    button.disabled = !box;
+    if (!box) {
+      place.textContent = t("Move the map to the place, then take the area of its view.");
+      return;
+    }
+    const { width, height, tiles, metresPerPixel } = cut(box, zoom);
+    const { max_tiles } = this.slippy.service();
+    const size = t("{width} × {height} pixels", { width: number(width), height: number(height) });
+    const parts = [size, t("{metres} m a pixel", { metres: short(metresPerPixel) }), tn("{n} tile", "{n} tiles", tiles)];
+    if (tiles > max_tiles) {
+      parts.push(tn("only {n} tile is allowed: smaller area or zoom", "only {n} tiles are allowed: smaller area or zoom", max_tiles));
+      place.classList.add("sat-estimate--bad");
+      button.disabled = true;
+    }
+    place.textContent = parts.join(" · ");
+  }
+
+  async _fetch() {
+    const wish = { service: this.slippy.service().name, zoom: this.zoom.valueAsNumber, ...this.rectangle.box };
+    await this._queue(wish);
+  }
+
+  async _queue(wish) {
+    const { job } = await post(`${base}/satellite/tiles`, wish);
+    const ended = await this._watch(job);
+    if (ended.state === "done") {
+      const { width, height, from_tray, to_tray, warnings } = ended.result;
+      const text = t("The image has {width} × {height} pixels.", { width: number(width), height: number(height) });
+      reloadWith([{ kind: "success", text }, ...movedPhotoNotes(from_tray, to_tray), ...warnings.map((w) => ({ kind: "warning", text: w }))]);
+    } else if (ended.state === "failed") {
+      const choice = await outsideChoices(ended.error);
+      if (choice) await this._queue({ ...wish, ...choice });
+      else byId("tile-progress").after(note("danger", ended.error.message, ended.error.hint));
+    }
+  }
+
+  /** Tiles that are being fetched for this map already, since before the page was loaded. */
+  async _resume() {
+    const { jobs } = await get(`/jobs?map=${encodeURIComponent(page.slug)}`);
+    const live = jobs.find(({ kind, state }) => kind === "satellite-tiles" && (state === "queued" || state === "running"));
+    if (live && (await this._watch(live.id)).state === "done") reloadWith([{ kind: "success", text: t("The image is in place.") }]);
+  }
+
+  async _watch(id) {
+    const box = byId("tile-progress");
+    this.form.querySelectorAll(":scope > .note").forEach((old) => old.remove());
+    this.job = id;
+    box.hidden = false;
+    try {
+      for (;;) {
+        const job = await get(`/jobs/${id}`);
+        this._progress(box, job);
+        if (!["queued", "running"].includes(job.state)) return job;
+        await new Promise((resolve) => setTimeout(resolve, ASK_MS));
+      }
+    } finally {
+      box.hidden = true;
+      this.job = null;
+    }
+  }
+
+  _progress(box, { state, done, total, seconds_left: left }) {
+    const bar = box.querySelector("progress");
+    if (state === "running" && total) Object.assign(bar, { max: total, value: done });
+    else bar.removeAttribute("value");
+    const words = [state === "queued" ? t("Waits for its turn") : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
+    if (left) words.push(t("about {time} left", { time: duration(left) }));
+    box.querySelector("[data-part=words]").textContent = words.join(" · ");
+  }
+
+  _cancel(button) {
+    if (this.job) busy(button, () => post(`/jobs/${this.job}/cancel`)).catch(toastError);
+  }
+}
+
+const number = (value) => value.toLocaleString(locale);
+const short = (value) => Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });

@@ -1,0 +1,105 @@
+/** Slippy maps of the tile services that the server names; nothing is asked of them before one is shown. */
+
+import { h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { parseLatLon } from "../shared/map/coords.js";
+import { toast } from "../shared/toast.js";
+import { page } from "./page.js";
+
+const PLACE = "expmap-image-place";
+const EUROPE = { center: [49, 12], zoom: 4 };
+const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+/**
+ * Make a slippy map where the photos or the image are, else where the last one was.
+ * @param {HTMLElement} element
+ * @param {HTMLSelectElement} select of the service
+ * @returns {{map: L.Map, service: function(): Object}}
+ */
+export function slippyMap(element, select) {
+  const motion = { zoomAnimation: !calm, fadeAnimation: !calm, inertia: !calm };
+  const map = L.map(element, { maxZoom: 22, worldCopyJump: true, ...motion });
+  map.attributionControl.setPrefix('<a href="https://leafletjs.com" rel="noopener" target="_blank">Leaflet</a>');
+  let layer = null;
+  const service = () => page.services[select.selectedIndex];
+  const show = () => {
+    layer?.remove();
+    layer = tiles(service()).addTo(map);
+  };
+  select.addEventListener("change", show);
+  beginAt(map);
+  show();
+  map.on("moveend", () => {
+    const { lat, lng } = map.getCenter();
+    localStorage.setItem(PLACE, JSON.stringify({ center: [lat, lng], zoom: map.getZoom() }));
+  });
+  new ResizeObserver(() => map.invalidateSize({ pan: false })).observe(element);
+  return { map, service };
+}
+
+/**
+ * Let a field move a map to a written place.
+ * @param {HTMLInputElement} input
+ * @param {function(): ?L.Map} map
+ */
+export function goTo(input, map) {
+  const go = () => {
+    const place = parseLatLon(input.value);
+    if (place) map()?.setView(place, Math.max(map().getZoom(), 16));
+    else if (input.value.trim()) toast(t("Write it like 50.0875, 14.4213"), { kind: "error" });
+  };
+  input.addEventListener("change", go);
+  input.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter") return;
+    event.preventDefault();
+    go();
+  });
+}
+
+/**
+ * Let a button move a map to where the device is.
+ * @param {HTMLButtonElement} button
+ * @param {function(): ?L.Map} map
+ */
+export function goHere(button, map) {
+  button.hidden = !navigator.geolocation;
+  button.addEventListener("click", () => {
+    navigator.geolocation.getCurrentPosition(
+      ({ coords }) => map()?.setView([coords.latitude, coords.longitude], 17),
+      () => toast(t("This device does not say where it is."), { kind: "error" }),
+    );
+  });
+}
+
+/** A marker with a number or letter in it. */
+export function pin(text, kind = "") {
+  const made = h("span", { class: `sat-pin ${kind}` }, String(text));
+  return L.divIcon({ html: made, className: "sat-pin-frame", iconSize: [28, 28], iconAnchor: [14, 14] });
+}
+
+function tiles({ url, attribution, max_zoom }) {
+  return L.tileLayer(url, {
+    attribution: escaped(attribution),
+    maxNativeZoom: max_zoom,
+    maxZoom: 22,
+    // services want to know which site shows their tiles, and no more than that
+    referrerPolicy: "strict-origin-when-cross-origin",
+  });
+}
+
+function escaped(text) {
+  const made = document.createElement("span");
+  made.textContent = text;
+  return made.innerHTML;
+}
+
+function beginAt(map) {
+  const corners = Object.values(page.earth?.corners || {}).filter(Boolean);
+  const area = page.photos && [[page.photos.south, page.photos.west], [page.photos.north, page.photos.east]];
+  if (corners.length) map.fitBounds(L.latLngBounds(corners.map(({ lat, lon }) => [lat, lon])), { maxZoom: 19 });
+  else if (area) map.fitBounds(L.latLngBounds(area).pad(0.2), { maxZoom: 18 });
+  else {
+    const { center, zoom } = JSON.parse(localStorage.getItem(PLACE) || "null") || EUROPE;
+    map.setView(center, zoom);
+  }
+}

@@ -1,0 +1,169 @@
+/**
+ * What the map shows: all photos as plain dots, the hypotheses as numbered markers that are the brighter the more
+ * probable, their radius and heading, the circle of a hint, and a place that was said by hand. One canvas.
+ */
+
+import { CanvasLayer } from "../map/canvas-layer.js";
+import { latLngOf } from "../map/coords.js";
+import { colours, probabilityColours } from "./answer-format.js";
+import { placesOf } from "./answer-places.js";
+
+const DOT = 4;
+const SMALL_ZOOM = 0.5;
+const MARKER = 12;
+const WEDGE = 42;
+const GUESSED_FOV = 60;
+const NEAR = { mouse: 16, touch: 26 };
+
+/** A layer of Leaflet. */
+export const AnswerLayer = CanvasLayer.extend({
+  /**
+   * @param {import("../map/map-store.js").MapStore} store
+   * @param {import("./query-session.js").QuerySession} session
+   */
+  initialize(store, session) {
+    Object.assign(this, { store, session, draft: null });
+    this.begin();
+    store.on("photos placement satellite", this._draw);
+    session.on("answer chosen hint spot", this._draw);
+  },
+
+  /** Show a circle that is just being drawn. @param {?Object} hint */
+  setDraft(hint) {
+    this.draft = hint;
+    this._draw();
+  },
+
+  /** Ranks of the hypotheses under a point of the screen, the nearest first. */
+  near(point, pointer = "mouse") {
+    return this._spots
+      .map((spot) => ({ ...spot, away: Math.hypot(spot.x - point.x, spot.y - point.y) }))
+      .filter(({ away }) => away <= NEAR[pointer])
+      .sort((a, b) => a.away - b.away)
+      .flatMap(({ ranks }) => ranks);
+  },
+
+  paint(pen) {
+    this._pen = pen;
+    this._zoom = this._map.getZoomScale(this._map.getZoom(), 0);
+    if (this.store.satellite) this._all();
+  },
+
+  _all() {
+    const { session } = this;
+    this._hint(this.draft || session.hint);
+    this._spots = placesOf(session.answer, this.store).map((spot) => ({ ...spot, ...this._at(spot.position) }));
+    const chosen = this._spots.find(({ ranks }) => ranks.includes(session.chosen));
+    const ordered = [...this._spots.filter((spot) => spot !== chosen), ...(chosen ? [chosen] : [])];
+    for (const spot of ordered) this._reach(spot, spot === chosen);
+    this._photos(chosen ? new Set(chosen.experiences) : new Set());
+    for (const spot of ordered) this._marker(spot, spot === chosen && !session.spot);
+    if (session.spot && this.store.placement === null) this._pin(this._at(session.spot));
+  },
+
+  _at(position) {
+    const { x, y } = this._map.latLngToContainerPoint(latLngOf(position));
+    return { x, y };
+  },
+
+  /** Plain dots; those that speak for the hypothesis that is looked at are larger. */
+  _photos(speaking) {
+    const pen = this._pen;
+    const dot = this._zoom < SMALL_ZOOM ? DOT - 1 : DOT;
+    pen.lineWidth = 1.5;
+    for (const id of this.store.order) {
+      const position = this.store.position(id);
+      if (!position) continue;
+      const { x, y } = this._at(position);
+      pen.beginPath();
+      pen.arc(x, y, speaking.has(id) ? dot + 2 : dot, 0, 2 * Math.PI);
+      pen.fillStyle = "#fff";
+      pen.fill();
+      pen.strokeStyle = colours.ink;
+      pen.stroke();
+    }
+  },
+
+  /** Where the truth is in 68 of 100 cases, and where the camera looked. */
+  _reach({ x, y, radius, heading, position, probability }, chosen) {
+    const pen = this._pen;
+    const { fill } = probabilityColours(probability);
+    if (radius) {
+      pen.beginPath();
+      pen.arc(x, y, Math.max(radius * this._zoom, MARKER), 0, 2 * Math.PI);
+      pen.globalAlpha = chosen ? 0.28 : 0.16;
+      pen.fillStyle = fill;
+      pen.fill();
+      pen.globalAlpha = chosen ? 1 : 0.6;
+      this._stroke(fill, chosen ? 2 : 1.25);
+      pen.globalAlpha = 1;
+    }
+    if (heading === null || (!chosen && probability < 0.1)) return;
+    const middle = ((heading + this.store.georeference.north(position) - 90) * Math.PI) / 180;
+    const half = (((this.session.answer.fov_deg || GUESSED_FOV) / 2) * Math.PI) / 180;
+    pen.beginPath();
+    pen.moveTo(x, y);
+    pen.arc(x, y, WEDGE, middle - half, middle + half);
+    pen.closePath();
+    pen.globalAlpha = chosen ? 0.6 : 0.35;
+    pen.fillStyle = fill;
+    pen.fill();
+    pen.globalAlpha = 1;
+  },
+
+  _marker({ x, y, probability, ranks }, chosen) {
+    const pen = this._pen;
+    const { fill, text } = probabilityColours(probability);
+    const radius = chosen ? MARKER + 3 : MARKER;
+    for (const [rim, colour] of [[radius + 3, colours.ink], [radius + 1.5, "#fff"], [radius - 0.5, fill]]) {
+      pen.beginPath();
+      pen.arc(x, y, rim, 0, 2 * Math.PI);
+      pen.fillStyle = colour;
+      pen.fill();
+    }
+    pen.fillStyle = text;
+    pen.font = `700 ${chosen ? 15 : 13}px system-ui, sans-serif`;
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(String(ranks[0]), x, y + 0.5);
+  },
+
+  _hint(hint) {
+    if (!hint || this.store.placement !== null) return;
+    const pen = this._pen;
+    const { x, y } = this._at([hint.x_px, hint.y_px]);
+    pen.beginPath();
+    pen.arc(x, y, hint.radius_px * this._zoom, 0, 2 * Math.PI);
+    pen.setLineDash([7, 5]);
+    this._stroke("#fff", 2);
+    pen.setLineDash([]);
+  },
+
+  /** The place that a person says: the one red thing. */
+  _pin({ x, y }) {
+    const pen = this._pen;
+    pen.beginPath();
+    pen.moveTo(x, y);
+    pen.bezierCurveTo(x - 3, y - 9, x - 11, y - 14, x - 11, y - 23);
+    pen.arc(x, y - 23, 11, Math.PI, 0);
+    pen.bezierCurveTo(x + 11, y - 14, x + 3, y - 9, x, y);
+    pen.fillStyle = colours.truth;
+    pen.fill();
+    this._stroke("#fff", 2);
+    pen.beginPath();
+    pen.arc(x, y - 23, 4, 0, 2 * Math.PI);
+    pen.fillStyle = "#fff";
+    pen.fill();
+  },
+
+  /** A line that is seen on any ground. */
+  _stroke(colour, width) {
+    const pen = this._pen;
+    pen.lineWidth = width + 2;
+    pen.strokeStyle = "rgb(0 0 0 / 0.45)";
+    pen.stroke();
+    pen.lineWidth = width;
+    pen.strokeStyle = colour;
+    pen.stroke();
+  },
+});

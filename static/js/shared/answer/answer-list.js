@@ -1,0 +1,107 @@
+/** The answer as a list: each place with its probability, and "not on this map" as an entry of its own. */
+
+import { byId, h, icon } from "../dom.js";
+import { t, tn } from "../i18n.js";
+import { headingText, lengthText, percentText, probabilityColours } from "./answer-format.js";
+import { isOffMap } from "./query-session.js";
+
+const WORTH_TELLING = 0.005;
+
+/**
+ * @param {import("./query-session.js").QuerySession} session
+ * @param {function(): void} look brings the chosen place into view
+ */
+export function answerList(session, look) {
+  const list = byId("hypotheses");
+  session.on("answer", () => {
+    const { answer } = session;
+    byId("answer").hidden = !answer;
+    list.replaceChildren(...(answer ? entries(answer, (rank) => (session.choose(rank), look())) : []));
+    mark(list, session);
+  });
+  session.on("chosen spot", () => mark(list, session));
+  list.addEventListener("keydown", (event) => {
+    const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (!by) return;
+    const buttons = [...list.querySelectorAll("button")];
+    buttons[buttons.indexOf(document.activeElement) + by]?.focus();
+    event.preventDefault();
+  });
+}
+
+function mark(list, session) {
+  for (const item of list.querySelectorAll("[data-rank]")) {
+    const chosen = Number(item.dataset.rank) === session.chosen;
+    item.firstElementChild.setAttribute("aria-pressed", String(chosen));
+  }
+}
+
+function entries(answer, choose) {
+  const places = answer.hypotheses.map((hypothesis) => entry(hypothesis, choose));
+  const off = answer.off_map_probability;
+  const nothing = !answer.hypotheses.length;
+  if (off === null && nothing) return [offMap(null, true)];
+  if (off !== null) {
+    const at = answer.hypotheses.findIndex(({ probability }) => probability < off);
+    places.splice(at < 0 ? places.length : at, 0, offMap(off, isOffMap(answer)));
+  }
+  if (answer.other_probability > WORTH_TELLING) places.push(others(answer.other_probability));
+  return places;
+}
+
+function entry(hypothesis, choose) {
+  const { rank, probability, x_px, y_px } = hypothesis;
+  const { fill, text } = probabilityColours(probability);
+  const number = h("span", { class: "lo-number", "aria-hidden": "true" }, String(rank));
+  Object.assign(number.style, { backgroundColor: fill, color: text });
+  const button = h(
+    "button",
+    { class: "lo-place", type: "button", "aria-pressed": "false", onclick: () => choose(rank) },
+    number,
+    h("span", { class: "lo-place__text" },
+      h("span", { class: "lo-place__what" }, whatIs(hypothesis)),
+      h("span", { class: "small soft" }, details(hypothesis))),
+    h("span", { class: "lo-place__share" }, percentText(probability), bar(probability, fill)),
+  );
+  const data = { rank, x: x_px, y: y_px, probability };
+  return h("li", { "data-testid": "hypothesis", dataset: data }, button);
+}
+
+function whatIs({ rank, radius_m, radius_px }) {
+  const place = t("Place {n}", { n: rank });
+  return radius_px === null ? place : `${place} ± ${lengthText(radius_m, radius_px)}`;
+}
+
+function details({ kind, experiences, heading_deg, inliers, matches }) {
+  const from = tn("computed from {n} photo", "computed from {n} photos", experiences.length);
+  const parts = [kind === "position" ? from : t("near one photo")];
+  parts.push(inliers === null ? tn("{n} match", "{n} matches", matches) : tn("{n} inlier", "{n} inliers", inliers));
+  if (heading_deg !== null) parts.push(t("looks {heading}", { heading: headingText(heading_deg) }));
+  return parts.join(" · ");
+}
+
+function offMap(probability, likely) {
+  const known = probability !== null;
+  const what = known ? t("Not on this map") : t("Nothing was recognised");
+  return h(
+    "li",
+    { "data-testid": "off-map", dataset: known ? { probability } : {} },
+    h("div", { class: `lo-place lo-place--off${likely ? " is-likely" : ""}` },
+      h("span", { class: "lo-number lo-number--off", "aria-hidden": "true" }, icon("off-map")),
+      h("span", { class: "lo-place__text" }, h("span", { class: "lo-place__what" }, what)),
+      known && h("span", { class: "lo-place__share" }, percentText(probability), bar(probability, null))),
+  );
+}
+
+function others(probability) {
+  return h("li", { class: "lo-place lo-place--rest small soft" },
+    h("span", { class: "lo-place__text" }, t("other places")),
+    h("span", { class: "lo-place__share" }, percentText(probability)));
+}
+
+function bar(probability, fill) {
+  const inner = h("span", { class: "lo-bar__fill" });
+  inner.style.width = `${Math.max(probability * 100, 2)}%`;
+  if (fill) inner.style.backgroundColor = fill;
+  return h("span", { class: "lo-bar", "aria-hidden": "true" }, inner);
+}

@@ -1,0 +1,42 @@
+/**
+ * Where the hypotheses are in a placement. In the exact one, that is where they were computed. In any other, a
+ * hypothesis is where that placement has the photo that speaks for it best; those of one spot are one, and their
+ * probabilities add up: that is how a map of clusters answers "which part is it?".
+ */
+
+/**
+ * @param {?Object} answer
+ * @param {import("../map/map-store.js").MapStore} store
+ * @returns {Array<{position: [number, number], probability: number, ranks: number[], radius: ?number,
+ *   heading: ?number, experiences: number[]}>} the most probable last, so that it is drawn on top
+ */
+export function placesOf(answer, store) {
+  if (!answer) return [];
+  const spots = new Map();
+  for (const hypothesis of answer.hypotheses) {
+    const exact = store.placement === null;
+    const position = exact ? [hypothesis.x_px, hypothesis.y_px] : elsewhere(hypothesis, store);
+    if (!position) continue;
+    const key = exact ? hypothesis.rank : position.join(";");
+    const there = spots.get(key);
+    if (there) {
+      there.probability += hypothesis.probability;
+      there.ranks.push(hypothesis.rank);
+      there.experiences.push(...hypothesis.experiences);
+    } else {
+      spots.set(key, {
+        position,
+        probability: hypothesis.probability,
+        ranks: [hypothesis.rank],
+        radius: exact ? hypothesis.radius_px : null,
+        heading: hypothesis.heading_deg,
+        experiences: [...hypothesis.experiences],
+      });
+    }
+  }
+  return [...spots.values()].sort((a, b) => a.probability - b.probability);
+}
+
+function elsewhere({ experiences }, store) {
+  return experiences.map((id) => store.position(id)).find((position) => position) || null;
+}

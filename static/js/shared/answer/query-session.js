@@ -1,0 +1,106 @@
+/**
+ * What the page knows about the question: the photo, its answer, which hypothesis is looked at, and what a click on
+ * the map means. Fires an event named after what changed: `query`, `answer`, `chosen`, `mode`, `hint`, `spot`, `busy`.
+ */
+
+/** @typedef {{rank: number, x_px: number, y_px: number, radius_px: ?number, heading_deg: ?number,
+ *   probability: number, experiences: number[]}} Hypothesis */
+
+/** Tell whether an answer says "not on this map". */
+export function isOffMap({ hypotheses: [first], off_map_probability: off }) {
+  return !first || (off ?? 0) > first.probability;
+}
+
+/** The state of one visit. */
+export class QuerySession extends EventTarget {
+  constructor() {
+    super();
+    this.query = null;
+    this.answer = null;
+    this.chosen = null;
+    this.mode = "look";
+    this.hint = null;
+    this.spot = null;
+    this.busy = false;
+    this.live = false;
+  }
+
+  emit(name) {
+    this.dispatchEvent(new Event(name));
+  }
+
+  /** Call a function on some events. */
+  on(names, run) {
+    for (const name of names.split(" ")) this.addEventListener(name, run);
+  }
+
+  /** Hypothesis that is looked at. @returns {?Hypothesis} */
+  get hypothesis() {
+    return this.answer?.hypotheses.find(({ rank }) => rank === this.chosen) || null;
+  }
+
+  /** Where the photo was taken as far as anybody knows: what was said by hand, else the hypothesis. */
+  get position() {
+    if (this.spot) return this.spot;
+    const found = this.hypothesis;
+    return found && [found.x_px, found.y_px];
+  }
+
+  /**
+   * Show a photo.
+   * @param {?Object} query `name`, and `preview` or a local `url`; with an `id` once the server remembers it
+   */
+  setQuery(query) {
+    if (this.query?.url && this.query.url !== query?.url) URL.revokeObjectURL(this.query.url);
+    this.query = query;
+    this.emit("query");
+  }
+
+  /** Show an answer; null while there is none. */
+  setAnswer(answer) {
+    this.answer = answer;
+    this.spot = null;
+    this.chosen = answer && !isOffMap(answer) ? answer.hypotheses[0].rank : null;
+    if (this.mode === "correct") this.setMode("look");
+    this.emit("answer");
+    this.emit("chosen");
+  }
+
+  /** Look at one hypothesis. @param {?number} rank */
+  choose(rank) {
+    if (this.spot) {
+      this.spot = null;
+      this.emit("spot");
+    }
+    this.chosen = rank;
+    this.emit("chosen");
+  }
+
+  /** @param {"look"|"hint"|"correct"} mode what a click on the map means */
+  setMode(mode) {
+    this.mode = mode;
+    this.emit("mode");
+  }
+
+  /** @param {?{x_px: number, y_px: number, radius_px: number}} hint */
+  setHint(hint) {
+    this.hint = hint;
+    this.emit("hint");
+  }
+
+  /** Say by hand where the photo was taken. @param {?[number, number]} spot map pixels */
+  setSpot(spot) {
+    this.spot = spot;
+    this.emit("spot");
+  }
+
+  setBusy(busy) {
+    this.busy = busy;
+    this.emit("busy");
+  }
+
+  setLive(live) {
+    this.live = live;
+    this.emit("live");
+  }
+}

@@ -1,0 +1,142 @@
+/** Dialogs: a question, a line of text, or a form of the page's own. */
+
+import { h } from "./dom.js";
+import { t } from "./i18n.js";
+import { sentence } from "./toast.js";
+
+/**
+ * Ask whether to go on.
+ * @param {Object} words
+ * @param {string} words.title
+ * @param {string} [words.text]
+ * @param {string} words.action on the button
+ * @param {boolean} [words.danger] whether it cannot be taken back
+ * @returns {Promise<boolean>}
+ */
+export function confirmDialog({ title, text = "", action, danger = false }) {
+  return new Promise((resolve) => {
+    const dialog = frame(title, text && h("p", { class: "soft" }, text), { action, danger });
+    dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"));
+    show(dialog);
+  });
+}
+
+/**
+ * Ask for a line of text and do something with it; the dialog stays, with the reason, when that fails.
+ * @param {Object} words
+ * @param {string} words.title
+ * @param {string} words.label of the field
+ * @param {string} [words.value] that the field begins with
+ * @param {string} words.action on the button
+ * @param {string} [words.testid] of the field
+ * @param {number} [words.maxlength]
+ * @param {function(string): Promise<void>} submit
+ */
+export function askDialog({ title, label, value = "", action, testid, maxlength = 120 }, submit) {
+  const input = h("input", {
+    class: "input", id: "ask-input", value, maxlength, required: true, autocomplete: "off", "data-testid": testid,
+  });
+  const error = h("p", { class: "dialog__error", role: "alert", "data-testid": "error-message", hidden: true });
+  const field = h("div", { class: "field" }, h("label", { for: "ask-input" }, label), input, error);
+  const dialog = frame(title, field, { action });
+  dialog.querySelector("form").addEventListener("submit", async (event) => {
+    event.preventDefault();
+    await busy(event.submitter, async () => {
+      try {
+        await submit(input.value);
+        dialog.close();
+      } catch (problem) {
+        error.textContent = [problem.message, problem.hint].filter(Boolean).map(sentence).join(". ");
+        error.hidden = false;
+        input.focus();
+      }
+    });
+  });
+  show(dialog);
+  input.select();
+}
+
+/**
+ * Keep a button from being pressed again until something is done.
+ * @param {?HTMLButtonElement} button
+ * @param {function(): Promise<void>} run
+ */
+export async function busy(button, run) {
+  if (button) button.disabled = true;
+  try {
+    await run();
+  } finally {
+    if (button) button.disabled = false;
+  }
+}
+
+function frame(title, body, { action, danger = false }) {
+  const kind = danger ? "button--danger" : "button--primary";
+  return h(
+    "dialog",
+    { class: "dialog", "aria-labelledby": "dialog-title" },
+    h(
+      "form",
+      { class: "dialog__body", method: "dialog" },
+      h("h2", { id: "dialog-title" }, title),
+      body,
+      h(
+        "div",
+        { class: "dialog__actions" },
+        h("button", { class: "button", type: "button", onclick: (event) => event.target.closest("dialog").close() }, t("Cancel")),
+        h("button", { class: `button ${kind}`, value: "yes", type: "submit" }, action),
+      ),
+    ),
+  );
+}
+
+function show(dialog) {
+  dialog.addEventListener("close", () => dialog.remove());
+  document.body.append(dialog);
+  dialog.showModal();
+}
+
+/**
+ * Open a dialog; it is gone when it is closed.
+ * @param {string} title
+ * @param {Array<Node>} body
+ * @param {{actions?: Array<Node>, beside?: boolean}} [options] `actions` stand beside the button that closes;
+ *   `beside`: the image stays in sight and at hand
+ * @returns {HTMLDialogElement}
+ */
+export function openDialog(title, body, { actions = [], beside = false } = {}) {
+  const close = h("button", { class: "button", type: "button", onclick: () => dialog.close() }, actions.length ? t("Cancel") : t("Close"));
+  const dialog = h(
+    "dialog",
+    { class: `dialog${beside ? " ed-dialog--beside" : ""}`, "aria-labelledby": "dialog-title" },
+    h("div", { class: "dialog__body" },
+      h("h2", { id: "dialog-title" }, title),
+      ...body,
+      h("div", { class: "dialog__actions" }, close, ...actions)),
+  );
+  dialog.addEventListener("close", () => dialog.remove());
+  document.body.append(dialog);
+  dialog.addEventListener("keydown", (event) => event.key === "Escape" && dialog.close());
+  if (beside) dialog.show();
+  else dialog.showModal();
+  return dialog;
+}
+
+/** A labelled field. @param {string} label @param {HTMLElement} input @param {string} [hint] */
+export function field(label, input, hint = "") {
+  input.id ||= `field-${label.replace(/\W+/g, "-")}`;
+  const told = hint && h("span", { class: "field__hint", id: `${input.id}-hint` }, hint);
+  if (told) input.setAttribute("aria-describedby", told.id);
+  return h("div", { class: "field" }, h("label", { for: input.id }, label), input, told);
+}
+
+/** A place for the reason why something in a dialog did not work. */
+export function errorLine() {
+  const line = h("p", { class: "dialog__error", role: "alert", "data-testid": "error-message", hidden: true });
+  return Object.assign(line, {
+    show(error) {
+      line.hidden = !error;
+      line.textContent = error ? [error.message, error.hint].filter(Boolean).map(sentence).join(". ") : "";
+    },
+  });
+}

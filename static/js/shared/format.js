@@ -1,0 +1,28 @@
+/** Times and sizes for people, in the language of the page. */
+
+import { duration, locale, t } from "./i18n.js";
+
+const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "medium" });
+
+/** A time as it was on the camera's own clock. @param {string} iso */
+export function clockText(iso) {
+  const parsed = new Date(iso.replace(/(Z|[+-]\d\d:?\d\d)$/, ""));
+  return Number.isNaN(parsed.getTime()) ? iso : clock.format(parsed);
+}
+
+/** How long something will still take. @param {number} seconds */
+export function leftText(seconds) {
+  return seconds < 5 ? t("a moment left") : t("{time} left", { time: duration(seconds) });
+}
+
+/** A size of a file. @param {number} bytes */
+export function sizeText(bytes) {
+  const number = (value) => value.toLocaleString(locale, { maximumFractionDigits: value < 10 ? 1 : 0 });
+  if (bytes < 1e6) return `${number(Math.max(bytes / 1e3, 0.1))} kB`;
+  return bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`;
+}
+
+/** Metres for people: three digits, and not finer than a millimetre. */
+export function metresText(value) {
+  return value < 0.001 ? "0" : Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });
+}

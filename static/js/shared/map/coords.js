@@ -1,0 +1,103 @@
+/**
+ * Where things are: map pixels, Leaflet's positions, latitude and longitude. The only module that converts.
+ *
+ * Map pixels have x to the right and y down; (0, 0) is the outer corner of the top-left pixel. With
+ * `L.CRS.Simple` one unit is one map pixel, `lng` is x and `lat` is -y. Angles are degrees clockwise.
+ */
+
+/** Leaflet's position of a map pixel. */
+export function latLngOf([x, y]) {
+  return L.latLng(-y, x);
+}
+
+/** Map pixel of one of Leaflet's positions. */
+export function pixelOf(latLng) {
+  return [latLng.lng, -latLng.lat];
+}
+
+/** The whole image as Leaflet's bounds. */
+export function imageBounds(satellite) {
+  return L.latLngBounds(latLngOf([0, satellite.height]), latLngOf([satellite.width, 0]));
+}
+
+/** Tell whether a map pixel is on the image. */
+export function isInside([x, y], satellite) {
+  return x >= 0 && y >= 0 && x <= satellite.width && y <= satellite.height;
+}
+
+/** The nearest map pixel on the image, to a hundredth of a pixel. */
+export function clamped([x, y], satellite) {
+  const limit = (value, most) => Math.round(Math.min(Math.max(value, 0), most) * 100) / 100;
+  return [limit(x, satellite.width), limit(y, satellite.height)];
+}
+
+/** An angle in [0, 360), to a tenth of a degree. */
+export function wholeTurn(degrees) {
+  const turned = Math.round((((degrees % 360) + 360) % 360) * 10) / 10;
+  return turned === 360 ? 0 : turned;
+}
+
+/** Direction from one map pixel to another, clockwise from image-up. */
+export function imageAngle([x, y], [toX, toY]) {
+  return (Math.atan2(toX - x, y - toY) * 180) / Math.PI;
+}
+
+/** Latitude and longitude on the Earth of a map's pixels, through the grid that the server samples. */
+export class Georeference {
+  /**
+   * @param {?{metres_per_pixel: number, latlon_grid: {columns: number, rows: number, latlon: Array}}} state
+   * @param {?{width: number, height: number}} satellite
+   */
+  constructor(state, satellite) {
+    this.state = state;
+    this.grid = satellite && state ? state.latlon_grid || null : null;
+    this.metresPerPixel = (satellite && state && state.metres_per_pixel) || null;
+    this.size = satellite ? [satellite.width, satellite.height] : [0, 0];
+  }
+
+  /**
+   * Latitude and longitude of a map pixel on the image.
+   * @returns {?[number, number]} null where there is none
+   */
+  latLon([x, y]) {
+    if (!this.grid) return null;
+    const { columns, rows, latlon } = this.grid;
+    const u = (x / this.size[0]) * columns;
+    const v = (y / this.size[1]) * rows;
+    const i = Math.min(Math.max(Math.floor(u), 0), columns - 1);
+    const j = Math.min(Math.max(Math.floor(v), 0), rows - 1);
+    const first = j * (columns + 1) + i;
+    const corners = [latlon[first], latlon[first + 1], latlon[first + columns + 1], latlon[first + columns + 2]];
+    if (corners.some((corner) => !corner)) return null;
+    const [a, b] = [u - i, v - j];
+    const weights = [(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b];
+    const mean = (axis) => corners.reduce((sum, corner, n) => sum + corner[axis] * weights[n], 0);
+    return [mean(0), ((mean(1) + 540) % 360) - 180];
+  }
+
+  /** Where north points at a map pixel, clockwise from image-up; 0 without a georeference. */
+  north([x, y]) {
+    const step = Math.max(this.size[0], this.size[1]) / 100;
+    const around = [[x - step, y], [x + step, y], [x, y - step], [x, y + step]].map((p) => this.latLon(p));
+    if (around.some((p) => !p)) return 0;
+    const shrink = Math.cos((around[0][0] * Math.PI) / 180);
+    const difference = (p, q) => [(((q[1] - p[1] + 540) % 360) - 180) * shrink, q[0] - p[0]];
+    const [right, down] = [difference(around[0], around[1]), difference(around[2], around[3])];
+    const determinant = right[0] * down[1] - down[0] * right[1];
+    return (Math.atan2(-down[0] / determinant, -right[0] / determinant) * 180) / Math.PI;
+  }
+}
+
+/** A latitude and longitude for people. */
+export function latLonText([lat, lon]) {
+  const north = lat >= 0 ? "N" : "S";
+  const east = lon >= 0 ? "E" : "W";
+  return `${Math.abs(lat).toFixed(6)}° ${north}, ${Math.abs(lon).toFixed(6)}° ${east}`;
+}
+
+/** A latitude and longitude that somebody wrote, as `50.08, 14.42`; null when it is none. */
+export function parseLatLon(text) {
+  const numbers = text.match(/-?\d+(?:\.\d+)?/g)?.map(Number) || [];
+  const [lat, lon] = numbers;
+  return numbers.length === 2 && Math.abs(lat) <= 85 && Math.abs(lon) <= 180 ? [lat, lon] : null;
+}

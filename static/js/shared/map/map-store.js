@@ -1,0 +1,198 @@
+/**
+ * What the page knows: the map as the server last told it, with edits on their way laid over it.
+ *
+ * Three layers give a photo's place: `preview` (what a hand is dragging right now), `pending` (edits that wait
+ * for the server), and what the server said. So an answer or somebody else's change never undoes what is shown.
+ */
+
+import { Georeference } from "./coords.js";
+
+/** @typedef {{x_px: ?number, y_px: ?number, heading_deg: ?number, removed: boolean}} View */
+
+const NAMES = new Intl.Collator(undefined, { numeric: true });
+
+/** The state of the page; fires an event named after what changed. */
+export class MapStore extends EventTarget {
+  /** @param {Object} state answer of `GET /api/v1/maps/SLUG` */
+  constructor(state) {
+    super();
+    this.slug = state.slug;
+    this.name = state.name;
+    this.canEdit = state.can_edit;
+    this.revision = state.revision;
+    this.photos = new Map(state.photos.map((photo) => [photo.id, photo]));
+    this.placements = placementsOf(state.placements);
+    this.history = { undo: state.undo, redo: state.redo };
+    this.pending = new Map();
+    this.preview = new Map();
+    this.placement = null;
+    this.currentId = null;
+    this.selection = new Set();
+    this.tool = "select";
+    this.jobs = [];
+    this.people = [];
+    this._order = null;
+    this._setSatellite(state.satellite, state.georeference);
+  }
+
+  /** Tell whoever listens. */
+  emit(name) {
+    this.dispatchEvent(new Event(name));
+  }
+
+  /** Call a function on some events. */
+  on(names, run) {
+    for (const name of names.split(" ")) this.addEventListener(name, run);
+  }
+
+  /** Ids of all photos by time, then by name. */
+  get order() {
+    if (!this._order) {
+      const time = (photo) => photo.taken_at || "9999";
+      this._order = [...this.photos.values()]
+        .filter((photo) => !this.pending.get(pendingKey(null, photo.id))?.removed)
+        .sort((a, b) => (time(a) < time(b) ? -1 : time(a) > time(b) ? 1 : NAMES.compare(a.name, b.name) || a.id - b.id))
+        .map((photo) => photo.id);
+    }
+    return this._order;
+  }
+
+  get current() {
+    return this.currentId === null ? null : this.photos.get(this.currentId) || null;
+  }
+
+  /**
+   * Where the photo is in the placement that is shown.
+   * @returns {?[number, number]} null for one that waits in the tray
+   */
+  position(id) {
+    const over = this._over(id, "x_px");
+    if (over) return over.x_px === null ? null : [over.x_px, over.y_px];
+    if (this.placement !== null) return this.placements.get(this.placement)?.get(id) || null;
+    const photo = this.photos.get(id);
+    return !photo || photo.x_px === null ? null : [photo.x_px, photo.y_px];
+  }
+
+  /** Where the photo looks, degrees clockwise from north; null where nobody knows. */
+  heading(id) {
+    const over = this._over(id, "heading_deg");
+    return over ? over.heading_deg : (this.photos.get(id)?.heading_deg ?? null);
+  }
+
+  isPlaced(id) {
+    return this.position(id) !== null;
+  }
+
+  /** Ids that wait in the tray, by time. */
+  unplaced() {
+    return this.order.filter((id) => !this.isPlaced(id));
+  }
+
+  _over(id, field) {
+    const previewed = this.preview.get(id);
+    if (previewed && field in previewed) return previewed;
+    const waiting = this.pending.get(pendingKey(field === "heading_deg" ? null : this.placement, id));
+    return waiting && field in waiting ? waiting : null;
+  }
+
+  /** Lay other edits over what the server said. @param {Map<string, Object>} pending by `pendingKey` */
+  setPending(pending) {
+    this.pending = pending;
+    this._order = null;
+    this.emit("photos");
+  }
+
+  /** Show what a hand is doing. @param {Map<number, Object>} preview by id */
+  setPreview(preview) {
+    this.preview = preview;
+    this.emit("preview");
+  }
+
+  /** Take the answer to an edit, or other people's changes. */
+  merge(changes) {
+    for (const photo of changes.photos || []) this._mergePhoto(photo);
+    if (changes.photos?.length) this._order = null;
+    if (changes.placements) this.placements = placementsOf(changes.placements);
+    if (this.placement !== null && !this.placements.has(this.placement)) this.showPlacement(null); // it is gone
+    if ("undo" in changes) this.history = { undo: changes.undo, redo: changes.redo };
+    if ("satellite" in changes) {
+      this._setSatellite(changes.satellite, changes.georeference ?? null);
+      this.emit("satellite");
+    }
+    if (changes.photos?.length || changes.placements) this.emit("photos");
+    this.emit("history");
+  }
+
+  _mergePhoto(photo) {
+    if (!photo.removed) {
+      const known = this.photos.get(photo.id);
+      if (!known || photo.revision >= known.revision) this.photos.set(photo.id, photo);
+      return;
+    }
+    this.photos.delete(photo.id);
+    this.selection.delete(photo.id);
+    if (this.currentId === photo.id) this.setCurrent(null);
+  }
+
+  _setSatellite(satellite, georeference) {
+    this.satellite = satellite;
+    this.georeference = new Georeference(georeference, satellite);
+  }
+
+  /** Make a photo the current one; an unplaced one is ready to be placed then. */
+  setCurrent(id) {
+    this.currentId = id;
+    const place = this.canEdit && id !== null && !this.isPlaced(id);
+    this.setTool(place ? "place" : "select");
+    this.emit("current");
+  }
+
+  /** @param {"place"|"select"} tool what a click on the image does */
+  setTool(tool) {
+    this.tool = tool;
+    this.emit("tool");
+  }
+
+  /** @param {Iterable<number>} ids */
+  setSelection(ids) {
+    this.selection = new Set(ids);
+    this.emit("selection");
+  }
+
+  toggleSelected(id) {
+    const ids = new Set(this.selection);
+    if (!ids.delete(id)) ids.add(id);
+    this.setSelection(ids);
+  }
+
+  /** @param {?string} name null for the exact positions */
+  showPlacement(name) {
+    this.placement = name;
+    this.emit("placement");
+    this.emit("photos");
+  }
+
+  setJobs(jobs) {
+    this.jobs = jobs;
+    this.emit("jobs");
+  }
+
+  setPeople(people) {
+    this.people = people;
+    this.emit("people");
+  }
+}
+
+/** Key of a photo's fields in `pending`: positions belong to a placement, headings to the photo. */
+export function pendingKey(placement, id) {
+  return `${placement ?? ""}/${id}`;
+}
+
+function placementsOf(placements) {
+  return new Map(
+    (placements || []).map(({ name, positions }) => [
+      name,
+      new Map(Object.entries(positions).map(([id, position]) => [Number(id), position])),
+    ]),
+  );
+}

@@ -1,0 +1,176 @@
+/** The satellite image: Leaflet without a geographic projection, image or tiles, scale bar, cursor position. */
+
+import { h } from "../dom.js";
+import { t } from "../i18n.js";
+import { imageBounds, isInside, latLngOf, latLonText, pixelOf } from "./coords.js";
+
+const TILE = 256;
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+/** The map canvas with its satellite image. */
+export class MapView {
+  /**
+   * @param {HTMLElement} element
+   * @param {import("./map-store.js").MapStore} store
+   */
+  constructor(element, store) {
+    this.store = store;
+    this.element = element;
+    this.map = L.map(element, {
+      crs: L.CRS.Simple,
+      attributionControl: false,
+      zoomControl: false,
+      keyboard: false,
+      boxZoom: false,
+      doubleClickZoom: false,
+      zoomSnap: 0.25,
+      zoomDelta: 1,
+      wheelPxPerZoomLevel: 90,
+      maxZoom: 5,
+      zoomAnimation: !calm.matches,
+      fadeAnimation: !calm.matches,
+      inertia: !calm.matches,
+    });
+    this.map.setView([0, 0], 0);
+    this._addControls();
+    this._layer = null;
+    this._shown = "";
+    store.on("satellite", () => this.showSatellite());
+    this._whole = false;
+    this.map.on("movestart zoomstart", () => (this._whole = false));
+    new ResizeObserver(() => this._resize()).observe(element);
+    this.showSatellite();
+  }
+
+  /** Show the image that the map has now; the view stays when only its georeference changed. */
+  showSatellite() {
+    const { satellite } = this.store;
+    const shown = JSON.stringify(satellite);
+    this._scale();
+    if (shown === this._shown) return;
+    this._shown = shown;
+    this._layer?.remove();
+    this._layer = null;
+    this._credit();
+    if (!satellite) return;
+    const bounds = imageBounds(satellite);
+    this._layer = satellite.tiles ? tileLayer(satellite, bounds) : L.imageOverlay(satellite.url, bounds, { alt: "" });
+    this._layer.addTo(this.map);
+    this.map.setMinZoom(-Infinity);
+    this._limit();
+    this.fit();
+    this.map.setMinZoom(this.map.getBoundsZoom(bounds) - 1.5);
+  }
+
+  /** Show the whole image. */
+  fit() {
+    if (!this.store.satellite) return;
+    this.map.fitBounds(imageBounds(this.store.satellite), { animate: false });
+    this._whole = true;
+  }
+
+  /** The image cannot be lost out of sight. */
+  _limit() {
+    this.map.setMaxBounds(imageBounds(this.store.satellite).pad(1));
+  }
+
+  /** What showed the whole image still does; else the view stays where it is. */
+  _resize() {
+    if (!this.element.clientWidth) return; // hidden
+    const whole = this._whole && Boolean(this.store.satellite);
+    if (whole) this.map.setMaxBounds(null); // at the old zoom they would set the image moving
+    this.map.invalidateSize({ pan: !whole, animate: false });
+    if (!whole) return;
+    this.fit();
+    this._limit();
+    this._whole = true;
+  }
+
+  /** Bring a map pixel into view, and change nothing where it is in view already. */
+  reveal(pixel, { margin = 40 } = {}) {
+    const at = latLngOf(pixel);
+    const point = this.map.latLngToContainerPoint(at);
+    const size = this.map.getSize();
+    const inside = point.x > margin && point.y > margin && point.x < size.x - margin && point.y < size.y - margin;
+    if (!inside) this.map.panTo(at, { animate: !calm.matches });
+  }
+
+  /** Zoom in on some map pixels, for showing where they are. */
+  focus(pixels) {
+    if (!pixels.length) return;
+    const bounds = L.latLngBounds(pixels.map(latLngOf));
+    this.map.fitBounds(bounds.pad(0.3), { maxZoom: Math.max(this.map.getZoom(), 0.5), padding: [60, 60], animate: !calm.matches });
+  }
+
+  zoom(steps) {
+    this.map.setZoom(this.map.getZoom() + steps);
+  }
+
+  /** Map pixel under a mouse event. */
+  pixelAt(event) {
+    return pixelOf(this.map.mouseEventToLatLng(event));
+  }
+
+  _addControls() {
+    this._bar = h("span", { class: "ed-scale-bar" });
+    this._barText = h("span", { class: "ed-scale-text" });
+    this._scaleBox = h("div", { class: "ed-scale", hidden: true }, this._bar, this._barText);
+    this._cursor = h("div", { class: "ed-cursor-position", "aria-hidden": "true" });
+    this._creditBox = h("div", { class: "ed-credit" });
+    this.element.append(h("div", { class: "ed-map-foot" }, this._scaleBox, this._cursor, this._creditBox));
+    this.map.on("zoomend moveend", () => this._scale());
+    this.map.on("mousemove", (event) => this.showPosition(pixelOf(event.latlng)));
+    this.map.on("mouseout", () => this.showPosition(null));
+  }
+
+  /** Tell the position under the cursor or crosshair. @param {?[number, number]} pixel */
+  showPosition(pixel) {
+    const { satellite } = this.store;
+    this._cursor.textContent = pixel && satellite && isInside(pixel, satellite) ? this.positionText(pixel) : "";
+  }
+
+  /** A map pixel for people, with latitude and longitude where they are known. */
+  positionText(pixel) {
+    const place = `x ${Math.round(pixel[0])}, y ${Math.round(pixel[1])}`;
+    const latLon = this.store.georeference.latLon(pixel);
+    return latLon ? `${place}  ·  ${latLonText(latLon)}` : place;
+  }
+
+  _scale() {
+    const metres = this.store.georeference.metresPerPixel;
+    this._scaleBox.hidden = !metres;
+    if (!metres) return;
+    const metresPerScreen = metres / this.map.getZoomScale(this.map.getZoom(), 0);
+    const length = roundLength(110 * metresPerScreen);
+    this._bar.style.width = `${Math.round(length / metresPerScreen)}px`;
+    this._barText.textContent = length >= 1000 ? `${length / 1000} km` : `${length} m`;
+  }
+
+  _credit() {
+    const credit = this.store.satellite?.attribution;
+    const leaflet = h("a", { href: "https://leafletjs.com", rel: "noopener", target: "_blank" }, "Leaflet");
+    this._creditBox.replaceChildren(...(credit ? [credit, " · "] : []), leaflet);
+    this._creditBox.title = t("Shown with Leaflet");
+  }
+}
+
+export function tileLayer(satellite, bounds) {
+  const most = satellite.tiles.max_zoom;
+  return L.tileLayer(satellite.tiles.url, {
+    tileSize: TILE,
+    zoomOffset: most,
+    minNativeZoom: -most,
+    maxNativeZoom: 0,
+    minZoom: -Infinity,
+    maxZoom: 5,
+    bounds,
+    noWrap: true,
+    keepBuffer: 3,
+  });
+}
+
+/** The longest 1, 2 or 5 times a power of ten that is not above. */
+export function roundLength(length) {
+  const power = 10 ** Math.floor(Math.log10(length));
+  return [5, 2, 1].find((n) => n * power <= length) * power;
+}

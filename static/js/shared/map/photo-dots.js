@@ -1,0 +1,236 @@
+/**
+ * All photos of the image on one canvas: dots, where they look, the selection, the GPS circle of the current photo.
+ * Drawn anew at every move: some thousand dots take a few milliseconds.
+ */
+
+import { CanvasLayer } from "./canvas-layer.js";
+import { latLngOf } from "./coords.js";
+
+const RADIUS = 6;
+const WEDGE = 26;
+const HANDLE = 46;
+const GUESSED_FOV = 60;
+const NEAR = { mouse: 10, touch: 22 };
+
+/** A layer of Leaflet; `store` decides what it shows. */
+export const PhotoDots = CanvasLayer.extend({
+  initialize(store) {
+    this.store = store;
+    this.colours = null;
+    this.mark = null;
+    this.begin();
+    store.on("photos preview current selection placement satellite", this._draw);
+  },
+
+  onAdd(map) {
+    CanvasLayer.prototype.onAdd.call(this, map);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", this._draw);
+  },
+
+  /** Colour photos by what is known of them. @param {?Map<number, string>} colours by id */
+  setColours(colours) {
+    this.colours = colours;
+    this._draw();
+  },
+
+  /** Point at some map pixels. @param {Array<[number, number]>} pixels */
+  setMark(pixels) {
+    this.mark = pixels;
+    this._draw();
+  },
+
+  /**
+   * Photos under a point of the screen, nearest first; the current and the selected ones before others.
+   * @param {L.Point} point in the container
+   * @param {"mouse"|"touch"} pointer
+   * @returns {number[]} ids
+   */
+  near(point, pointer = "mouse") {
+    const { selection, currentId } = this.store;
+    const first = (id) => (id === currentId ? 0 : selection.has(id) ? 1 : 2);
+    return this._spots
+      .map(({ x, y, ids }) => ({ away: Math.hypot(x - point.x, y - point.y), ids }))
+      .filter(({ away }) => away <= NEAR[pointer])
+      .sort((a, b) => a.away - b.away)
+      .flatMap(({ ids }) => ids)
+      .sort((a, b) => first(a) - first(b));
+  },
+
+  /** Tell whether a point of the screen is on the handle that turns the current photo. */
+  onHandle(point, pointer = "mouse") {
+    const at = this._handle;
+    return Boolean(at) && Math.hypot(at.x - point.x, at.y - point.y) <= NEAR[pointer];
+  },
+
+  /** Ids in a rectangle of the screen. */
+  within(bounds) {
+    return this._spots.filter(({ x, y }) => bounds.contains([x, y])).flatMap(({ ids }) => ids);
+  },
+
+  paint(pen, size) {
+    this._pen = pen;
+    this._ink = inks(this._canvas);
+    this._handle = null;
+    this._spots = this._place(size);
+    if (this.store.satellite) this._all();
+  },
+
+  /** Where the photos are on the screen; those of one position share a spot. */
+  _place(size) {
+    const { store } = this;
+    const spots = new Map();
+    for (const id of store.order) {
+      const position = store.position(id);
+      if (!position) continue;
+      const key = `${Math.round(position[0] * 2)};${Math.round(position[1] * 2)}`;
+      const known = spots.get(key);
+      if (known) {
+        known.ids.push(id);
+        continue;
+      }
+      const { x, y } = this._map.latLngToContainerPoint(latLngOf(position));
+      const seen = x > -WEDGE && y > -WEDGE && x < size.x + WEDGE && y < size.y + WEDGE;
+      spots.set(key, { x, y, ids: [id], position, seen });
+    }
+    return [...spots.values()].filter(({ seen }) => seen);
+  },
+
+  _all() {
+    const { currentId, selection } = this.store;
+    this._gpsCircle();
+    for (const spot of this._spots) for (const id of spot.ids) this._wedge(spot, id);
+    for (const spot of this._spots) {
+      const chosen = spot.ids.some((id) => selection.has(id));
+      this._dot(spot, this._colour(spot.ids[0], chosen), chosen);
+    }
+    const current = this._spots.find(({ ids }) => ids.includes(currentId));
+    if (current) this._current(current, currentId);
+    for (const pixel of this.mark || []) this._ring(this._map.latLngToContainerPoint(latLngOf(pixel)), 16, this._ink.mark);
+  },
+
+  _colour(id, chosen) {
+    if (chosen) return this._ink.selected;
+    return this.colours ? this.colours.get(id) || this._ink.faint : this._ink.dot;
+  },
+
+  _wedge(spot, id) {
+    const heading = this.store.heading(id);
+    if (heading === null) return;
+    const middle = this._angle(spot, heading);
+    const half = (((this.store.photos.get(id)?.fov_deg || GUESSED_FOV) / 2) * Math.PI) / 180;
+    const pen = this._pen;
+    pen.beginPath();
+    pen.moveTo(spot.x, spot.y);
+    pen.arc(spot.x, spot.y, WEDGE, middle - half, middle + half);
+    pen.closePath();
+    pen.fillStyle = id === this.store.currentId ? this._ink.currentWedge : this._ink.wedge;
+    pen.fill();
+  },
+
+  /** Canvas angle (clockwise from the right) of a heading. */
+  _angle(spot, heading) {
+    const north = this.store.georeference.north(spot.position);
+    return ((heading + north - 90) * Math.PI) / 180;
+  },
+
+  _dot({ x, y, ids }, colour, chosen) {
+    const pen = this._pen;
+    const several = ids.length > 1;
+    pen.beginPath();
+    pen.arc(x, y, several ? RADIUS + 2 : RADIUS, 0, 2 * Math.PI);
+    pen.fillStyle = colour;
+    pen.fill();
+    pen.lineWidth = chosen ? 3 : 2;
+    pen.strokeStyle = this._ink.rim;
+    pen.stroke();
+    if (!several) return;
+    pen.fillStyle = this._ink.rim;
+    pen.font = "600 10px system-ui, sans-serif";
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(ids.length > 99 ? "99+" : String(ids.length), x, y + 0.5);
+  },
+
+  _current(spot, id) {
+    this._wedge(spot, id);
+    this._ring(spot, RADIUS + 7, this._ink.current);
+    this._dot({ ...spot, ids: [id] }, this._ink.current, true);
+    if (!this.store.canEdit) return;
+    const heading = this.store.heading(id);
+    const angle = this._angle(spot, heading ?? 0);
+    const [dx, dy] = [Math.cos(angle), Math.sin(angle)];
+    this._handle = { x: spot.x + dx * HANDLE, y: spot.y + dy * HANDLE };
+    this._arrow(spot, [dx, dy], heading === null);
+  },
+
+  _arrow({ x, y }, [dx, dy], unknown) {
+    const pen = this._pen;
+    pen.beginPath();
+    pen.setLineDash(unknown ? [3, 4] : []);
+    pen.moveTo(x + dx * (RADIUS + 8), y + dy * (RADIUS + 8));
+    pen.lineTo(x + dx * (HANDLE - 8), y + dy * (HANDLE - 8));
+    pen.lineWidth = 5;
+    pen.strokeStyle = this._ink.rim;
+    pen.stroke();
+    pen.lineWidth = 2.5;
+    pen.strokeStyle = this._ink.current;
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.beginPath();
+    pen.arc(x + dx * HANDLE, y + dy * HANDLE, 8, 0, 2 * Math.PI);
+    pen.fillStyle = this._ink.rim;
+    pen.fill();
+    pen.stroke();
+    pen.beginPath();
+    const tip = [x + dx * (HANDLE + 4), y + dy * (HANDLE + 4)];
+    pen.moveTo(...tip);
+    pen.lineTo(x + dx * (HANDLE - 3) - dy * 4, y + dy * (HANDLE - 3) + dx * 4);
+    pen.lineTo(x + dx * (HANDLE - 3) + dy * 4, y + dy * (HANDLE - 3) - dx * 4);
+    pen.closePath();
+    pen.fillStyle = this._ink.current;
+    pen.fill();
+  },
+
+  _ring({ x, y }, radius, colour) {
+    const pen = this._pen;
+    pen.beginPath();
+    pen.arc(x, y, radius, 0, 2 * Math.PI);
+    pen.lineWidth = 4.5;
+    pen.strokeStyle = this._ink.rim;
+    pen.stroke();
+    pen.lineWidth = 2.5;
+    pen.strokeStyle = colour;
+    pen.stroke();
+  },
+
+  /** How far off the GPS of the current photo may be. */
+  _gpsCircle() {
+    const gps = this.store.current?.gps;
+    if (!gps || gps.x_px === null || gps.x_px === undefined) return;
+    const { x, y } = this._map.latLngToContainerPoint(latLngOf([gps.x_px, gps.y_px]));
+    const pen = this._pen;
+    const radius = Math.max((gps.radius_px || 0) * this._map.getZoomScale(this._map.getZoom(), 0), 4);
+    pen.beginPath();
+    pen.arc(x, y, radius, 0, 2 * Math.PI);
+    pen.fillStyle = this._ink.gpsFill;
+    pen.fill();
+    pen.lineWidth = 1.5;
+    pen.setLineDash([5, 4]);
+    pen.strokeStyle = this._ink.gps;
+    pen.stroke();
+    pen.setLineDash([]);
+    pen.beginPath();
+    pen.arc(x, y, 3, 0, 2 * Math.PI);
+    pen.fillStyle = this._ink.gps;
+    pen.fill();
+  },
+});
+
+/** Colours of the style sheet, so that light, dark and contrast settings reach the canvas. */
+function inks(canvas) {
+  const style = getComputedStyle(canvas);
+  const ink = (name) => style.getPropertyValue(`--map-${name}`).trim();
+  const names = ["dot", "rim", "wedge", "selected", "faint", "current", "mark", "gps"];
+  const found = Object.fromEntries(names.map((name) => [name, ink(name)]));
+  return { ...found, currentWedge: ink("current-wedge"), gpsFill: ink("gps-fill") };
+}

@@ -1,0 +1,96 @@
+/** The dialog that shares a map, or one answer. */
+
+import { post } from "./api.js";
+import { busy, errorLine, openDialog } from "./dialogs.js";
+import { h, icon } from "./dom.js";
+import { t } from "./i18n.js";
+
+/**
+ * Ask how to share, and show the new address.
+ * @param {{slug: string, query?: ?number, made?: function(Object): void}} what `query` is the id of an answer;
+ *   `made` hears of the new share
+ */
+export function shareDialog({ slug, query = null, made = () => {} }) {
+  const ways = h(
+    "fieldset",
+    { class: "share-ways" },
+    h("legend", { class: "visually-hidden" }, t("Who may see it")),
+    way("secret", t("Whoever has the link"), t("It is in no list, and can be taken back at any time."), true),
+    way("public", t("Everybody"), t("It is also in the list of public maps, for which nobody signs in.")),
+  );
+  const allows = h("fieldset", { class: "share-ways" }, h("legend", { class: "visually-hidden" }, t("What it shows")), ...allowed(query));
+  const error = errorLine();
+  const send = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Make the link"));
+  const body = [ways, allows, error];
+  const dialog = openDialog(query === null ? t("Share this map") : t("Share this answer"), body, { actions: [send] });
+  send.addEventListener("click", () => busy(send, async () => {
+    try {
+      error.show(null);
+      const wish = { query, public: chosen(ways), ...checked(allows) };
+      const share = await post(`/maps/${encodeURIComponent(slug)}/shares`, wish);
+      dialog.close();
+      made(share);
+      showAddress(share);
+    } catch (problem) {
+      error.show(problem);
+    }
+  }));
+}
+
+/** Show address and tag of a share. @param {Object} share as the server told it */
+export function showAddress(share) {
+  const once = h("p", { class: "soft" }, t("The address is shown only now: copy it and send it."));
+  openDialog(t("Link"), [
+    !share.public && once,
+    secret(t("Address"), share.url, "share-url"),
+    secret(t("Tag that shows it in another page"), share.embed, "share-embed"),
+    share.kml && secret(t("Link for Google Earth and others, which stays up to date"), share.kml, "share-kml"),
+  ].filter(Boolean));
+}
+
+/**
+ * What a share of a map, or of an answer, can give.
+ * @param {?number} query
+ * @param {Object<string, boolean>} [given] what it gives already
+ */
+export function allowed(query, given = { photos: true }) {
+  const box = (name, label, hint) =>
+    h("label", { class: "check share-way" },
+      h("input", { type: "checkbox", name, checked: given[name] }),
+      h("span", {}, label, hint && h("span", { class: "field__hint share-way__hint" }, hint)));
+  return [
+    box("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of those that it was recognised by")),
+    query === null && box("localize", t("Visitors may ask where their own photos were taken")),
+    box("originals", t("Files as they came"), t("With names, times, GPS and all else that a camera writes into them.")),
+  ].filter(Boolean);
+}
+
+/** @param {HTMLElement} root of boxes @returns {Object<string, boolean>} what is ticked, by name */
+export function checked(root) {
+  return Object.fromEntries([...root.querySelectorAll("input[type=checkbox]")].map((box) => [box.name, box.checked]));
+}
+
+function chosen(ways) {
+  return ways.querySelector("input:checked").value === "public";
+}
+
+function way(value, label, hint, first = false) {
+  return h("label", { class: "check share-way" },
+    h("input", { type: "radio", name: "share-way", value, checked: first }),
+    h("span", {}, label, h("span", { class: "field__hint share-way__hint" }, hint)));
+}
+
+function secret(label, value, id) {
+  const input = h("input", { class: "input", id, value, readonly: true, "data-testid": id });
+  const word = h("span", {}, t("Copy"));
+  const copy = async () => {
+    input.select();
+    // Without https the browser has no clipboard for scripts: the selected text can be copied by hand.
+    if (!navigator.clipboard) return;
+    await navigator.clipboard.writeText(value);
+    word.textContent = t("Copied");
+  };
+  return h("div", { class: "field" },
+    h("label", { for: id }, label),
+    h("div", { class: "secret" }, input, h("button", { class: "button", type: "button", onclick: copy }, icon("copy"), word)));
+}

@@ -1,0 +1,40 @@
+/** Colours of the style sheet for a canvas; they change with the theme. */
+
+/** Looks the colours up once, and again when the theme is another one. */
+export class ThemeColours {
+  /**
+   * @param {HTMLElement} element in which the variables hold
+   * @param {string[]} names of variables, as `--mi-grid-strong`, which is told as `gridStrong`
+   * @param {function(): void} changed
+   */
+  constructor(element, names, changed) {
+    Object.assign(this, { element, names, _found: null });
+    const forget = () => {
+      this.forget();
+      changed();
+    };
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", forget);
+    new MutationObserver(forget).observe(document.documentElement, { attributeFilter: ["data-theme"] });
+  }
+
+  forget() {
+    this._found = null;
+  }
+
+  /** All colours by name. @returns {Object<string, string>} */
+  get all() {
+    this._found ??= this._look();
+    return this._found;
+  }
+
+  /** A variable may hold `light-dark(..)`: only a property that uses it has the colour. */
+  _look() {
+    const probe = this.element.appendChild(document.createElement("span"));
+    const found = this.names.map((name) => {
+      probe.style.color = `var(${name})`;
+      return [name.replace(/^--(mi-)?/, "").replace(/-(.)/g, (_, letter) => letter.toUpperCase()), getComputedStyle(probe).color];
+    });
+    probe.remove();
+    return Object.fromEntries(found);
+  }
+}

@@ -1,0 +1,53 @@
+/** The photo of a dot, as far as the owner shows it. */
+
+import { headingText } from "../shared/answer/answer-format.js";
+import { byId, h } from "../shared/dom.js";
+import { clockText } from "../shared/format.js";
+import { t } from "../shared/i18n.js";
+import { latLonText } from "../shared/map/coords.js";
+
+/** Follows the current photo of the store. */
+export class PhotoPanel {
+  /**
+   * @param {import("../shared/map/map-store.js").MapStore} store
+   * @param {import("../shared/map/map-view.js").MapView} view
+   */
+  constructor(store, view) {
+    Object.assign(this, { store, view });
+    byId("photo-previous").addEventListener("click", () => this._step(-1));
+    byId("photo-next").addEventListener("click", () => this._step(1));
+    store.on("current", () => this._show());
+  }
+
+  _step(by) {
+    const { order, currentId } = this.store;
+    const next = (order.indexOf(currentId) + by + order.length) % order.length;
+    this.store.setCurrent(order[next]);
+  }
+
+  _show() {
+    const photo = this.store.current;
+    byId("photo").hidden = !photo;
+    if (!photo) return;
+    const image = byId("photo-image");
+    image.parentElement.hidden = !photo.preview;
+    if (photo.preview) image.src = photo.preview;
+    const name = photo.name || t("Photo {id}", { id: photo.id });
+    image.alt = name;
+    byId("photo-name").textContent = name;
+    byId("photo-facts").replaceChildren(...this._facts(photo).flatMap(([label, value]) => [h("dt", {}, label), h("dd", {}, value)]));
+    this.view.reveal([photo.x_px, photo.y_px]);
+  }
+
+  _facts(photo) {
+    const place = [photo.x_px, photo.y_px];
+    const latLon = this.store.georeference.latLon(place);
+    return [
+      [t("Placed at"), `x ${Math.round(place[0])}, y ${Math.round(place[1])}`],
+      latLon && [t("On the Earth"), latLonText(latLon)],
+      photo.heading_deg !== null && [t("Heading"), headingText(photo.heading_deg)],
+      photo.taken_at && [t("Taken"), clockText(photo.taken_at)],
+      photo.original && [t("File"), h("a", { href: photo.original, download: true }, t("as it came"))],
+    ].filter(Boolean);
+  }
+}

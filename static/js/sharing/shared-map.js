@@ -1,0 +1,112 @@
+/** A shared map or answer, for visitors: look at it, and where the owner allows it, ask about a photo. */
+
+import { AnswerLayer } from "../shared/answer/answer-layer.js";
+import { answerList } from "../shared/answer/answer-list.js";
+import { QuerySession } from "../shared/answer/query-session.js";
+import { upload } from "../shared/api.js";
+import { byId } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { MapStore } from "../shared/map/map-store.js";
+import { MapView } from "../shared/map/map-view.js";
+import { PhotoDots } from "../shared/map/photo-dots.js";
+import { toastError } from "../shared/toast.js";
+import { PhotoPanel } from "./photo-panel.js";
+
+const PAN = { ArrowLeft: [-80, 0], ArrowRight: [80, 0], ArrowUp: [0, -80], ArrowDown: [0, 80] };
+
+const state = JSON.parse(byId("state").textContent);
+const store = new MapStore(state);
+const session = new QuerySession();
+const view = new MapView(byId("map-canvas"), store);
+const dots = new PhotoDots(store).addTo(view.map);
+const marks = new AnswerLayer(store, session);
+
+byId("about").textContent = tn("{n} photo", "{n} photos", state.photos.length);
+new PhotoPanel(store, view);
+listen();
+zoomButtons();
+if (state.answer) showShared(state.answer);
+if (document.getElementById("query-input")) takePhotos(byId("query-input"));
+
+/** Show the one answer that is shared. */
+function showShared(answer) {
+  if (answer.preview) showQuery(answer.preview);
+  show(answer);
+}
+
+function showQuery(address) {
+  byId("query-image").src = address;
+  byId("query").hidden = false;
+}
+
+/** Show an answer instead of the plain dots. */
+function show(answer) {
+  dots.remove();
+  marks.addTo(view.map);
+  session.setAnswer(answer);
+  const found = answer.hypotheses.length;
+  byId("announcer").textContent = found ? tn("{n} place found.", "{n} places found.", found) : t("The photo is probably not from this map.");
+}
+
+function listen() {
+  const look = () => session.position && view.reveal(session.position, { margin: 70 });
+  answerList(session, look);
+  session.on("answer", () => {
+    look();
+    byId("hypotheses").scrollIntoView({ block: "nearest" });
+  });
+  session.on("chosen", () => {
+    const speaks = session.hypothesis?.experiences.find((id) => store.photos.get(id)?.preview);
+    if (speaks !== undefined) store.setCurrent(speaks);
+  });
+  store.on("current", advised);
+  session.on("answer", advised);
+  view.map.on("click", ({ containerPoint, originalEvent }) => {
+    const pointer = originalEvent.pointerType === "touch" ? "touch" : "mouse";
+    if (session.answer) {
+      const [rank] = marks.near(containerPoint, pointer);
+      if (rank !== undefined) session.choose(rank);
+      return;
+    }
+    const [id] = dots.near(containerPoint, pointer);
+    if (id !== undefined) store.setCurrent(id);
+  });
+  view.element.addEventListener("keydown", (event) => {
+    if (!PAN[event.key]) return;
+    event.preventDefault();
+    view.map.panBy(PAN[event.key], { animate: false });
+  });
+}
+
+/** What was found out needs no advice. */
+function advised() {
+  document.getElementById("advice")?.remove();
+}
+
+function zoomButtons() {
+  byId("zoom-in").addEventListener("click", () => view.zoom(1));
+  byId("zoom-out").addEventListener("click", () => view.zoom(-1));
+  byId("zoom-fit").addEventListener("click", () => view.fit());
+}
+
+/** Ask about the visitor's photo. @param {HTMLInputElement} input */
+function takePhotos(input) {
+  let shown = null;
+  input.addEventListener("change", async () => {
+    const [file] = input.files;
+    input.value = "";
+    if (!file) return;
+    if (shown) URL.revokeObjectURL(shown);
+    shown = URL.createObjectURL(file);
+    showQuery(shown);
+    byId("busy").hidden = false;
+    const body = new FormData();
+    body.append("file", file, file.name || "photo.jpg");
+    try {
+      show(await upload(`/shared/${encodeURIComponent(state.token)}/localize`, { body }));
+    } catch (error) {
+      toastError(error);
+    }
+    byId("busy").hidden = true;
+  });
+}

@@ -1,0 +1,75 @@
+"""The scripts of pages keep to their rooms: no import cycles, and what pages share lies in `shared/`."""
+
+import re
+
+import pytest
+
+IMPORT = re.compile(r'^(?:import|export)\s(?:[^;"]*?\sfrom\s)?"([^"]+)";', re.M)
+SCRIPT_TAG = re.compile(r"filename='(js/[\w/-]+\.js)'")
+NETWORK = re.compile(r"\bfetch\(|XMLHttpRequest|EventSource\(|sendBeacon|WebSocket\(")
+
+
+@pytest.fixture(scope="module")
+def folder(project):
+    """Folder of the scripts."""
+    return project / "static" / "js"
+
+
+@pytest.fixture(scope="module")
+def imports(folder):
+    """What each module imports, as paths below `static/js`."""
+    found = {}
+    for path in folder.rglob("*.js"):
+        targets = [(path.parent / name).resolve() for name in IMPORT.findall(path.read_text("utf-8"))]
+        found[path.relative_to(folder).as_posix()] = [t.relative_to(folder).as_posix() for t in targets]
+    return found
+
+
+def test_imports_are_seen(imports):
+    assert len(imports) > 80
+    assert "shared/api.js" in imports["editor/endpoints.js"]
+
+
+def test_what_is_imported_exists(imports):
+    wanted = {target for targets in imports.values() for target in targets}
+    assert wanted - set(imports) == set()
+
+
+def test_imports_form_no_cycle(imports):
+    left = {name: set(targets) for name, targets in imports.items()}
+    while leaves := {name for name, targets in left.items() if not targets & set(left)}:
+        left = {name: targets for name, targets in left.items() if name not in leaves}
+    assert left == {}, "these modules are on an import cycle, or import one that is"
+
+
+def test_pages_import_from_their_own_room_and_from_shared_only(imports):
+    def room(name):
+        return name.partition("/")[0]
+
+    across = [
+        f"{name} imports {target}"
+        for name, targets in imports.items()
+        for target in targets
+        if room(target) not in (room(name), "shared")
+    ]
+    assert across == []
+
+
+def test_only_one_module_talks_to_the_server(folder, imports):
+    talking = {name for name in imports if NETWORK.search((folder / name).read_text("utf-8"))}
+    assert talking == {"shared/api.js", "sw.js"}
+
+
+def test_every_script_is_loaded_by_a_page(project, folder, imports):
+    pages = "".join(path.read_text("utf-8") for path in (project / "templates").rglob("*.html"))
+    entries = {name.removeprefix("js/") for name in SCRIPT_TAG.findall(pages)}
+    assert entries and entries <= set(imports)
+    reached, new = set(), set(entries)
+    while new:
+        reached |= new
+        new = {target for name in new for target in imports[name]} - reached
+    assert set(imports) - reached == {"sw.js"}
+
+
+def test_names_of_scripts_are_plain(imports):
+    assert [name for name in imports if not re.fullmatch(r"(?:[a-z]+/)*[a-z0-9]+(?:-[a-z]+)*\.js", name)] == []
