@@ -71,5 +71,6 @@ def test_every_script_is_loaded_by_a_page(project, folder, imports):
     assert set(imports) - reached == {"sw.js"}
 
 
-def test_names_of_scripts_are_plain(imports):
-    assert [name for name in imports if not re.fullmatch(r"(?:[a-z]+/)*[a-z0-9]+(?:-[a-z]+)*\.js", name)] == []
+def test_script_names_are_lower_case_with_hyphens(imports):
+    plain = re.compile(r"(?:[a-z]+/)*[a-z0-9]+(?:-[a-z]+)*\.js")
+    assert [name for name in imports if not plain.fullmatch(name)] == []

@@ -32,7 +32,7 @@ def test_scripts_find_what_they_look_for(page):
     text = page.get_data(as_text=True)
     wanted = set()
     for script in (resource_folder("static") / "js" / "editor").glob("*.js"):
-        wanted |= set(re.findall(r'byId\("([\w-]+)"\)', script.read_text("utf-8")))
+        wanted |= set(re.findall(r'byId\("([\w-]+)"', script.read_text("utf-8")))
     assert len(wanted) > 30
     assert {id for id in wanted if f'id="{id}"' not in text} == set()
 

@@ -1,6 +1,6 @@
 /** What is going on, in a corner of the image: files on their way, and jobs of the server. */
 
-import { byId, h, icon } from "../shared/dom.js";
+import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 import { rafThrottle } from "../shared/timing.js";
@@ -27,7 +27,11 @@ export class Activity {
    * @param {{server: Object, refresh: function(): Promise<void>, say: function(string): void}} page
    */
   constructor(store, uploads, { server, refresh, say }) {
-    Object.assign(this, { store, uploads, server, refresh, say });
+    this.store = store;
+    this.uploads = uploads;
+    this.server = server;
+    this.refresh = refresh;
+    this.say = say;
     this.hiddenJobs = new Set();
     this.filesBox = h("div", { class: "ed-files", hidden: true });
     this.jobsBox = h("div", { class: "ed-jobs" });
@@ -113,9 +117,9 @@ export class Activity {
     const signature = JSON.stringify(shown);
     if (signature === this._shownJobs) return;
     this._shownJobs = signature;
-    const focused = document.activeElement?.dataset?.job;
+    const focused = document.activeElement?.getAttribute("data-job");
     this.jobsBox.replaceChildren(...shown.map((job) => this._job(job)));
-    if (focused) this.jobsBox.querySelector(`[data-job="${focused}"]`)?.focus();
+    if (focused) queryAll(`[data-job="${focused}"]`, HTMLElement, this.jobsBox)[0]?.focus();
     this._frame();
   }
 

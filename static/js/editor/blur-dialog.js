@@ -38,7 +38,8 @@ export function blurDialog(photo, save) {
 /** Boxes over a picture, drawn with a pointer, or added and moved with keys. */
 class Boxes {
   constructor(frame, all) {
-    Object.assign(this, { frame, all });
+    this.frame = frame;
+    this.all = all;
     this.count = h("span", { class: "soft small", role: "status" });
     frame.addEventListener("pointerdown", (event) => this._draw(event));
     this._show();
@@ -103,6 +104,7 @@ class Boxes {
     for (const [name, run] of [["pointermove", move], ["pointerup", end], ["pointercancel", end]]) this.frame.addEventListener(name, run);
   }
 
+  /** Shares of the picture's width and height. @param {PointerEvent} event */
   _at(event) {
     const { left, top, width, height } = this.frame.getBoundingClientRect();
     const share = (value) => Math.min(Math.max(value, 0), 1);
@@ -110,6 +112,7 @@ class Boxes {
   }
 }
 
+/** @param {number[]} from @param {number[]} to */
 function between([x, y], [toX, toY]) {
   return { x: Math.min(x, toX), y: Math.min(y, toY), width: Math.abs(toX - x), height: Math.abs(toY - y) };
 }

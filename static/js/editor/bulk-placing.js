@@ -1,7 +1,7 @@
 /** Many photos placed at once: by their GPS, by a list of positions, by a track. */
 
 import { openDialog } from "../shared/dialogs.js";
-import { byId, h, icon } from "../shared/dom.js";
+import { byId, h, icon, targetOf } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
 import { trackDialog } from "./track-dialog.js";
@@ -36,8 +36,8 @@ export function bulkPlacing(page) {
   });
   byId("place-by-file").addEventListener("click", () => choose(".cfg,.csv,.txt", positions));
   byId("place-by-track").addEventListener("click", () => track());
-  byId("place-menu").addEventListener("click", (event) => {
-    if (event.target.closest(".menu__item")) byId("place-menu").open = false;
+  byId("place-menu", HTMLDetailsElement).addEventListener("click", (event) => {
+    if (targetOf(event).closest(".menu__item")) byId("place-menu", HTMLDetailsElement).open = false;
   });
   return { positions, track };
 }

@@ -12,17 +12,21 @@ export class ChecksPanel {
    * @param {{view: Object, dots: Object, refresh: function(): Promise<void>}} page
    */
   constructor(store, server, page) {
-    Object.assign(this, { store, server, ...page });
+    this.store = store;
+    this.server = server;
+    this.view = page.view;
+    this.dots = page.dots;
+    this.refresh = page.refresh;
     this.findings = [];
     this.fresh = null;
-    byId("check-again").addEventListener("click", () => this.load());
+    byId("check-again", HTMLButtonElement).addEventListener("click", () => this.load());
     byId("tab-check").addEventListener("shown", () => this.fresh !== this.store.revision && this.load());
     byId("tab-photos").addEventListener("shown", () => this.dots.setMark([]));
     store.on("current", () => this.dots.setMark([]));
   }
 
   async load() {
-    const button = byId("check-again");
+    const button = byId("check-again", HTMLButtonElement);
     button.disabled = true;
     try {
       const { findings } = await this.server.findings();

@@ -13,8 +13,10 @@ export class Commands {
    * @param {function(string): void} say tells a screen reader
    */
   constructor(store, edits, say) {
-    Object.assign(this, { store, edits, say });
-    edits.addEventListener("saved", (event) => this._follow(event.detail));
+    this.store = store;
+    this.edits = edits;
+    this.say = say;
+    edits.addEventListener("saved", (event) => this._follow(/** @type {CustomEvent} */ (event).detail));
   }
 
   /** Put the current photo there, and go on with the next one of the tray. */

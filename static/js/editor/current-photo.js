@@ -1,6 +1,6 @@
 /** The current photo: large, with what is known of it and what can be done with it. */
 
-import { byId, h, icon } from "../shared/dom.js";
+import { byId, h, icon, targetOf } from "../shared/dom.js";
 import { clockText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
 import { latLonText } from "../shared/map/coords.js";
@@ -15,8 +15,11 @@ export class CurrentPhoto {
    * @param {Object} server endpoints
    */
   constructor(commands, view, server) {
-    Object.assign(this, { commands, view, server, store: commands.store });
-    this.image = byId("current-image");
+    this.commands = commands;
+    this.view = view;
+    this.server = server;
+    this.store = commands.store;
+    this.image = byId("current-image", HTMLImageElement);
     this.zoom = new PhotoZoom(byId("current-frame"), this.image);
     this._listen();
     this.store.on("current", () => {
@@ -39,7 +42,7 @@ export class CurrentPhoto {
     on("current-blur", () => this._blur(store.current));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
-    byId("current-heading").addEventListener("change", (event) => this._heading(event.target));
+    byId("current-heading", HTMLInputElement).addEventListener("change", (event) => this._heading(targetOf(event, HTMLInputElement)));
     this.image.addEventListener("error", () => byId("current-frame").classList.add("is-broken"));
     this.image.addEventListener("load", () => byId("current-frame").classList.remove("is-broken"));
   }
@@ -71,8 +74,8 @@ export class CurrentPhoto {
     byId("current-name").title = photo.name;
     byId("current-facts").replaceChildren(...this._facts(photo, position));
     this._buttons(photo, position);
-    const input = byId("current-heading");
-    if (document.activeElement !== input) input.value = store.heading(photo.id) === null ? "" : Math.round(store.heading(photo.id));
+    const input = byId("current-heading", HTMLInputElement);
+    if (document.activeElement !== input) input.value = store.heading(photo.id) === null ? "" : String(Math.round(store.heading(photo.id)));
   }
 
   /** The small picture is there at once; the large one takes its place when it has arrived. */

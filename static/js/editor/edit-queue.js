@@ -12,15 +12,17 @@ const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 /** Turns by key or hand come in many small steps: they are collected for so long. */
 const COLLECT_MS = 450;
 
+/** @typedef {{id: number, x_px?: ?number, y_px?: ?number, heading_deg?: ?number, removed?: boolean}} Change */
+
 /**
  * @typedef {Object} Item
  * @property {"edit"|"remove"|"undo"|"redo"} action
  * @property {string} kind for the words on the undo button
  * @property {?string} placement
- * @property {Array<{id: number}>} changes fields by photo
+ * @property {Change[]} changes fields by photo
  * @property {number} seen revision that the author had seen
  * @property {number} notBefore when it may be sent, in milliseconds
- * @property {boolean} uncertain whether an answer was lost
+ * @property {boolean} [uncertain] whether an answer was lost
  */
 
 /**
@@ -35,7 +37,9 @@ export class EditQueue extends EventTarget {
    */
   constructor(store, server, refresh) {
     super();
-    Object.assign(this, { store, server, refresh });
+    this.store = store;
+    this.server = server;
+    this.refresh = refresh;
     this.items = [];
     this.failures = 0;
     this.offline = false;
@@ -52,7 +56,7 @@ export class EditQueue extends EventTarget {
     return this.items.length;
   }
 
-  /** Change positions or headings. @param {string} kind @param {Array<{id: number}>} changes */
+  /** Change positions or headings. @param {string} kind @param {Change[]} changes */
   edit(kind, changes) {
     const { placement, revision } = this.store;
     const last = this.items.at(-1);

@@ -17,7 +17,11 @@ export class EditGestures {
    * @param {import("./commands.js").Commands} commands
    */
   constructor(view, dots, commands) {
-    Object.assign(this, { view, dots, commands, store: commands.store });
+    this.view = view;
+    this.dots = dots;
+    this.commands = commands;
+    this.store = commands.store;
+    /** @type {?Object<string, *>} what the pointer is doing */
     this.gesture = null;
     const { element } = view;
     element.addEventListener("pointerdown", (event) => this._down(event), { capture: true });
@@ -55,6 +59,7 @@ export class EditGestures {
     if (event.button !== 0) return;
     const pointer = event.pointerType === "touch" ? "touch" : "mouse";
     const point = this.view.map.mouseEventToContainerPoint(event);
+    /** @type {Object<string, *>} */
     const gesture = { id: event.pointerId, pointer, point, start: this.view.pixelAt(event), moved: false };
     Object.assign(gesture, this._meaning(event, point, pointer));
     if (gesture.mode !== "pan") this.view.map.dragging.disable();
@@ -123,6 +128,7 @@ export class EditGestures {
     });
   }
 
+  /** @param {Object<string, *>} gesture */
   _choose({ bounds }) {
     const { store } = this;
     store.setSelection([...store.selection, ...this.dots.within(bounds)]);
@@ -137,6 +143,7 @@ export class EditGestures {
     this.store.toggleSelected(hit);
   }
 
+  /** @param {PointerEvent} event @param {Object<string, *>} gesture */
   _click(event, { point, pointer, mode }) {
     if (mode === "turn") return;
     const { store } = this;

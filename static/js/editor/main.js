@@ -88,10 +88,10 @@ function takeFiles() {
     else if (tracks.length) bulk.track(tracks[0]);
   };
   listenToDrops(byId("drop"), take);
-  for (const id of ["photo-input", "folder-input"]) {
-    byId(id).addEventListener("change", (event) => {
-      const files = usable(event.target.files);
-      event.target.value = "";
+  for (const input of [byId("photo-input", HTMLInputElement), byId("folder-input", HTMLInputElement)]) {
+    input.addEventListener("change", () => {
+      const files = usable(input.files);
+      input.value = "";
       take(files);
     });
   }

@@ -15,8 +15,11 @@ const STATES = {
 export class MapHealth {
   /** @param {Object} page store, server, refresh and dots */
   constructor({ store, server, refresh, dots }) {
-    Object.assign(this, { store, server, refresh, dots });
-    this.toggle = byId("health-toggle");
+    this.store = store;
+    this.server = server;
+    this.refresh = refresh;
+    this.dots = dots;
+    this.toggle = byId("health-toggle", HTMLInputElement);
     this.job = null;
     this.toggle.addEventListener("change", () => this._switch());
     store.on("jobs", () => this._watch());

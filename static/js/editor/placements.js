@@ -11,7 +11,7 @@ import { toastError } from "../shared/toast.js";
  */
 export function choosePlacement(page) {
   const { store, server } = page;
-  const select = byId("placement");
+  const select = byId("placement", HTMLSelectElement);
   const render = () => {
     const names = [null, ...store.placements.keys()];
     const signature = JSON.stringify([names, store.placement]);
@@ -22,7 +22,7 @@ export function choosePlacement(page) {
     );
     select.parentElement.hidden = names.length < 2;
     byId("placement-delete").hidden = store.placement === null;
-    byId("export-cfg").href = server.cfgOf(store.placement);
+    byId("export-cfg", HTMLAnchorElement).href = server.cfgOf(store.placement);
   };
   select.addEventListener("change", () => store.showPlacement(select.value || null));
   byId("placement-new").addEventListener("click", () => ask(page));

@@ -11,7 +11,7 @@ import { toast, toastError } from "../shared/toast.js";
  * @param {function(): Promise<void>} refresh
  */
 export function satelliteInput(store, server, refresh) {
-  const [empty, input, bar] = [byId("no-satellite"), byId("satellite-input"), byId("satellite-progress")];
+  const [empty, input, bar] = [byId("no-satellite"), byId("satellite-input", HTMLInputElement), byId("satellite-progress", HTMLProgressElement)];
   const render = () => {
     empty.hidden = Boolean(store.satellite);
     byId("editor").classList.toggle("has-image", Boolean(store.satellite));

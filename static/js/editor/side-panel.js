@@ -32,7 +32,7 @@ function sheet(store) {
   store.on("photos placement", count);
   count();
   open(false);
-  const more = byId("current-more");
+  const more = byId("current-more", HTMLDetailsElement);
   const roomy = matchMedia("(min-width: 88rem), (min-width: 48rem) and (min-height: 60rem)");
   const unfold = () => (more.open = roomy.matches);
   roomy.addEventListener("change", unfold);

@@ -64,7 +64,7 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
     if (!suggested || Math.abs(suggested.offset_s - Number(offset.value)) < 1) return null;
     const seconds = Math.round(suggested.offset_s);
     const use = () => {
-      offset.value = seconds;
+      offset.value = String(seconds);
       look();
     };
     return h("p", { class: "note" },

@@ -1,6 +1,6 @@
 /** The tray: photos by time with filter and search; one of them is current, some may be selected. */
 
-import { byId, h, icon } from "../shared/dom.js";
+import { byId, h, icon, queryAll, targetOf } from "../shared/dom.js";
 import { clockText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 import { debounce, rafThrottle } from "../shared/timing.js";
@@ -24,7 +24,7 @@ export class Tray {
     this._showCurrent();
   }
 
-  /** Show photos by whether they are placed. @param {"unplaced"|"placed"|"all"} filter */
+  /** Show photos by whether they are placed. @param {string} filter `unplaced`, `placed` or `all` */
   setFilter(filter) {
     this.filter = filter;
     this.box.scrollTop = 0;
@@ -36,7 +36,7 @@ export class Tray {
     const { store } = this;
     const placed = store.order.filter((id) => store.isPlaced(id)).length;
     const counts = { all: store.order.length, placed, unplaced: store.order.length - placed };
-    for (const button of byId("tray-filter").children) {
+    for (const button of queryAll("[data-filter]", HTMLButtonElement, byId("tray-filter"))) {
       const { filter } = button.dataset;
       button.setAttribute("aria-pressed", String(filter === this.filter));
       button.querySelector("[data-count]").textContent = String(counts[filter]);
@@ -57,20 +57,21 @@ export class Tray {
 
   _listen() {
     byId("tray-filter").addEventListener("click", (event) => {
-      const button = event.target.closest("[data-filter]");
-      if (button) this.setFilter(button.dataset.filter);
+      const button = targetOf(event).closest("[data-filter]");
+      if (button) this.setFilter(button.getAttribute("data-filter"));
     });
-    byId("tray-search").addEventListener("input", debounce((event) => {
-      this.search = event.target.value.trim();
+    const search = byId("tray-search", HTMLInputElement);
+    search.addEventListener("input", debounce(() => {
+      this.search = search.value.trim();
       this.render();
     }, 150));
     this.box.addEventListener("click", (event) => {
-      const row = event.target.closest("[data-id]");
-      if (row) this._click(Number(row.dataset.id), event);
+      const row = targetOf(event).closest("[data-id]");
+      if (row) this._click(Number(row.getAttribute("data-id")), event);
     });
     this.box.addEventListener("keydown", (event) => this._key(event));
     this.box.addEventListener("focus", () => this._activate(this._active ?? this.store.currentId ?? this.list.ids[0]));
-    byId("selection-tray").addEventListener("click", () => this.commands.toTray([...this.store.selection]));
+    byId("selection-tray", HTMLButtonElement).addEventListener("click", () => this.commands.toTray([...this.store.selection]));
     byId("selection-remove").addEventListener("click", () => this.commands.remove([...this.store.selection]));
     byId("selection-clear").addEventListener("click", () => this.store.setSelection([]));
   }
@@ -174,6 +175,6 @@ export class Tray {
     const { size } = this.store.selection;
     byId("selection-bar").hidden = size === 0;
     byId("selection-count").textContent = tn("{n} selected", "{n} selected", size);
-    byId("selection-tray").disabled = ![...this.store.selection].some((id) => this.store.isPlaced(id));
+    byId("selection-tray", HTMLButtonElement).disabled = ![...this.store.selection].some((id) => this.store.isPlaced(id));
   }
 }

@@ -26,7 +26,7 @@ const KINDS = {
  */
 export function connectUndoRedo(commands) {
   const { store, edits } = commands;
-  const [undo, redo] = [byId("undo"), byId("redo")];
+  const [undo, redo] = [byId("undo", HTMLButtonElement), byId("redo", HTMLButtonElement)];
   undo.addEventListener("click", () => commands.history("undo"));
   redo.addEventListener("click", () => commands.history("redo"));
   const render = () => {
@@ -38,7 +38,10 @@ export function connectUndoRedo(commands) {
   };
   store.on("history", render);
   edits.addEventListener("change", render);
-  edits.addEventListener("refused", ({ detail }) => toast(detail.message, { kind: "error", hint: detail.hint }));
+  edits.addEventListener("refused", (event) => {
+    const { message, hint } = /** @type {CustomEvent} */ (event).detail;
+    toast(message, { kind: "error", hint });
+  });
   store.on("people", () => people(store.people));
   render();
 }

@@ -26,7 +26,8 @@ export class Uploads extends EventTarget {
    */
   constructor(server, store) {
     super();
-    Object.assign(this, { server, store });
+    this.server = server;
+    this.store = store;
     this.entries = [];
     this.begunAt = 0;
     this._running = 0;

@@ -15,7 +15,9 @@ export class VirtualList {
    * @param {function(HTMLElement, number): void} update
    */
   constructor(box, make, update) {
-    Object.assign(this, { box, make, update });
+    this.box = box;
+    this.make = make;
+    this.update = update;
     this.ids = [];
     this.rows = new Map();
     this.space = box.appendChild(h("div", { class: "ed-rows", role: "presentation" }));

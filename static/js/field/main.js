@@ -4,7 +4,7 @@ import { AnswerLayer } from "../shared/answer/answer-layer.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
 import { get } from "../shared/api.js";
-import { byId, h } from "../shared/dom.js";
+import { byId, h, metaOf, targetOf } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -14,7 +14,7 @@ import { PhotoList } from "./photo-list.js";
 import { Sender } from "./sender.js";
 
 const LAST = "expmap-field-map";
-const account = Number(document.querySelector('meta[name="expmap-account"]').content);
+const account = Number(metaOf("expmap-account").content);
 const session = new QuerySession();
 const photos = new PhotoList(byId("outbox"), { open, remove: (entry) => outbox.remove([entry.key]) });
 const outbox = await Outbox.open(account);
@@ -23,7 +23,7 @@ const shown = { slug: null };
 
 outbox.addEventListener("change", render);
 sender.addEventListener("state", status);
-const inputs = ["shot-input", "photo-input"].map(byId);
+const inputs = ["shot-input", "photo-input"].map((id) => byId(id, HTMLInputElement));
 for (const input of inputs) input.addEventListener("change", take);
 byId("send").addEventListener("click", () => sender.send().catch(toastError));
 byId("clear").addEventListener("click", clear);
@@ -35,8 +35,9 @@ const mapShown = chooseMap().catch((error) => (error.code === "offline" ? nothin
 
 /** Keep what was taken, before anything else can go wrong. */
 async function take(event) {
-  const files = [...event.target.files];
-  event.target.value = "";
+  const input = targetOf(event, HTMLInputElement);
+  const files = [...input.files];
+  input.value = "";
   if (!files.length) return;
   try {
     await outbox.add(files, shown.slug);
@@ -60,7 +61,7 @@ async function status(told) {
   const waiting = entries.filter(({ state }) => state === "waiting").length;
   const line = byId("waiting");
   line.textContent = waiting ? tn("waiting: {n} photo", "waiting: {n} photos", waiting) : t("Nothing waits");
-  line.dataset.count = waiting;
+  line.dataset.count = String(waiting);
   line.classList.toggle("is-waiting", waiting > 0);
   byId("send").hidden = !waiting || sender.busy;
   const { problem } = sender;
@@ -86,7 +87,7 @@ function keepWhatWasSeen() {
 /** Show the maps that this device knows, and the one that was chosen last. */
 async function chooseMap() {
   const { maps } = await get("/maps", { patient: false });
-  const choice = byId("field-map");
+  const choice = byId("field-map", HTMLSelectElement);
   choice.replaceChildren(...maps.map(({ slug, name }) => h("option", { value: slug }, name)));
   const wanted = [new URLSearchParams(location.search).get("map"), localStorage.getItem(LAST)];
   const slug = wanted.find((one) => maps.some((map) => map.slug === one)) || maps[0]?.slug;
@@ -133,7 +134,7 @@ async function open(entry) {
   }
   photos.mark(entry.key);
   byId("answer-name").textContent = entry.name;
-  byId("answer-link").href = `/maps/${encodeURIComponent(entry.map)}/localize?query=${entry.answer.id}`;
+  byId("answer-link", HTMLAnchorElement).href = `/maps/${encodeURIComponent(entry.map)}/localize?query=${entry.answer.id}`;
   session.setAnswer(entry.answer);
   byId("answer").scrollIntoView({ block: "nearest" });
 }

@@ -17,7 +17,8 @@ export class Outbox extends EventTarget {
    */
   constructor(database, account) {
     super();
-    Object.assign(this, { database, account });
+    this.database = database;
+    this.account = account;
     this.channel = "BroadcastChannel" in self ? new BroadcastChannel(DATABASE) : null;
     if (this.channel) this.channel.onmessage = () => this.dispatchEvent(new Event("change"));
   }

@@ -2,7 +2,7 @@
 
 import { percentText, probabilityColours } from "../shared/answer/answer-format.js";
 import { isOffMap } from "../shared/answer/query-session.js";
-import { h, icon } from "../shared/dom.js";
+import { h, icon, queryAll } from "../shared/dom.js";
 import { moment, t } from "../shared/i18n.js";
 
 /** Shows the entries of the outbox, the newest first. */
@@ -12,7 +12,9 @@ export class PhotoList {
    * @param {{open: function(Object): void, remove: function(Object): void}} on
    */
   constructor(list, on) {
-    Object.assign(this, { list, on, current: null });
+    this.list = list;
+    this.on = on;
+    this.current = null;
     this.pictures = new Map();
   }
 
@@ -29,7 +31,7 @@ export class PhotoList {
   /** @param {?string} key of the entry whose answer is looked at */
   mark(key) {
     this.current = key;
-    for (const item of this.list.children) item.dataset.current = String(item.dataset.key === key);
+    for (const item of queryAll("[data-key]", HTMLElement, this.list)) item.dataset.current = String(item.dataset.key === key);
   }
 
   _item(entry) {

@@ -1,5 +1,6 @@
 /** Sends what waits in the outbox, one photo after the other, as soon as there is a network. */
 
+import { metaOf } from "../shared/dom.js";
 import { api, get } from "../shared/api.js";
 
 const AGAIN_MS = 10_000;
@@ -54,7 +55,7 @@ export class Sender extends EventTarget {
   /** The page may be one that was kept long ago: it needs the word that the server trusts today. */
   async _signedIn() {
     const { account, csrf } = await get("/session", { patient: false });
-    document.querySelector('meta[name="csrf-token"]').content = csrf;
+    metaOf("csrf-token").content = csrf;
     return account === this.outbox.account;
   }
 

@@ -25,7 +25,7 @@ export function endpointsOf(slug) {
 
 function form(files, options) {
   const made = new FormData();
-  for (const file of files) made.append("file", file, file.name || "photo.jpg");
+  for (const photo of files) made.append("file", photo, photo.name || "photo.jpg");
   for (const [name, value] of Object.entries(options)) {
     if (value !== null && value !== undefined && value !== "") made.append(name, value);
   }

@@ -19,6 +19,7 @@ export function showExplanation(session, options, askAgain) {
 function rows(session, { options, askAgain }) {
   const { answer, hypothesis } = session;
   const { statistics: counts, seconds } = answer;
+  /** @type {Array<[string, string|Node]>} */
   const facts = [[t("Method"), `${answer.method}, ${answer.features}`]];
   if (answer.fov_deg !== null) facts.push([t("Field of view"), fieldOfView(answer, options, askAgain)]);
   facts.push([t("Keypoints"), numberText(counts.keypoints)]);

@@ -20,7 +20,11 @@ export class AnswerGestures {
    * @param {function(string): void} say
    */
   constructor(view, marks, session, say) {
-    Object.assign(this, { view, marks, session, say, press: null });
+    this.view = view;
+    this.marks = marks;
+    this.session = session;
+    this.say = say;
+    this.press = null;
     this.crosshair = new Crosshair(view, say);
     const { element } = view;
     element.addEventListener("pointerdown", (event) => this._down(event), { capture: true });
@@ -80,7 +84,7 @@ export class AnswerGestures {
     return { x_px: x, y_px: y, radius_px: Math.round(radius) };
   }
 
-  /** A click, or Enter on the crosshair. */
+  /** A click, or Enter on the crosshair. @param {number[]} pixel */
   _point(pixel, point, pointer = "mouse") {
     const { session, view } = this;
     if (session.mode === "correct" && view.store.placement === null) {

@@ -18,10 +18,13 @@ const AFTER_ERROR_MS = 1500;
 export class LiveCamera {
   /** @param {{session: import("../shared/answer/query-session.js").QuerySession, server: Object, options: Object, asking: Object}} page */
   constructor({ session, server, options, asking }) {
-    Object.assign(this, { session, server, options, asking });
+    this.session = session;
+    this.server = server;
+    this.options = options;
+    this.asking = asking;
     this.stream = null;
     this.last = null;
-    this.video = byId("video");
+    this.video = byId("video", HTMLVideoElement);
     this.canvas = document.createElement("canvas");
     byId("live").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
     addEventListener("pagehide", () => this.stop());

@@ -19,7 +19,11 @@ export class Localizer extends EventTarget {
    */
   constructor(page) {
     super();
-    Object.assign(this, page);
+    this.session = page.session;
+    this.store = page.store;
+    this.server = page.server;
+    this.options = page.options;
+    this.say = page.say;
     this.waiting = null;
     this._abort = null;
     this.store.on("jobs", () => this._jobs());
@@ -29,10 +33,12 @@ export class Localizer extends EventTarget {
   /** Localize photos that were chosen, dropped or pasted. @param {File[]} files */
   async take(files) {
     if (!files.length) return;
-    if (files.length === 1) return this.ask(files);
-    const together = await this._together(files.length);
+    const together = files.length === 1 || (await this._together(files.length));
     if (together === null) return;
-    if (together) return this.ask(files);
+    if (together) {
+      await this.ask(files);
+      return;
+    }
     for (const file of files) if (!(await this.ask([file]))) break;
     toast(tn("{n} photo has an answer in the history.", "{n} photos have their answers in the history.", files.length));
   }
@@ -197,7 +203,7 @@ export class Localizer extends EventTarget {
   }
 
   _progress(share) {
-    const bar = byId("busy");
+    const bar = byId("busy", HTMLProgressElement);
     if (share === null) bar.removeAttribute("value");
     else bar.value = share;
   }
@@ -228,7 +234,7 @@ function lookCloser(run) {
 
 function chooseMore(take) {
   const input = h("input", {
-    class: "ed-file", id: "more-input", type: "file", multiple: true, accept: byId("query-input").accept,
+    class: "ed-file", id: "more-input", type: "file", multiple: true, accept: byId("query-input", HTMLInputElement).accept,
     "data-testid": "more-input", onchange: () => take(usable(input.files)),
   });
   return h("span", {}, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos of this spot")));

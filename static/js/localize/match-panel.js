@@ -11,14 +11,16 @@ const ROOM_IN_PANEL = 0.85;
 export class MatchPanel {
   /** @param {{session: import("../shared/answer/query-session.js").QuerySession, store: import("../shared/map/map-store.js").MapStore, server: Object}} page */
   constructor({ session, store, server }) {
-    Object.assign(this, { session, store, server });
+    this.session = session;
+    this.store = store;
+    this.server = server;
     this.of = null;
     this.known = [];
-    this.select = byId("matches-photo");
+    this.select = byId("matches-photo", HTMLSelectElement);
     session.on("answer query", () => this._load());
     session.on("chosen", () => this._choices());
     this.select.addEventListener("change", () => this._show());
-    byId("matches-all").addEventListener("change", () => this._show());
+    byId("matches-all", HTMLInputElement).addEventListener("change", () => this._show());
     byId("matches-large").addEventListener("click", () => this._large());
   }
 
@@ -36,7 +38,7 @@ export class MatchPanel {
     try {
       const { matches } = await this.server.matches(id);
       if (this.of === id) this.known = matches;
-    } catch (error) {
+    } catch {
       if (this.of === id) this.of = null;
     }
     this._choices();
@@ -72,7 +74,7 @@ export class MatchPanel {
   }
 
   get _all() {
-    return byId("matches-all").checked;
+    return byId("matches-all", HTMLInputElement).checked;
   }
 
   _large() {

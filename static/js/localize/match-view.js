@@ -28,7 +28,8 @@ export function matchView({ query, photo, lines }, { all, shape }) {
   const { frame, places } = layout(query, photo, shape);
   const svg = element("svg", { viewBox: `0 0 ${frame.width} ${frame.height}`, class: "lo-pair-svg", role: "img" });
   svg.setAttribute("aria-label", t("{query} beside {photo}", { query: query.name, photo: photo.name }));
-  for (const [{ src }, at] of [[query, places[0]], [photo, places[1]]]) {
+  for (const [n, { src }] of [query, photo].entries()) {
+    const at = places[n];
     svg.append(element("image", { href: src, x: at.x, y: at.y, width: at.width, height: at.height, preserveAspectRatio: "none" }));
   }
   const sure = lines.inlier.some(Boolean);
@@ -69,11 +70,12 @@ function layout(query, photo, shape) {
   return { frame: { width: unit, height: above.height * unit }, places };
 }
 
-/** Where a keypoint is in the picture; keypoints count from pixel centres. */
+/** Where a keypoint is in the picture; keypoints count from pixel centres. @param {number[]} keypoint */
 function shown([x, y], { width, height }, place) {
   return [place.x + ((x + 0.5) / width) * place.width, place.y + ((y + 0.5) / height) * place.height];
 }
 
+/** @param {number[]} from @param {number[]} to */
 function line([x1, y1], [x2, y2], { colour, opacity }) {
   const common = { stroke: colour, "stroke-opacity": opacity, "vector-effect": "non-scaling-stroke" };
   const dot = (cx, cy) => element("circle", { cx, cy, r: 5, fill: "none", "stroke-width": 1.25, ...common });

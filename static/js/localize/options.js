@@ -14,9 +14,10 @@ export class Options {
    * @param {function(): void} askAgain
    */
   constructor(session, store, askAgain) {
-    Object.assign(this, { session, store });
-    this.form = byId("options-form");
-    this.menu = byId("options");
+    this.session = session;
+    this.store = store;
+    this.form = byId("options-form", HTMLFormElement);
+    this.menu = byId("options", HTMLDetailsElement);
     this.form.addEventListener("input", () => this._count());
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
@@ -35,7 +36,7 @@ export class Options {
       byId("hint-draw").focus();
     });
     byId("options-reset").addEventListener("click", () => {
-      for (const [name, value] of Object.entries(USUAL)) this.form.elements[name].value = value;
+      for (const [name, value] of Object.entries(USUAL)) this._field(name).value = value;
       session.setHint(null);
     });
     let hint = null;
@@ -51,25 +52,30 @@ export class Options {
   /** Fields of the request. */
   values() {
     const { hint } = this.session;
-    const fields = Object.fromEntries(Object.keys(USUAL).map((name) => [name, this.form.elements[name].value]));
+    const fields = Object.fromEntries(Object.keys(USUAL).map((name) => [name, this._field(name).value]));
     return hint ? { ...fields, hint_x_px: hint.x_px, hint_y_px: hint.y_px, hint_radius_px: hint.radius_px } : fields;
   }
 
   /** Tell whether a field can have a value. */
   offers(name, value) {
-    return [...this.form.elements[name].options].some((option) => option.value === value);
+    return [...this._field(name).options].some((option) => option.value === value);
   }
 
   /** Set one of the fields. */
   set(name, value) {
-    this.form.elements[name].value = value;
+    this._field(name).value = value;
     this._count();
+  }
+
+  /** @returns {*} the input or select of a name */
+  _field(name) {
+    return this.form.elements.namedItem(name);
   }
 
   /** Tell on the button how many options are not as usual. */
   _count() {
     const { hint, query } = this.session;
-    const changed = Object.entries(USUAL).filter(([name, value]) => this.form.elements[name].value !== value).length;
+    const changed = Object.entries(USUAL).filter(([name, value]) => this._field(name).value !== value).length;
     const count = changed + (hint ? 1 : 0);
     const badge = byId("options-count");
     badge.hidden = !count;

@@ -5,10 +5,10 @@ import { listenToDrops, usable } from "../shared/drop-files.js";
 
 /** @param {function(File[]): void} take */
 export function listenToSources(take) {
-  for (const id of ["query-input", "shot-input"]) {
-    byId(id).addEventListener("change", (event) => {
-      const files = usable(event.target.files);
-      event.target.value = "";
+  for (const input of [byId("query-input", HTMLInputElement), byId("shot-input", HTMLInputElement)]) {
+    input.addEventListener("change", () => {
+      const files = usable(input.files);
+      input.value = "";
       take(files);
     });
   }

@@ -31,10 +31,13 @@ function title({ spot, chosen }) {
   return chosen === null ? t("Do you know where it was taken?") : t("Place {n}", { n: chosen });
 }
 
+/** @type {?AbortController} of the request that is on its way */
+let asked = null;
+
 async function showCoordinates({ session, server }) {
-  showCoordinates.last?.abort();
+  asked?.abort();
   const abort = new AbortController();
-  showCoordinates.last = abort;
+  asked = abort;
   const { position } = session;
   if (!position) return;
   const pixels = row(t("Map"), `${numberText(position[0], 1)}, ${numberText(position[1], 1)} px`);

@@ -8,7 +8,7 @@ import { toastError } from "../shared/toast.js";
 const ASK_MS = 1000;
 
 const { map, job } = JSON.parse(document.getElementById("page").textContent);
-const button = document.getElementById("evaluate");
+const button = /** @type {?HTMLButtonElement} */ (document.getElementById("evaluate"));
 const bar = document.getElementById("bar");
 
 button?.addEventListener("click", () => busy(button, start).catch(toastError));

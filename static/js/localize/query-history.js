@@ -2,7 +2,7 @@
 
 import { percentText, probabilityColours } from "../shared/answer/answer-format.js";
 import { isOffMap } from "../shared/answer/query-session.js";
-import { byId, h, icon } from "../shared/dom.js";
+import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { moment, t } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 
@@ -15,7 +15,9 @@ export class QueryHistory {
    * @param {function(number): void} open
    */
   constructor({ session, server }, open) {
-    Object.assign(this, { session, server, open });
+    this.session = session;
+    this.server = server;
+    this.open = open;
     this.queries = [];
     this.stale = true;
     byId("history-more").addEventListener("click", () => this._read(this.queries.at(-1).id));
@@ -63,7 +65,7 @@ export class QueryHistory {
   }
 
   _mark() {
-    for (const item of byId("history").children) {
+    for (const item of queryAll("[data-id]", HTMLElement, byId("history"))) {
       const current = Number(item.dataset.id) === this.session.query?.id;
       item.firstElementChild.toggleAttribute("aria-current", current);
     }

@@ -12,7 +12,7 @@ import { toast, toastError } from "../shared/toast.js";
  * @param {{forgotten: function(): void}} on
  */
 export function showQuery({ session, server, slug }, on) {
-  const [box, image, frame] = [byId("query"), byId("query-image"), byId("query-frame")];
+  const [box, image, frame] = [byId("query"), byId("query-image", HTMLImageElement), byId("query-frame")];
   const zoom = new PhotoZoom(frame, image);
   image.addEventListener("error", () => frame.classList.add("is-broken"));
   image.addEventListener("load", () => frame.classList.remove("is-broken"));
@@ -23,7 +23,7 @@ export function showQuery({ session, server, slug }, on) {
     byId("welcome").hidden = !empty;
     byId("video").hidden = !live;
     image.hidden = live;
-    byId("query-menu").hidden = !query?.id;
+    byId("query-menu", HTMLDetailsElement).hidden = !query?.id;
     byId("query-name").textContent = live ? t("Live camera") : query?.name || "";
     byId("query-about").textContent = live || !query ? "" : about(query);
     if (!query || live) return;
@@ -34,18 +34,18 @@ export function showQuery({ session, server, slug }, on) {
       zoom.reset();
     }
     image.alt = query.name;
-    if (query.id) byId("query-download").href = query.photo;
+    if (query.id) byId("query-download", HTMLAnchorElement).href = query.photo;
   });
   session.on("busy", () => {
     byId("busy").hidden = !session.busy;
   });
   byId("query-link").addEventListener("click", () => copy(location.href, t("The link has been copied.")));
   document.getElementById("query-share")?.addEventListener("click", () => {
-    byId("query-menu").open = false;
+    byId("query-menu", HTMLDetailsElement).open = false;
     shareDialog({ slug, query: session.query.id });
   });
   byId("query-delete").addEventListener("click", async () => {
-    byId("query-menu").open = false;
+    byId("query-menu", HTMLDetailsElement).open = false;
     const { id, name } = session.query;
     const sure = await confirmDialog({ title: t("Delete {name} and its answer?", { name }), action: t("Delete"), danger: true });
     if (!sure) return;

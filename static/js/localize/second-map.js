@@ -12,7 +12,7 @@ import { AnswerGestures } from "./gestures.js";
  * @param {{store: MapStore, session: import("../shared/answer/query-session.js").QuerySession, say: function(string): void}} page
  */
 export function connectSecondMap({ store, session, say }) {
-  const select = byId("beside");
+  const select = byId("beside", HTMLSelectElement);
   let second = null;
   const choices = () => {
     const names = [...store.placements.keys()];

@@ -1,5 +1,6 @@
 /** What people do with whole maps: in the list, in the bin, and on the settings page. */
 
+import { queryAll } from "../shared/dom.js";
 import { del, patch, post, upload } from "../shared/api.js";
 import { askDialog, confirmDialog } from "../shared/dialogs.js";
 import { t } from "../shared/i18n.js";
@@ -7,15 +8,15 @@ import { toastError } from "../shared/toast.js";
 
 const actions = { rename, duplicate, delete: bin, restore, "delete-forever": deleteForever };
 
-for (const button of document.querySelectorAll("[data-action]")) {
+for (const button of queryAll("[data-action]", HTMLButtonElement)) {
   button.addEventListener("click", () => {
-    const { slug, name } = button.closest("[data-slug]").dataset;
+    const { slug, name } = /** @type {HTMLElement} */ (button.closest("[data-slug]")).dataset;
     button.closest("details")?.removeAttribute("open");
     actions[button.dataset.action](slug, name).catch(toastError);
   });
   button.disabled = false; // until now a click would have been lost
 }
-for (const button of document.querySelectorAll("#create, [data-opens='create']")) {
+for (const button of queryAll("#create, [data-opens='create']", HTMLButtonElement)) {
   button.addEventListener("click", create);
   button.disabled = false;
 }

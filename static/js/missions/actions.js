@@ -1,7 +1,7 @@
 /** What people do with a whole mission: import, correct, share, rename, delete. */
 
 import { askDialog, busy, confirmDialog, openDialog } from "../shared/dialogs.js";
-import { byId, h } from "../shared/dom.js";
+import { byId, h, queryAll } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
 import { locale, t, tn } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
@@ -17,7 +17,7 @@ import { sharesDialog } from "./share-mission.js";
 export function connectActions(store, refresh) {
   const server = store.server(store.id);
   const on = (name, run) => {
-    for (const button of document.querySelectorAll(`[data-does="${name}"]`)) {
+    for (const button of queryAll(`[data-does="${name}"]`, HTMLButtonElement)) {
       button.disabled = false; // until now a click would have been lost
       button.addEventListener("click", () => {
         button.closest("details")?.removeAttribute("open");
@@ -57,7 +57,7 @@ async function fuse(server, refresh) {
   ]);
   try {
     const { job } = await server.fuse();
-    await ended(server.job, job, bar.show);
+    await ended(server.job, job, bar.showJob);
     await refresh();
     toast(t("The corrected track is in place."));
   } finally {

@@ -11,10 +11,9 @@ const KEPT = "expmap-mission-ground";
  * @param {import("./mission-store.js").MissionStore} store
  * @param {import("./mission-view.js").MissionView} view
  * @param {{services: Array<Object>, fit: function(): void}} page
- * @returns {function(): void} looks whether there is something to lie on by now
  */
 export function chooseGround(store, view, { services, fit }) {
-  const select = byId("ground");
+  const select = byId("ground", HTMLSelectElement);
   const offered = () => [
     ...(isOnImage(store.mission) ? [["image", t("Image of the map")]] : []),
     ["plain", t("Plain, in metres")],
@@ -29,7 +28,7 @@ export function chooseGround(store, view, { services, fit }) {
   const settle = () => {
     const choices = offered();
     select.replaceChildren(...choices.map(([name, label]) => new Option(label, name)));
-    select.closest("[data-part]").hidden = choices.length < 2;
+    select.closest("[data-part]").toggleAttribute("hidden", choices.length < 2);
     const kept = remembered();
     const name = made || (choices.some(([one]) => one === kept) && kept !== "image" ? kept : choices[0][0]);
     select.value = name;

@@ -1,6 +1,6 @@
 /** Mouse, fingers and keys on the map. */
 
-import { takesText } from "../shared/dom.js";
+import { takesText, targetOf } from "../shared/dom.js";
 
 const PAN = { ArrowLeft: [-80, 0], ArrowRight: [80, 0], ArrowUp: [0, -80], ArrowDown: [0, 80] };
 
@@ -15,7 +15,7 @@ const PAN = { ArrowLeft: [-80, 0], ArrowRight: [80, 0], ArrowUp: [0, -80], Arrow
 export function connectGestures({ view, scene, store, player, fit }) {
   view.addEventListener("ground", () => {
     view.map.on("click", ({ containerPoint, originalEvent }) => {
-      const [spot] = scene.near(containerPoint, originalEvent.pointerType === "touch" ? "touch" : "mouse");
+      const [spot] = scene.near(containerPoint, /** @type {PointerEvent} */ (originalEvent).pointerType === "touch" ? "touch" : "mouse");
       store.choose(spot ? spot.key : null);
     });
     view.map.on("mousemove", ({ containerPoint }) => view.element.classList.toggle("is-on-dot", scene.near(containerPoint).length > 0));
@@ -29,7 +29,8 @@ export function connectGestures({ view, scene, store, player, fit }) {
     event.preventDefault();
   });
   addEventListener("keydown", (event) => {
-    const { target, key } = event;
+    const { key } = event;
+    const target = targetOf(event);
     if (event.ctrlKey || event.metaKey || event.altKey || takesText(target) || document.querySelector("dialog[open]")) return;
     if (key === " " && !target.closest("button, summary, a, input")) player.toggle();
     else if (key === "," || key === ".") player.step(key === "." ? 1 : -1);

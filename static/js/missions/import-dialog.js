@@ -68,8 +68,8 @@ async function sendFile({ id, file, fields, progress, signal }) {
   for (const [name, value] of Object.entries(fields)) if (value) body.append(name, value);
   const sending = jobBar(t("Sending the file..."));
   progress.replaceChildren(sending);
-  const { job } = await server.importFile(body, (sent, all) => sending.show({ state: "running", done: sent, total: all }), signal);
+  const { job } = await server.importFile(body, (sent, all) => sending.showJob({ state: "running", done: sent, total: all }), signal);
   const reading = jobBar(t("Reading the file"));
   progress.replaceChildren(reading);
-  return (await ended(server.job, job, reading.show)).result;
+  return (await ended(server.job, job, reading.showJob)).result;
 }

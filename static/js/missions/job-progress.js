@@ -5,19 +5,19 @@ import { duration, t } from "../shared/i18n.js";
 
 const ASK_MS = 700;
 
-/** A bar with words for a job. @returns {HTMLElement & {show: function(Object): void}} */
+/** A bar with words for a job. @returns {HTMLElement & {showJob: function(Object): void}} */
 export function jobBar(label) {
   const bar = h("progress", { class: "progress", "aria-label": label });
   const words = h("div", { class: "small soft number" }, label);
   const box = h("div", { class: "stack stack--tight", "data-testid": "job-progress" }, words, bar);
-  box.show = ({ state, done, total, note, seconds_left: left }) => {
+  const showJob = ({ state, done, total, note, seconds_left: left }) => {
     if (state === "running" && total > 0) Object.assign(bar, { max: total, value: Math.min(done, total) });
     else bar.removeAttribute("value");
     const parts = state === "queued" ? [t("Waits for its turn")] : [label, note];
     if (left) parts.push(t("about {time} left", { time: duration(left) }));
     words.textContent = parts.filter(Boolean).join(" · ");
   };
-  return box;
+  return Object.assign(box, { showJob });
 }
 
 /**

@@ -14,7 +14,11 @@ export class PixelFromLatLon {
     this.plane = fit(georeference);
   }
 
-  /** @returns {?[number, number]} null without a georeference */
+  /**
+   * @param {number} lat
+   * @param {number} lon
+   * @returns {?number[]} null without a georeference
+   */
   find(lat, lon) {
     if (!this.plane) return null;
     const { middle, matrix, centre } = this.plane;
@@ -32,6 +36,7 @@ export class PixelFromLatLon {
     return at;
   }
 
+  /** @param {number[]} pixel */
   _far([x, y]) {
     const [width, height] = this.size;
     return x < -OUTSIDE * width || y < -OUTSIDE * height || x > (1 + OUTSIDE) * width || y > (1 + OUTSIDE) * height;

@@ -12,12 +12,12 @@ import { clockText, DAY_S, sourceName, spanText, speedText, timeText } from "./f
  */
 export function showLegend(store, lines) {
   const box = byId("legend");
-  const choice = byId("colour-by");
+  const choice = byId("colour-by", HTMLSelectElement);
   choice.value = store.mode;
   choice.addEventListener("change", () => store.setMode(choice.value));
   const render = () => {
     const several = store.missions.size > 1;
-    choice.querySelector("[value=mission]").hidden = !several;
+    choice.querySelector("[value=mission]").toggleAttribute("hidden", !several);
     if (!several && store.mode === "mission") {
       choice.value = "source";
       store.setMode("source");

@@ -1,7 +1,7 @@
 /** The list of missions: make one, import a file, rename, delete. */
 
 import { askDialog, busy, confirmDialog, errorLine, field, openDialog } from "../shared/dialogs.js";
-import { byId, h, icon } from "../shared/dom.js";
+import { byId, h, icon, queryAll, targetOf } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
 import { moment, t, tn } from "../shared/i18n.js";
 import { sentence, toastError } from "../shared/toast.js";
@@ -14,8 +14,8 @@ const list = byId("missions");
 const PAGE = 50;
 let follow = null; // where the list goes on
 
-for (const button of document.querySelectorAll("[data-opens=create]")) ready(button, create);
-for (const button of document.querySelectorAll("[data-opens=import]")) ready(button, () => importFile(null));
+for (const button of queryAll("[data-opens=create]", HTMLButtonElement)) ready(button, create);
+for (const button of queryAll("[data-opens=import]", HTMLButtonElement)) ready(button, () => importFile(null));
 if (!binned) listenToDrops(byId("drop"), (files) => files.length && importFile(usable(files)[0]));
 byId("try-again").addEventListener("click", show);
 byId("more").addEventListener("click", (event) => busy(event.currentTarget, showMore).catch(toastError));
@@ -144,7 +144,7 @@ function create() {
   };
   make.addEventListener("click", () => busy(make, run));
   dialog.addEventListener("keydown", (event) => {
-    if (event.key === "Enter" && event.target.matches("input")) busy(make, run);
+    if (event.key === "Enter" && targetOf(event).matches("input")) busy(make, run);
   });
   name.focus();
 }

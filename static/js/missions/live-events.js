@@ -14,7 +14,8 @@ export class Live extends EventTarget {
    */
   constructor(store, id) {
     super();
-    Object.assign(this, { store, id });
+    this.store = store;
+    this.id = id;
     this.connected = true;
     this.failures = 0;
     this._stream = null;

@@ -97,7 +97,7 @@ function zoomButtons(view, fit) {
 
 /** A mission without positions says how they come; the first ones are shown, and followed until somebody looks elsewhere. */
 function firstPositions(view, fit) {
-  const follow = byId("follow");
+  const follow = byId("follow", HTMLInputElement);
   let empty = false;
   const render = () => {
     const none = !store.tracks.some(({ track }) => track.poses) && !store.mission.objects;

@@ -10,6 +10,7 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const MOTION = { zoomAnimation: !calm.matches, fadeAnimation: !calm.matches, inertia: !calm.matches };
 const STRAIGHT_UP_DEG = 0.5;
 /** Room for what lies over the map: legend and buttons. */
+/** @type {L.FitBoundsOptions} */
 const MARGIN = { paddingTopLeft: [16, 56], paddingBottomRight: [64, 40] };
 const ACROSS = [0, 0.5, 1];
 
@@ -58,7 +59,7 @@ export class MissionView extends EventTarget {
     const bounds = L.latLngBounds(corners.map(([lat, lon]) => this.ground.latLngOf(this.ground.flat(lat, lon))));
     const padded = pad ? bounds.pad(pad) : bounds;
     const most = this._zoomOf(maxMetres, padded.getCenter());
-    this.map.fitBounds(padded, { animate: false, maxZoom: Math.min(most, this.ground.zooms.max), ...(pad && MARGIN) });
+    this.map.fitBounds(padded, { animate: false, maxZoom: Math.min(most, this.ground.zooms.max), ...(pad ? MARGIN : {}) });
   }
 
   /** The zoom at which the shorter side of the screen shows some metres. */

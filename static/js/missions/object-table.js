@@ -1,6 +1,6 @@
 /** The table of the objects: filter by class and words, sort by each column, choose one to see it on the map. */
 
-import { byId, h } from "../shared/dom.js";
+import { byId, h, queryAll, targetOf } from "../shared/dom.js";
 import { locale, t, tn } from "../shared/i18n.js";
 import { debounce, rafThrottle } from "../shared/timing.js";
 import { toastError } from "../shared/toast.js";
@@ -25,12 +25,13 @@ export class ObjectTable {
    * @param {function(Object): void} look told the object that was chosen here
    */
   constructor(store, look) {
-    Object.assign(this, { store, look });
+    this.store = store;
+    this.look = look;
     this.sort = { by: "last", down: true };
     this.rows = ROWS;
     this.asked = new Set();
-    this.words = byId("object-words");
-    this.kind = byId("object-kind");
+    this.words = byId("object-words", HTMLInputElement);
+    this.kind = byId("object-kind", HTMLSelectElement);
     this.body = byId("objects");
     this.render = rafThrottle(() => this._render());
     this.words.addEventListener("input", debounce(() => this._filter(), CALM_MS));
@@ -39,9 +40,9 @@ export class ObjectTable {
       this.rows += ROWS;
       this.render();
     });
-    for (const button of document.querySelectorAll("[data-sort]")) button.addEventListener("click", () => this._sortBy(button.dataset.sort));
+    for (const button of queryAll("[data-sort]", HTMLButtonElement)) button.addEventListener("click", () => this._sortBy(button.dataset.sort));
     this.body.addEventListener("click", (event) => {
-      const key = event.target.closest("tr")?.dataset.key;
+      const key = targetOf(event).closest("tr")?.dataset.key;
       if (key) this._choose(key);
     });
     store.on("missions", () => this._load());
@@ -103,13 +104,13 @@ export class ObjectTable {
     const value = VALUES[sort.by];
     const compare = (a, b) => (typeof value(a) === "string" ? NAMES.compare(value(a), value(b)) : value(a) - value(b));
     matching.sort((a, b) => (sort.down ? -compare(a, b) : compare(a, b)) || NAMES.compare(a.id, b.id));
-    for (const button of document.querySelectorAll("[data-sort]")) {
+    for (const button of queryAll("[data-sort]", HTMLButtonElement)) {
       const mine = button.dataset.sort === sort.by;
       button.closest("th").setAttribute("aria-sort", mine ? (sort.down ? "descending" : "ascending") : "none");
     }
-    const focused = document.activeElement?.closest?.("#objects tr")?.dataset.key;
+    const focused = document.activeElement?.closest("#objects tr")?.getAttribute("data-key");
     this.body.replaceChildren(...matching.slice(0, this.rows).map((object) => this._row(object)));
-    if (focused) this.body.querySelector(`tr[data-key="${CSS.escape(focused)}"] button`)?.focus();
+    if (focused) queryAll(`tr[data-key="${CSS.escape(focused)}"] button`, HTMLButtonElement, this.body)[0]?.focus();
     this._told(matching.length);
   }
 

@@ -12,9 +12,9 @@ export class Player {
   /** @param {import("./mission-store.js").MissionStore} store */
   constructor(store) {
     this.store = store;
-    this.slider = byId("moment");
-    this.button = byId("play");
-    this.speed = byId("replay-speed");
+    this.slider = byId("moment", HTMLInputElement);
+    this.button = byId("play", HTMLButtonElement);
+    this.speed = byId("replay-speed", HTMLSelectElement);
     this.now = byId("now");
     this._playing = 0;
     this._before = 0;
@@ -77,9 +77,9 @@ export class Player {
     button.querySelector(".mi-pause").toggleAttribute("hidden", !this.playing);
     this.now.setAttribute("aria-pressed", String(moment === null));
     if (!clock) return;
-    slider.max = clock.span;
+    slider.max = String(clock.span);
     slider.step = "any";
-    slider.value = moment ?? clock.span;
+    slider.value = String(moment ?? clock.span);
     this._tell(clock, moment ?? clock.span);
   }
 

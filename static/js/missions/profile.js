@@ -1,6 +1,6 @@
 /** Speed, height or distance over the time line; pointing at it points at the map, a click goes there. */
 
-import { byId, h } from "../shared/dom.js";
+import { byId, h, queryAll } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { ThemeColours } from "../shared/theme-colours.js";
 import { debounce, rafThrottle } from "../shared/timing.js";
@@ -25,11 +25,13 @@ export class Profile {
    * @param {import("./player.js").Player} player
    */
   constructor(store, scene, player) {
-    Object.assign(this, { store, scene, player });
+    this.store = store;
+    this.scene = scene;
+    this.player = player;
     this.quantity = "speed";
     this.told = new Map();
     this.hover = null;
-    this.canvas = byId("profile");
+    this.canvas = byId("profile", HTMLCanvasElement);
     this._draw = rafThrottle(() => this._paint());
     this._inks = new ThemeColours(this.canvas.parentElement, ["--line", "--text", "--text-soft"], this._draw);
     this._later = debounce(() => this._load({ anew: true }), CALM_MS);
@@ -43,10 +45,10 @@ export class Profile {
   }
 
   _choice() {
-    for (const button of document.querySelectorAll("[data-quantity]")) {
+    for (const button of queryAll("[data-quantity]", HTMLButtonElement)) {
       button.addEventListener("click", () => {
         this.quantity = button.dataset.quantity;
-        for (const other of document.querySelectorAll("[data-quantity]")) other.setAttribute("aria-pressed", String(other === button));
+        for (const other of queryAll("[data-quantity]", HTMLButtonElement)) other.setAttribute("aria-pressed", String(other === button));
         this._facts();
         this._draw();
       });
@@ -87,10 +89,11 @@ export class Profile {
     const told = shown && this.told.get(shown.key);
     const rows = told ? factsOf(told, shown.track) : [];
     byId("profile-facts").replaceChildren(...rows.map(([name, value]) => h("span", {}, h("span", { class: "soft" }, name), " ", value)));
-    const heights = [...this.told.values()].some(({ height_m: heights }) => heights.some(Number.isFinite));
-    document.querySelector("[data-quantity=height]").disabled = !heights;
-    document.querySelector("[data-quantity=speed]").disabled = !this._timed;
-    if (!this._timed && heights && this.quantity === "speed") document.querySelector("[data-quantity=height]").click();
+    const heights = [...this.told.values()].some(({ height_m: column }) => column.some(Number.isFinite));
+    const [height, speed] = ["height", "speed"].map((name) => queryAll(`[data-quantity=${name}]`, HTMLButtonElement)[0]);
+    height.disabled = !heights;
+    speed.disabled = !this._timed;
+    if (!this._timed && heights && this.quantity === "speed") height.click();
   }
 
   /** Without times that mean something, the chart goes along the way. */
@@ -183,6 +186,7 @@ function curve(pen, values, { x, y, colour, fill }) {
   let [joined, first, last] = [false, null, null];
   values.forEach((value, n) => {
     if (!Number.isFinite(value)) return (joined = false);
+    /** @type {[number, number]} */
     const at = [x(n), y(value)];
     if (joined) line.lineTo(...at);
     else line.moveTo(...at);

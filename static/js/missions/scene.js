@@ -11,26 +11,30 @@ const NEAR = { mouse: 14, touch: 24 };
 const INKS = ["rim", "grid", "grid-strong", "text", "halo", "robot", "current"].map((name) => `--mi-${name}`);
 
 /** A layer of Leaflet. */
-export const Scene = CanvasLayer.extend({
+export class Scene extends CanvasLayer {
   /**
    * @param {import("./mission-store.js").MissionStore} store
    * @param {import("./track-lines.js").TrackLines} lines
    * @param {import("./mission-view.js").MissionView} view
    */
-  initialize(store, lines, view) {
-    Object.assign(this, { store, lines, view, hover: null });
-    this.begin();
+  constructor(store, lines, view) {
+    super();
+    this.store = store;
+    this.lines = lines;
+    this.view = view;
+    this.hover = null;
+    this._spots = [];
     store.on("missions shown mode moment objects fixes matching chosen trail grown", this._draw);
     lines.addEventListener("change", this._draw);
     this._inks = new ThemeColours(view.element, INKS, this._draw);
     view.addEventListener("ground", () => this._inks.forget());
-  },
+  }
 
   /** Point at a moment of the time line. @param {?number} moment */
   setHover(moment) {
     this.hover = moment;
     this._draw();
-  },
+  }
 
   /** Keys of the objects and fixes under a point of the screen, the nearest first. */
   near(point, pointer = "mouse") {
@@ -38,15 +42,16 @@ export const Scene = CanvasLayer.extend({
       .map((spot) => ({ ...spot, away: Math.hypot(spot.x - point.x, spot.y - point.y) }))
       .filter(({ away }) => away <= NEAR[pointer])
       .sort((a, b) => a.away - b.away);
-  },
+  }
 
+  /** @override */
   paint(pen, size) {
     const frame = this._frame(size);
     if (frame.ground.name === "plain") drawGrid(pen, frame);
     drawTracks(pen, frame, this);
     this._spots = drawObjects(pen, frame, this.store);
     drawMarks(pen, frame, this);
-  },
+  }
 
   /** How flat coordinates come to the screen, and the colours of the style sheet. */
   _frame(size) {
@@ -63,5 +68,5 @@ export const Scene = CanvasLayer.extend({
       },
       turn: (x, y) => ground.north(ground.latLngOf([x, y])),
     };
-  },
-});
+  }
+}

@@ -96,7 +96,7 @@ function follow(view, fit) {
   store.on("missed", () => {
     const newest = store.shown.map(({ track }) => track.last).filter(Boolean).sort((a, b) => b.time_s - a.time_s)[0];
     const flat = newest && view.ground?.flat(newest.lat, newest.lon);
-    if (flat && byId("follow").checked && store.moment === null) view.reveal(flat, { margin: 90 });
+    if (flat && byId("follow", HTMLInputElement).checked && store.moment === null) view.reveal(flat, { margin: 90 });
   });
   following.addEventListener("state", render);
   following.addEventListener("gone", () => fail(t("This link leads to nothing any more.")));

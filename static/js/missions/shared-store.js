@@ -15,6 +15,7 @@ export class SharedStore extends MissionStore {
     this._shared = endpointsOf(`/shared-missions/${encodeURIComponent(token)}`);
   }
 
+  /** @override */
   server() {
     return this._shared;
   }

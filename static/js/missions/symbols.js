@@ -13,6 +13,7 @@ const SIGN = "M12 21v-8M5 5h11l3 4-3 4H5z";
 const BOX = "M4 8l8-4 8 4v8l-8 4-8-4zM4 8l8 4 8-4M12 12v8";
 const HAZARD = "M12 4 3 20h18zM12 10v5M12 17.500h.01";
 
+/** @type {Array<[RegExp, string]>} */
 const SIGNS = [
   [/person|human|people|pedestrian|victim|man|woman|child/, PERSON],
   [/car|vehicle|truck|bus|van|bike|bicycle|motor/, CAR],

@@ -25,7 +25,8 @@ export class TrackLines extends EventTarget {
    */
   constructor(store, view) {
     super();
-    Object.assign(this, { store, view });
+    this.store = store;
+    this.view = view;
     this.whole = new Map();
     this.detail = new Map();
     this._asking = new Map();

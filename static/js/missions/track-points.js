@@ -14,7 +14,22 @@ export class TrackPoints {
   constructor({ points, gaps }, ground) {
     this.ground = ground;
     this.gaps = new Set(gaps);
-    for (const column of ["number", "time", "lat", "lon", "heading", "speed", "x", "y"]) this[column] = [];
+    /** @type {number[]} */
+    this.number = [];
+    /** @type {number[]} */
+    this.time = [];
+    /** @type {number[]} */
+    this.lat = [];
+    /** @type {number[]} */
+    this.lon = [];
+    /** @type {number[]} */
+    this.heading = [];
+    /** @type {number[]} */
+    this.speed = [];
+    /** @type {number[]} */
+    this.x = [];
+    /** @type {number[]} */
+    this.y = [];
     this.append(points);
   }
 
@@ -64,7 +79,7 @@ export class TrackPoints {
 
   /**
    * Where the robot was at a time, between the points around it.
-   * @returns {?{x: number, y: number, lat: number, lon: number, heading: number, gap: number}} `gap`: seconds between
+   * @returns {?{x: number, y: number, lat: number, lon: number, heading: number, speed: number, gap: number}} `gap`: seconds between
    *   the two points; null before the first
    */
   at(time) {

@@ -25,7 +25,7 @@ export class ControlPoints {
       this._loadEarth();
     });
     byId("point-add").addEventListener("click", () => this._written(this._add()));
-    byId("point-model").addEventListener("change", changed);
+    byId("point-model", HTMLSelectElement).addEventListener("change", changed);
     goTo(byId("point-goto"), () => this._loadEarth());
   }
 
@@ -44,7 +44,7 @@ export class ControlPoints {
     const whole = this.points.filter(isWhole);
     if (whole.length < NEEDED) return null;
     const points = whole.map(({ x, y, lat, lon }) => ({ x, y, lat, lon }));
-    return { kind: "control-points", points, model: byId("point-model").value || null };
+    return { kind: "control-points", points, model: byId("point-model", HTMLSelectElement).value || null };
   }
 
   /** Show what the server thinks: residuals in the table, arrows in both maps. */

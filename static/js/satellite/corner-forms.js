@@ -1,6 +1,6 @@
 /** Corners and world files: forms that say where the image is. */
 
-import { byId } from "../shared/dom.js";
+import { byId, queryAll, targetOf } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { toast } from "../shared/toast.js";
 import { page } from "./page.js";
@@ -14,17 +14,17 @@ const FOUR = ["top_left", "top_right", "bottom_left", "bottom_right"];
  * @returns {function(): ?Object} what is to be asked of the server; null while it is incomplete
  */
 export function cornersForm(changed) {
-  const all = byId("all-corners");
+  const all = byId("all-corners", HTMLInputElement);
   const names = () => (all.checked ? FOUR : TWO);
   const fill = (corners) => {
     all.checked = Boolean(corners.top_right && corners.bottom_left);
     for (const name of FOUR) {
-      for (const axis of ["lat", "lon"]) byId(`${name}-${axis}`).value = rounded(corners[name]?.[axis]);
+      for (const axis of ["lat", "lon"]) byId(`${name}-${axis}`, HTMLInputElement).value = rounded(corners[name]?.[axis]);
     }
     show();
   };
   const show = () => {
-    for (const box of document.querySelectorAll("[data-corner]")) box.hidden = !names().includes(box.dataset.corner);
+    for (const box of queryAll("[data-corner]")) box.hidden = !names().includes(box.dataset.corner);
     changed();
   };
   const { corners } = page.earth || {};
@@ -36,7 +36,7 @@ export function cornersForm(changed) {
   byId("known-corners").addEventListener("submit", (event) => event.preventDefault());
   all.addEventListener("change", show);
   byId("corners-json").addEventListener("change", async (event) => {
-    const [file] = event.target.files;
+    const [file] = targetOf(event, HTMLInputElement).files;
     if (!file) return;
     try {
       fill(JSON.parse(await file.text()));
@@ -45,7 +45,7 @@ export function cornersForm(changed) {
     }
   });
   return () => {
-    const corner = (name) => ({ lat: byId(`${name}-lat`).valueAsNumber, lon: byId(`${name}-lon`).valueAsNumber });
+    const corner = (name) => ({ lat: byId(`${name}-lat`, HTMLInputElement).valueAsNumber, lon: byId(`${name}-lon`, HTMLInputElement).valueAsNumber });
     const given = Object.fromEntries(names().map((name) => [name, corner(name)]));
     const whole = Object.values(given).every(({ lat, lon }) => Number.isFinite(lat) && Number.isFinite(lon));
     return whole ? { kind: "corners", corners: given } : null;
@@ -58,9 +58,9 @@ export function cornersForm(changed) {
  * @returns {function(): ?Object} as of `cornersForm`
  */
 export function worldfileForm(changed) {
-  const text = byId("worldfile-text");
+  const text = byId("worldfile-text", HTMLTextAreaElement);
   byId("worldfile-file").addEventListener("change", async (event) => {
-    const [file] = event.target.files;
+    const [file] = targetOf(event, HTMLInputElement).files;
     if (!file) return;
     text.value = (await file.slice(0, 10_000).text()).trim();
     changed();
@@ -68,12 +68,12 @@ export function worldfileForm(changed) {
   byId("known-worldfile").addEventListener("input", changed);
   byId("known-worldfile").addEventListener("submit", (event) => event.preventDefault());
   return () => {
-    const crs = byId("worldfile-crs").value.trim() || null;
+    const crs = byId("worldfile-crs", HTMLInputElement).value.trim() || null;
     return text.value.trim() ? { kind: "worldfile", worldfile: text.value, crs } : null;
   };
 }
 
 /** Degrees to a millimetre. */
 function rounded(degrees) {
-  return Number.isFinite(degrees) ? Number(degrees.toFixed(8)) : "";
+  return Number.isFinite(degrees) ? String(Number(degrees.toFixed(8))) : "";
 }

@@ -14,28 +14,28 @@ const WAIT_MS = 350;
 
 /** Connect the section; where it is folded, it waits: a map needs a size to be drawn. */
 export function georeferenceSection() {
-  const section = byId("where");
+  const section = byId("where", HTMLDetailsElement);
   if (section.open) connect();
   else section.addEventListener("toggle", connect, { once: true });
 }
 
 function connect() {
-  const verdict = new Verdict();
-  const points = new ControlPoints(() => verdict.ask());
+  const judge = new Verdict();
+  const points = new ControlPoints(() => judge.ask());
   const sources = {
     "control-points": { wish: () => points.wish(), tell: (told) => points.tell(told) },
-    corners: { wish: cornersForm(() => verdict.ask()) },
-    worldfile: { wish: worldfileForm(() => verdict.ask()) },
+    corners: { wish: cornersForm(() => judge.ask()) },
+    worldfile: { wish: worldfileForm(() => judge.ask()) },
   };
   const choose = panels("known", (kind) => {
-    verdict.from(sources[kind]);
+    judge.from(sources[kind]);
     if (kind === "control-points") points.open();
   });
   choose("control-points");
-  byId("apply").addEventListener("click", (event) => {
-    busy(event.currentTarget, () => apply(verdict.wish)).catch(toastError);
+  byId("apply", HTMLButtonElement).addEventListener("click", (event) => {
+    busy(event.currentTarget, () => apply(judge.wish)).catch(toastError);
   });
-  byId("forget")?.addEventListener("click", (event) => {
+  document.getElementById("forget")?.addEventListener("click", (event) => {
     busy(event.currentTarget, forget).catch(toastError);
   });
 }
@@ -73,7 +73,7 @@ class Verdict {
   ask() {
     if (!this.source) return;
     clearTimeout(this.timer);
-    byId("apply").disabled = true;
+    byId("apply", HTMLButtonElement).disabled = true;
     this.timer = setTimeout(() => this._ask(), WAIT_MS);
   }
 
@@ -97,7 +97,7 @@ class Verdict {
 
   _show(source, told, content) {
     byId("verdict").replaceChildren(...content);
-    byId("apply").disabled = !told;
+    byId("apply", HTMLButtonElement).disabled = !told;
     source.tell?.(told);
   }
 }

@@ -1,6 +1,6 @@
 /** What this page knows of its map, and words that outlive a reload. */
 
-import { byId, h, icon } from "../shared/dom.js";
+import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
 import { sentence } from "../shared/toast.js";
 
@@ -14,7 +14,7 @@ const KEY = "expmap-image-notes";
 
 /**
  * Show the page anew, with messages at its top.
- * @param {Array<{kind: "success"|"warning", text: string}>} notes
+ * @param {Array<{kind: string, text: string}>} notes `success` or `warning`
  */
 export function reloadWith(notes) {
   sessionStorage.setItem(KEY, JSON.stringify(notes));
@@ -49,7 +49,7 @@ export function note(kind, text, hint = null) {
  * @returns {function(string): void} chooses one
  */
 export function panels(attribute, chosen) {
-  const buttons = [...document.querySelectorAll(`[data-${attribute}]`)];
+  const buttons = queryAll(`[data-${attribute}]`, HTMLButtonElement);
   const choose = (value) => {
     for (const button of buttons) {
       const is = button.dataset[attribute] === value;

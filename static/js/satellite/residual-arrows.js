@@ -16,10 +16,11 @@ export class Arrows {
     this.group = L.layerGroup().addTo(map);
     // above the markers, and not in the way of the mouse
     Object.assign(map.createPane(PANE).style, { zIndex: 620, pointerEvents: "none" });
-    this.legend = L.control({ position: "bottomleft" });
-    this.legend.onAdd = () => (this.box = L.DomUtil.create("div", "sat-legend"));
-    this.legend.addTo(map);
+    this.box = L.DomUtil.create("div", "sat-legend");
     this.box.hidden = true;
+    const legend = new L.Control({ position: "bottomleft" });
+    legend.onAdd = () => this.box;
+    legend.addTo(map);
     map.on("zoomend", () => this._draw());
   }
 

@@ -2,12 +2,12 @@
 
 import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
-import { byId } from "../shared/dom.js";
+import { byId, queryAll } from "../shared/dom.js";
 import { duration, locale, t, tn } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 import { cut } from "./mercator.js";
 import { outsideChoices } from "./outside-photos.js";
-import { base, note, page, reloadWith } from "./page.js";
+import { base, movedPhotoNotes, note, page, reloadWith } from "./page.js";
 import { Rectangle } from "./rectangle.js";
 import { goHere, goTo, slippyMap } from "./tile-map.js";
 
@@ -19,7 +19,7 @@ const ASK_MS = 700;
 export class TilesPanel {
   constructor() {
     this.form = byId("way-tiles");
-    this.zoom = byId("tile-zoom");
+    this.zoom = byId("tile-zoom", HTMLInputElement);
     this.slippy = null;
     this.job = null;
     goTo(byId("tile-goto"), () => this.slippy?.map);
@@ -28,7 +28,7 @@ export class TilesPanel {
     byId("tile-view").addEventListener("click", () => this.rectangle.ofView());
     byId("tile-cancel").addEventListener("click", (event) => this._cancel(event.currentTarget));
     this.zoom.addEventListener("input", () => this._estimate());
-    for (const edge of EDGES) byId(`tile-${edge}`).addEventListener("change", () => this._written());
+    for (const edge of EDGES) byId(`tile-${edge}`, HTMLInputElement).addEventListener("change", () => this._written());
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
       busy(event.submitter, () => this._fetch()).catch(toastError);
@@ -52,7 +52,7 @@ export class TilesPanel {
   _service() {
     const { max_zoom } = this.slippy.service();
     this.zoom.max = max_zoom;
-    this.zoom.value = Math.min(this.zoom.value, max_zoom);
+    this.zoom.value = String(Math.min(this.zoom.valueAsNumber, max_zoom));
     this._estimate();
   }
 
@@ -61,22 +61,22 @@ export class TilesPanel {
     const { max_tiles } = this.slippy.service();
     for (let zoom = Number(this.zoom.max); zoom > 0; zoom -= 1) {
       const { width, height, tiles } = cut(this.rectangle.box, zoom);
-      this.zoom.value = zoom;
+      this.zoom.value = String(zoom);
       if (Math.max(width, height) <= GOOD_SIDE_PX && tiles <= max_tiles) return;
     }
   }
 
   /** The rectangle was changed on the map. */
   _write(box) {
-    const first = !byId("tile-north").value;
-    for (const edge of EDGES) byId(`tile-${edge}`).value = box[edge];
+    const first = !byId("tile-north", HTMLInputElement).value;
+    for (const edge of EDGES) byId(`tile-${edge}`, HTMLInputElement).value = box[edge];
     if (first) this._goodZoom();
     this._estimate();
   }
 
   /** The edges were changed in the fields. */
   _written() {
-    const box = Object.fromEntries(EDGES.map((edge) => [edge, byId(`tile-${edge}`).valueAsNumber]));
+    const box = Object.fromEntries(EDGES.map((edge) => [edge, byId(`tile-${edge}`, HTMLInputElement).valueAsNumber]));
     const whole = Object.values(box).every(Number.isFinite) && box.north > box.south && box.west !== box.east;
     this.rectangle.show(whole ? box : null);
     if (whole) this.slippy.map.fitBounds(this.rectangle.shape.getBounds().pad(0.2));
@@ -85,9 +85,9 @@ export class TilesPanel {
 
   _estimate() {
     const zoom = this.zoom.valueAsNumber;
-    byId("tile-zoom-value").textContent = zoom;
+    byId("tile-zoom-value").textContent = String(zoom);
     const { box } = this.rectangle || {};
-    const button = this.form.querySelector("[type=submit]");
+    const [button] = queryAll("[type=submit]", HTMLButtonElement, this.form);
     const place = byId("tile-estimate");
     place.classList.remove("sat-estimate--bad");
     button.disabled = !box;

@@ -95,10 +95,12 @@ function escaped(text) {
 
 function beginAt(map) {
   const corners = Object.values(page.earth?.corners || {}).filter(Boolean);
-  const area = page.photos && [[page.photos.south, page.photos.west], [page.photos.north, page.photos.east]];
-  if (corners.length) map.fitBounds(L.latLngBounds(corners.map(({ lat, lon }) => [lat, lon])), { maxZoom: 19 });
-  else if (area) map.fitBounds(L.latLngBounds(area).pad(0.2), { maxZoom: 18 });
-  else {
+  const { photos } = page;
+  if (corners.length) map.fitBounds(L.latLngBounds(corners.map(({ lat, lon }) => L.latLng(lat, lon))), { maxZoom: 19 });
+  else if (photos) {
+    map.fitBounds(L.latLngBounds([photos.south, photos.west], [photos.north, photos.east]).pad(0.2), { maxZoom: 18 });
+  } else {
+    /** @type {{center: [number, number], zoom: number}} */
     const { center, zoom } = JSON.parse(localStorage.getItem(PLACE) || "null") || EUROPE;
     map.setView(center, zoom);
   }

@@ -10,7 +10,7 @@ import { base, movedPhotoNotes, page, reloadWith } from "./page.js";
 
 /** Connect the form with a file. */
 export function uploadForm() {
-  const form = byId("way-upload");
+  const form = byId("way-upload", HTMLFormElement);
   const bar = form.querySelector("progress");
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -20,13 +20,13 @@ export function uploadForm() {
 
 /** Connect the form of a blank plan. */
 export function blankForm() {
-  const form = byId("way-blank");
-  const byPhotos = () => form.elements.blank.value === "photos";
+  const form = byId("way-blank", HTMLFormElement);
+  const byPhotos = () => new FormData(form).get("blank") === "photos";
   form.addEventListener("change", () => (byId("blank-size").hidden = byPhotos()));
   form.noValidate = Boolean(page.photos);
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    const size = { width: byId("blank-width").valueAsNumber, height: byId("blank-height").valueAsNumber };
+    const size = { width: byId("blank-width", HTMLInputElement).valueAsNumber, height: byId("blank-height", HTMLInputElement).valueAsNumber };
     const wish = byPhotos() ? {} : size;
     busy(event.submitter, () => trying((choice) => post(`${base}/satellite/blank`, { ...wish, ...choice }))).catch(toastError);
   });
@@ -51,10 +51,10 @@ async function trying(run) {
 
 async function send(form, bar, choice) {
   const body = new FormData();
-  body.append("file", byId("image-file").files[0]);
-  const [worldfile] = byId("image-worldfile").files;
+  body.append("file", byId("image-file", HTMLInputElement).files[0]);
+  const [worldfile] = byId("image-worldfile", HTMLInputElement).files;
   if (worldfile) body.append("worldfile", worldfile);
-  if (worldfile && byId("image-crs").value.trim()) body.append("crs", byId("image-crs").value.trim());
+  if (worldfile && byId("image-crs", HTMLInputElement).value.trim()) body.append("crs", byId("image-crs", HTMLInputElement).value.trim());
   for (const [name, value] of Object.entries(choice)) body.append(name, String(value));
   bar.hidden = false;
   bar.removeAttribute("value");

@@ -2,6 +2,7 @@
  * The only module that talks to the server.
  */
 
+import { metaOf } from "./dom.js";
 import { t } from "./i18n.js";
 
 const BASE = "/api/v1";
@@ -10,11 +11,14 @@ const SAFE = new Set(["GET", "HEAD"]);
 
 /** A request that the server refused, or that did not reach it (`code` is `offline`, `status` 0). */
 export class ApiError extends Error {
-  /** @param {{status: number, code: string, message: string, hint: ?string, where: ?string}} told */
+  /** @param {{status: number, code: string, message: string, hint?: ?string, where?: ?string}} fields */
   constructor({ status, code, message, hint = null, where = null }) {
     super(message);
     this.name = "ApiError";
-    Object.assign(this, { status, code, hint, where });
+    this.status = status;
+    this.code = code;
+    this.hint = hint;
+    this.where = where;
   }
 }
 
@@ -109,7 +113,7 @@ export function events(path, { changed, open, error }) {
 }
 
 function csrfToken() {
-  return document.querySelector('meta[name="csrf-token"]')?.content ?? ""; // pages for visitors have none
+  return metaOf("csrf-token")?.content ?? ""; // pages for visitors have none
 }
 
 function answerOf(request) {
@@ -120,11 +124,11 @@ function answerOf(request) {
 async function once(path, options) {
   try {
     const response = await fetch(BASE + path, options);
-    tell("online");
+    announce("online");
     return response;
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    tell("offline");
+    announce("offline");
     throw offline();
   }
 }
@@ -161,10 +165,11 @@ function offline() {
   return new ApiError({ status: 0, code: "offline", message, hint: t("Check the network; nothing you did is lost.") });
 }
 
+let lastState = "";
+
 /** Pages listen for these on `window`: `expmap:offline`, `expmap:online`. */
-function tell(state) {
-  if (tell.last !== state) {
-    tell.last = state;
-    window.dispatchEvent(new Event(`expmap:${state}`));
-  }
+function announce(state) {
+  if (lastState === state) return;
+  lastState = state;
+  window.dispatchEvent(new Event(`expmap:${state}`));
 }

@@ -1,8 +1,9 @@
 /** Forms with `data-confirm` ask before they are sent; where scripts are off, they are just sent. */
 
+import { queryAll } from "./dom.js";
 import { confirmDialog } from "./dialogs.js";
 
-for (const form of document.querySelectorAll("form[data-confirm]")) {
+for (const form of queryAll("form[data-confirm]", HTMLFormElement)) {
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     const { confirm: title, confirmText: text, confirmAction: action } = form.dataset;

@@ -1,6 +1,6 @@
 /** Dialogs: a question, a line of text, or a form of the page's own. */
 
-import { h } from "./dom.js";
+import { h, targetOf } from "./dom.js";
 import { t } from "./i18n.js";
 import { sentence } from "./toast.js";
 
@@ -37,8 +37,8 @@ export function askDialog({ title, label, value = "", action, testid, maxlength 
     class: "input", id: "ask-input", value, maxlength, required: true, autocomplete: "off", "data-testid": testid,
   });
   const error = h("p", { class: "dialog__error", role: "alert", "data-testid": "error-message", hidden: true });
-  const field = h("div", { class: "field" }, h("label", { for: "ask-input" }, label), input, error);
-  const dialog = frame(title, field, { action });
+  const body = h("div", { class: "field" }, h("label", { for: "ask-input" }, label), input, error);
+  const dialog = frame(title, body, { action });
   dialog.querySelector("form").addEventListener("submit", async (event) => {
     event.preventDefault();
     await busy(event.submitter, async () => {
@@ -58,15 +58,15 @@ export function askDialog({ title, label, value = "", action, testid, maxlength 
 
 /**
  * Keep a button from being pressed again until something is done.
- * @param {?HTMLButtonElement} button
+ * @param {?EventTarget} button the one that was pressed; null where none was
  * @param {function(): Promise<void>} run
  */
 export async function busy(button, run) {
-  if (button) button.disabled = true;
+  if (button instanceof HTMLButtonElement) button.disabled = true;
   try {
     await run();
   } finally {
-    if (button) button.disabled = false;
+    if (button instanceof HTMLButtonElement) button.disabled = false;
   }
 }
 
@@ -83,7 +83,7 @@ function frame(title, body, { action, danger = false }) {
       h(
         "div",
         { class: "dialog__actions" },
-        h("button", { class: "button", type: "button", onclick: (event) => event.target.closest("dialog").close() }, t("Cancel")),
+        h("button", { class: "button", type: "button", onclick: (event) => targetOf(event).closest("dialog").close() }, t("Cancel")),
         h("button", { class: `button ${kind}`, value: "yes", type: "submit" }, action),
       ),
     ),

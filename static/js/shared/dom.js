@@ -4,22 +4,55 @@ const SVG = "http://www.w3.org/2000/svg";
 
 /**
  * Find an element that the template promises.
+ * @template {HTMLElement} T
  * @param {string} id
- * @returns {HTMLElement}
+ * @param {{new(): T}} [kind] class that the element has to be of
+ * @returns {T}
  */
-export function byId(id) {
+export function byId(id, kind) {
   const found = document.getElementById(id);
-  if (!found) throw new Error(`the page has no #${id}`);
-  return found;
+  if (!(found instanceof (kind ?? HTMLElement))) throw new Error(`the page has no ${kind?.name ?? "element"} #${id}`);
+  return /** @type {T} */ (found);
+}
+
+/**
+ * Find elements.
+ * @template {HTMLElement} T
+ * @param {string} selector
+ * @param {{new(): T}} [kind] class of the elements; others are left out
+ * @param {ParentNode} [root]
+ * @returns {T[]}
+ */
+export function queryAll(selector, kind, root = document) {
+  const found = [...root.querySelectorAll(selector)];
+  return /** @type {T[]} */ (found.filter((element) => element instanceof (kind ?? HTMLElement)));
+}
+
+/**
+ * The element that an event is about.
+ * @template {HTMLElement} T
+ * @param {Event} event
+ * @param {{new(): T}} [kind] class that the element has to be of
+ * @returns {T}
+ */
+export function targetOf(event, kind) {
+  if (!(event.target instanceof (kind ?? Element))) throw new Error(`no ${kind?.name ?? "element"} has had this ${event.type}`);
+  return /** @type {T} */ (event.target);
+}
+
+/** The `<meta>` element of a name; pages for visitors lack some. @param {string} name @returns {?HTMLMetaElement} */
+export function metaOf(name) {
+  return document.querySelector(`meta[name="${name}"]`);
 }
 
 /**
  * Make an element.
- * @param {string} tag
+ * @template {keyof HTMLElementTagNameMap} K
+ * @param {K} tag
  * @param {Object<string, *>} [props] `class`, `dataset`, `on<event>` listeners; the rest are attributes
  *   (true: present; false, null, undefined: left out)
- * @param {...(Node|string|null|undefined|false)} children
- * @returns {HTMLElement}
+ * @param {...(Node|string|number|null|undefined|false)} children null, undefined and false are left out
+ * @returns {HTMLElementTagNameMap[K]}
  */
 export function h(tag, props = {}, ...children) {
   const made = document.createElement(tag);
@@ -29,7 +62,9 @@ export function h(tag, props = {}, ...children) {
     else if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
     else made.setAttribute(name, value === true ? "" : String(value));
   }
-  made.append(...children.filter((child) => child !== null && child !== undefined && child !== false));
+  for (const child of children) {
+    if (child !== null && child !== undefined && child !== false) made.append(child instanceof Node ? child : String(child));
+  }
   return made;
 }
 
@@ -53,9 +88,9 @@ export function icon(name) {
  * @param {Document} page
  */
 export function closeMenus(page) {
-  const open = () => page.querySelectorAll("details.menu[open]");
+  const open = () => queryAll("details.menu[open]", HTMLDetailsElement, page);
   page.addEventListener("click", (event) => {
-    for (const menu of open()) if (!menu.contains(event.target)) menu.open = false;
+    for (const menu of open()) if (!menu.contains(targetOf(event))) menu.open = false;
   });
   page.addEventListener("keydown", (event) => {
     if (event.key !== "Escape") return;

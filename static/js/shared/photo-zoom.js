@@ -10,16 +10,16 @@ export class PhotoZoom {
    * @param {HTMLImageElement} image
    */
   constructor(frame, image) {
-    Object.assign(this, { frame, image });
+    this.frame = frame;
+    this.image = image;
     this.fingers = new Map();
     this.reset();
     frame.addEventListener("wheel", (event) => this._wheel(event), { passive: false });
     frame.addEventListener("dblclick", (event) => this._toggle(event));
     frame.addEventListener("pointerdown", (event) => this._down(event));
     frame.addEventListener("pointermove", (event) => this._move(event));
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
-      frame.addEventListener(end, (event) => this.fingers.delete(event.pointerId));
-    }
+    const lift = (event) => this.fingers.delete(event.pointerId);
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) frame.addEventListener(end, lift);
   }
 
   /** Show the whole photo. */
@@ -34,7 +34,7 @@ export class PhotoZoom {
     this._zoom(STEP ** direction, [0, 0]);
   }
 
-  /** Zoom and keep a point, given from the middle of the frame, where it is. */
+  /** Zoom and keep a point, given from the middle of the frame, where it is. @param {number} factor @param {number[]} point */
   _zoom(factor, [x, y]) {
     const scale = Math.min(Math.max(this.scale * factor, 1), MOST);
     const ratio = scale / this.scale;

@@ -2,7 +2,7 @@
 
 import { post } from "./api.js";
 import { busy, errorLine, openDialog } from "./dialogs.js";
-import { h, icon } from "./dom.js";
+import { h, icon, queryAll } from "./dom.js";
 import { t } from "./i18n.js";
 
 /**
@@ -67,11 +67,11 @@ export function allowed(query, given = { photos: true }) {
 
 /** @param {HTMLElement} root of boxes @returns {Object<string, boolean>} what is ticked, by name */
 export function checked(root) {
-  return Object.fromEntries([...root.querySelectorAll("input[type=checkbox]")].map((box) => [box.name, box.checked]));
+  return Object.fromEntries(queryAll("input[type=checkbox]", HTMLInputElement, root).map((box) => [box.name, box.checked]));
 }
 
 function chosen(ways) {
-  return ways.querySelector("input:checked").value === "public";
+  return queryAll("input:checked", HTMLInputElement, ways)[0].value === "public";
 }
 
 function way(value, label, hint, first = false) {

@@ -1,6 +1,6 @@
 /** What every page has: menus, the colour switch, the word that the network is away. */
 
-import { closeMenus, h } from "./dom.js";
+import { closeMenus, h, metaOf } from "./dom.js";
 import { t } from "./i18n.js";
 import { connectTheme } from "./theme.js";
 
@@ -9,15 +9,15 @@ connectTheme(document.body);
 connectCopyButtons();
 workOffline().catch((error) => console.info(`no pages without a network: ${error.message}`));
 
-const field = document.querySelector('meta[name="expmap-account"]')?.content && h("a", { href: "/field" }, t("Take photos for later"));
-const away = h("div", { class: "offline", role: "status", hidden: true }, t("No connection. Trying again..."), " ", field);
+const fieldLink = metaOf("expmap-account")?.content && h("a", { href: "/field" }, t("Take photos for later"));
+const away = h("div", { class: "offline", role: "status", hidden: true }, t("No connection. Trying again..."), " ", fieldLink);
 document.body.append(away);
 window.addEventListener("expmap:offline", () => (away.hidden = false));
 window.addEventListener("expmap:online", () => (away.hidden = true));
 
 /** Pages open without a network; what is kept for that belongs to one account. Needs https, or this machine. */
 async function workOffline() {
-  const account = document.querySelector('meta[name="expmap-account"]')?.content;
+  const account = metaOf("expmap-account")?.content;
   if (account === undefined || !navigator.serviceWorker) return;
   const known = account ? await navigator.serviceWorker.register("/sw.js") : await navigator.serviceWorker.getRegistration();
   if (!known) return;

@@ -8,7 +8,9 @@ export class ThemeColours {
    * @param {function(): void} changed
    */
   constructor(element, names, changed) {
-    Object.assign(this, { element, names, _found: null });
+    this.element = element;
+    this.names = names;
+    this._found = null;
     const forget = () => {
       this.forget();
       changed();

@@ -1,5 +1,7 @@
 /** The switch between light, dark, and as the system is; a cookie remembers it, so that pages come right at once. */
 
+import { queryAll } from "./dom.js";
+
 const YEAR_S = 31_536_000;
 
 /**
@@ -7,7 +9,7 @@ const YEAR_S = 31_536_000;
  * @param {HTMLElement} root with buttons that have `data-theme-choice`
  */
 export function connectTheme(root) {
-  const buttons = [...root.querySelectorAll("[data-theme-choice]")];
+  const buttons = queryAll("[data-theme-choice]", HTMLButtonElement, root);
   const show = () => {
     const now = document.documentElement.dataset.theme || "system";
     for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.themeChoice === now));

@@ -35,7 +35,7 @@ export function toast(message, { kind = "info", hint = null, action = null } = {
 
 /**
  * Show an error; one that is thrown on purpose, like an abort, is nothing to show.
- * @param {Error} error
+ * @param {Error & {status?: number, hint?: ?string}} error
  */
 export function toastError(error) {
   if (error.name === "AbortError" || error.status === 401) return;

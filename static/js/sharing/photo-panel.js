@@ -13,7 +13,8 @@ export class PhotoPanel {
    * @param {import("../shared/map/map-view.js").MapView} view
    */
   constructor(store, view) {
-    Object.assign(this, { store, view });
+    this.store = store;
+    this.view = view;
     byId("photo-previous").addEventListener("click", () => this._step(-1));
     byId("photo-next").addEventListener("click", () => this._step(1));
     store.on("current", () => this._show());
@@ -29,7 +30,7 @@ export class PhotoPanel {
     const photo = this.store.current;
     byId("photo").hidden = !photo;
     if (!photo) return;
-    const image = byId("photo-image");
+    const image = byId("photo-image", HTMLImageElement);
     image.parentElement.hidden = !photo.preview;
     if (photo.preview) image.src = photo.preview;
     const name = photo.name || t("Photo {id}", { id: photo.id });

@@ -35,7 +35,7 @@ function showShared(answer) {
 }
 
 function showQuery(address) {
-  byId("query-image").src = address;
+  byId("query-image", HTMLImageElement).src = address;
   byId("query").hidden = false;
 }
 
@@ -62,7 +62,7 @@ function listen() {
   store.on("current", advised);
   session.on("answer", advised);
   view.map.on("click", ({ containerPoint, originalEvent }) => {
-    const pointer = originalEvent.pointerType === "touch" ? "touch" : "mouse";
+    const pointer = /** @type {PointerEvent} */ (originalEvent).pointerType === "touch" ? "touch" : "mouse";
     if (session.answer) {
       const [rank] = marks.near(containerPoint, pointer);
       if (rank !== undefined) session.choose(rank);

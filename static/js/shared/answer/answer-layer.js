@@ -16,23 +16,26 @@ const GUESSED_FOV = 60;
 const NEAR = { mouse: 16, touch: 26 };
 
 /** A layer of Leaflet. */
-export const AnswerLayer = CanvasLayer.extend({
+export class AnswerLayer extends CanvasLayer {
   /**
    * @param {import("../map/map-store.js").MapStore} store
    * @param {import("./query-session.js").QuerySession} session
    */
-  initialize(store, session) {
-    Object.assign(this, { store, session, draft: null });
-    this.begin();
+  constructor(store, session) {
+    super();
+    this.store = store;
+    this.session = session;
+    this.draft = null;
+    this._spots = [];
     store.on("photos placement satellite", this._draw);
     session.on("answer chosen hint spot", this._draw);
-  },
+  }
 
   /** Show a circle that is just being drawn. @param {?Object} hint */
   setDraft(hint) {
     this.draft = hint;
     this._draw();
-  },
+  }
 
   /** Ranks of the hypotheses under a point of the screen, the nearest first. */
   near(point, pointer = "mouse") {
@@ -41,13 +44,14 @@ export const AnswerLayer = CanvasLayer.extend({
       .filter(({ away }) => away <= NEAR[pointer])
       .sort((a, b) => a.away - b.away)
       .flatMap(({ ranks }) => ranks);
-  },
+  }
 
+  /** @override */
   paint(pen) {
     this._pen = pen;
     this._zoom = this._map.getZoomScale(this._map.getZoom(), 0);
     if (this.store.satellite) this._all();
-  },
+  }
 
   _all() {
     const { session } = this;
@@ -59,12 +63,12 @@ export const AnswerLayer = CanvasLayer.extend({
     this._photos(chosen ? new Set(chosen.experiences) : new Set());
     for (const spot of ordered) this._marker(spot, spot === chosen && !session.spot);
     if (session.spot && this.store.placement === null) this._pin(this._at(session.spot));
-  },
+  }
 
   _at(position) {
     const { x, y } = this._map.latLngToContainerPoint(latLngOf(position));
     return { x, y };
-  },
+  }
 
   /** Plain dots; those that speak for the hypothesis that is looked at are larger. */
   _photos(speaking) {
@@ -82,7 +86,7 @@ export const AnswerLayer = CanvasLayer.extend({
       pen.strokeStyle = colours.ink;
       pen.stroke();
     }
-  },
+  }
 
   /** Where the truth is in 68 of 100 cases, and where the camera looked. */
   _reach({ x, y, radius, heading, position, probability }, chosen) {
@@ -109,7 +113,7 @@ export const AnswerLayer = CanvasLayer.extend({
     pen.fillStyle = fill;
     pen.fill();
     pen.globalAlpha = 1;
-  },
+  }
 
   _marker({ x, y, probability, ranks }, chosen) {
     const pen = this._pen;
@@ -126,7 +130,7 @@ export const AnswerLayer = CanvasLayer.extend({
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     pen.fillText(String(ranks[0]), x, y + 0.5);
-  },
+  }
 
   _hint(hint) {
     if (!hint || this.store.placement !== null) return;
@@ -137,7 +141,7 @@ export const AnswerLayer = CanvasLayer.extend({
     pen.setLineDash([7, 5]);
     this._stroke("#fff", 2);
     pen.setLineDash([]);
-  },
+  }
 
   /** The place that a person says: the one red thing. */
   _pin({ x, y }) {
@@ -154,7 +158,7 @@ export const AnswerLayer = CanvasLayer.extend({
     pen.arc(x, y - 23, 4, 0, 2 * Math.PI);
     pen.fillStyle = "#fff";
     pen.fill();
-  },
+  }
 
   /** A line that is seen on any ground. */
   _stroke(colour, width) {
@@ -165,5 +169,5 @@ export const AnswerLayer = CanvasLayer.extend({
     pen.lineWidth = width;
     pen.strokeStyle = colour;
     pen.stroke();
-  },
-});
+  }
+}

@@ -24,7 +24,7 @@ export function answerList(session, look) {
     const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
     if (!by) return;
     const buttons = [...list.querySelectorAll("button")];
-    buttons[buttons.indexOf(document.activeElement) + by]?.focus();
+    buttons[buttons.findIndex((button) => button === document.activeElement) + by]?.focus();
     event.preventDefault();
   });
 }

@@ -4,33 +4,46 @@ import { rafThrottle } from "../timing.js";
 
 const EVENTS = "move zoom viewreset resize zoomend moveend";
 
-/** A layer of Leaflet; who extends it calls `begin` in `initialize`, and has `paint(pen, size)`. */
-export const CanvasLayer = L.Layer.extend({
-  /** Make ready what `this._draw` asks for: a new picture with the next frame. */
-  begin() {
-    this._spots = [];
+/** A layer of Leaflet; `this._draw()` asks for a new picture with the next frame, which `paint` draws. */
+export class CanvasLayer extends L.Layer {
+  constructor() {
+    super();
     this._draw = rafThrottle(() => this._map && this._paint());
-  },
+  }
 
+  /**
+   * Draw everything; the canvas is empty.
+   * @param {CanvasRenderingContext2D} pen in CSS pixels of the container
+   * @param {L.Point} size
+   */
+  // eslint-disable-next-line no-unused-vars -- the parameters are for those who extend this
+  paint(pen, size) {
+    throw new Error("a layer paints itself");
+  }
+
+  /** @override @param {L.Map} map */
   onAdd(map) {
     this._canvas = L.DomUtil.create("canvas", "ed-dots leaflet-zoom-animated");
     map.getPane("overlayPane").append(this._canvas);
     map.on(EVENTS, this._draw, this);
     map.on("zoomanim", this._animate, this);
     this._draw();
-  },
+    return this;
+  }
 
+  /** @override @param {L.Map} map */
   onRemove(map) {
     this._canvas.remove();
     map.off(EVENTS, this._draw, this);
     map.off("zoomanim", this._animate, this);
-  },
+    return this;
+  }
 
   _animate(event) {
     const scale = this._map.getZoomScale(event.zoom);
-    const offset = this._map._latLngToNewLayerPoint(this._northWest, event.zoom, event.center);
+    const offset = /** @type {*} */ (this._map)._latLngToNewLayerPoint(this._northWest, event.zoom, event.center);
     L.DomUtil.setTransform(this._canvas, offset, scale);
-  },
+  }
 
   _paint() {
     const [map, canvas] = [this._map, this._canvas];
@@ -47,5 +60,5 @@ export const CanvasLayer = L.Layer.extend({
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, size.x, size.y);
     this.paint(pen, size);
-  },
-});
+  }
+}

@@ -5,12 +5,12 @@
  * `L.CRS.Simple` one unit is one map pixel, `lng` is x and `lat` is -y. Angles are degrees clockwise.
  */
 
-/** Leaflet's position of a map pixel. */
+/** Leaflet's position of a map pixel. @param {number[]} pixel x, y */
 export function latLngOf([x, y]) {
   return L.latLng(-y, x);
 }
 
-/** Map pixel of one of Leaflet's positions. */
+/** Map pixel of one of Leaflet's positions. @param {L.LatLng} latLng @returns {[number, number]} */
 export function pixelOf(latLng) {
   return [latLng.lng, -latLng.lat];
 }
@@ -20,12 +20,17 @@ export function imageBounds(satellite) {
   return L.latLngBounds(latLngOf([0, satellite.height]), latLngOf([satellite.width, 0]));
 }
 
-/** Tell whether a map pixel is on the image. */
+/** Whether a map pixel is on the image. @param {number[]} pixel @param {{width: number, height: number}} satellite */
 export function isInside([x, y], satellite) {
   return x >= 0 && y >= 0 && x <= satellite.width && y <= satellite.height;
 }
 
-/** The nearest map pixel on the image, to a hundredth of a pixel. */
+/**
+ * The nearest map pixel on the image, to a hundredth of a pixel.
+ * @param {number[]} pixel
+ * @param {{width: number, height: number}} satellite
+ * @returns {[number, number]}
+ */
 export function clamped([x, y], satellite) {
   const limit = (value, most) => Math.round(Math.min(Math.max(value, 0), most) * 100) / 100;
   return [limit(x, satellite.width), limit(y, satellite.height)];
@@ -37,7 +42,7 @@ export function wholeTurn(degrees) {
   return turned === 360 ? 0 : turned;
 }
 
-/** Direction from one map pixel to another, clockwise from image-up. */
+/** Direction from one map pixel to another, clockwise from image-up. @param {number[]} from @param {number[]} to */
 export function imageAngle([x, y], [toX, toY]) {
   return (Math.atan2(toX - x, y - toY) * 180) / Math.PI;
 }
@@ -57,6 +62,7 @@ export class Georeference {
 
   /**
    * Latitude and longitude of a map pixel on the image.
+   * @param {number[]} pixel
    * @returns {?[number, number]} null where there is none
    */
   latLon([x, y]) {
@@ -75,7 +81,7 @@ export class Georeference {
     return [mean(0), ((mean(1) + 540) % 360) - 180];
   }
 
-  /** Where north points at a map pixel, clockwise from image-up; 0 without a georeference. */
+  /** Where north points at a map pixel, clockwise from image-up; 0 without a georeference. @param {number[]} pixel */
   north([x, y]) {
     const step = Math.max(this.size[0], this.size[1]) / 100;
     const around = [[x - step, y], [x + step, y], [x, y - step], [x, y + step]].map((p) => this.latLon(p));
@@ -88,14 +94,14 @@ export class Georeference {
   }
 }
 
-/** A latitude and longitude for people. */
+/** A latitude and longitude for people. @param {number[]} place */
 export function latLonText([lat, lon]) {
   const north = lat >= 0 ? "N" : "S";
   const east = lon >= 0 ? "E" : "W";
   return `${Math.abs(lat).toFixed(6)}° ${north}, ${Math.abs(lon).toFixed(6)}° ${east}`;
 }
 
-/** A latitude and longitude that somebody wrote, as `50.08, 14.42`; null when it is none. */
+/** A latitude and longitude that somebody wrote, as `50.08, 14.42`; null when it is none. @returns {?[number, number]} */
 export function parseLatLon(text) {
   const numbers = text.match(/-?\d+(?:\.\d+)?/g)?.map(Number) || [];
   const [lat, lon] = numbers;

@@ -10,7 +10,8 @@ export class Crosshair {
    * @param {function(string): void} say
    */
   constructor(view, say) {
-    Object.assign(this, { view, say });
+    this.view = view;
+    this.say = say;
     this.pixel = null;
     this.element = view.element.appendChild(h("div", { class: "ed-crosshair", hidden: true, "aria-hidden": "true" }));
     view.map.on("move zoom zoomend moveend resize", () => this._show());

@@ -12,7 +12,8 @@ export class MapPolling extends EventTarget {
    */
   constructor(store, changesSince) {
     super();
-    Object.assign(this, { store, changesSince });
+    this.store = store;
+    this.changesSince = changesSince;
     this.failures = 0;
     this._timer = 0;
     this._asking = null;

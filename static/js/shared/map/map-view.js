@@ -98,7 +98,7 @@ export class MapView {
   /** Zoom in on some map pixels, for showing where they are. */
   focus(pixels) {
     if (!pixels.length) return;
-    const bounds = L.latLngBounds(pixels.map(latLngOf));
+    const bounds = L.latLngBounds(pixels.map((pixel) => latLngOf(pixel)));
     this.map.fitBounds(bounds.pad(0.3), { maxZoom: Math.max(this.map.getZoom(), 0.5), padding: [60, 60], animate: !calm.matches });
   }
 
@@ -106,7 +106,7 @@ export class MapView {
     this.map.setZoom(this.map.getZoom() + steps);
   }
 
-  /** Map pixel under a mouse event. */
+  /** Map pixel under a mouse event. @param {MouseEvent} event */
   pixelAt(event) {
     return pixelOf(this.map.mouseEventToLatLng(event));
   }
@@ -123,7 +123,7 @@ export class MapView {
     this.map.on("mouseout", () => this.showPosition(null));
   }
 
-  /** Tell the position under the cursor or crosshair. @param {?[number, number]} pixel */
+  /** Tell the position under the cursor or crosshair. @param {?number[]} pixel */
   showPosition(pixel) {
     const { satellite } = this.store;
     this._cursor.textContent = pixel && satellite && isInside(pixel, satellite) ? this.positionText(pixel) : "";

@@ -13,31 +13,33 @@ const GUESSED_FOV = 60;
 const NEAR = { mouse: 10, touch: 22 };
 
 /** A layer of Leaflet; `store` decides what it shows. */
-export const PhotoDots = CanvasLayer.extend({
-  initialize(store) {
+export class PhotoDots extends CanvasLayer {
+  constructor(store) {
+    super();
     this.store = store;
     this.colours = null;
     this.mark = null;
-    this.begin();
+    this._spots = [];
     store.on("photos preview current selection placement satellite", this._draw);
-  },
+  }
 
+  /** @override @param {L.Map} map */
   onAdd(map) {
-    CanvasLayer.prototype.onAdd.call(this, map);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", this._draw);
-  },
+    return super.onAdd(map);
+  }
 
   /** Colour photos by what is known of them. @param {?Map<number, string>} colours by id */
   setColours(colours) {
     this.colours = colours;
     this._draw();
-  },
+  }
 
-  /** Point at some map pixels. @param {Array<[number, number]>} pixels */
+  /** Point at some map pixels. @param {number[][]} pixels */
   setMark(pixels) {
     this.mark = pixels;
     this._draw();
-  },
+  }
 
   /**
    * Photos under a point of the screen, nearest first; the current and the selected ones before others.
@@ -54,26 +56,27 @@ export const PhotoDots = CanvasLayer.extend({
       .sort((a, b) => a.away - b.away)
       .flatMap(({ ids }) => ids)
       .sort((a, b) => first(a) - first(b));
-  },
+  }
 
   /** Tell whether a point of the screen is on the handle that turns the current photo. */
   onHandle(point, pointer = "mouse") {
     const at = this._handle;
     return Boolean(at) && Math.hypot(at.x - point.x, at.y - point.y) <= NEAR[pointer];
-  },
+  }
 
   /** Ids in a rectangle of the screen. */
   within(bounds) {
     return this._spots.filter(({ x, y }) => bounds.contains([x, y])).flatMap(({ ids }) => ids);
-  },
+  }
 
+  /** @override */
   paint(pen, size) {
     this._pen = pen;
     this._ink = inks(this._canvas);
     this._handle = null;
     this._spots = this._place(size);
     if (this.store.satellite) this._all();
-  },
+  }
 
   /** Where the photos are on the screen; those of one position share a spot. */
   _place(size) {
@@ -93,7 +96,7 @@ export const PhotoDots = CanvasLayer.extend({
       spots.set(key, { x, y, ids: [id], position, seen });
     }
     return [...spots.values()].filter(({ seen }) => seen);
-  },
+  }
 
   _all() {
     const { currentId, selection } = this.store;
@@ -106,12 +109,12 @@ export const PhotoDots = CanvasLayer.extend({
     const current = this._spots.find(({ ids }) => ids.includes(currentId));
     if (current) this._current(current, currentId);
     for (const pixel of this.mark || []) this._ring(this._map.latLngToContainerPoint(latLngOf(pixel)), 16, this._ink.mark);
-  },
+  }
 
   _colour(id, chosen) {
     if (chosen) return this._ink.selected;
     return this.colours ? this.colours.get(id) || this._ink.faint : this._ink.dot;
-  },
+  }
 
   _wedge(spot, id) {
     const heading = this.store.heading(id);
@@ -125,13 +128,13 @@ export const PhotoDots = CanvasLayer.extend({
     pen.closePath();
     pen.fillStyle = id === this.store.currentId ? this._ink.currentWedge : this._ink.wedge;
     pen.fill();
-  },
+  }
 
   /** Canvas angle (clockwise from the right) of a heading. */
   _angle(spot, heading) {
     const north = this.store.georeference.north(spot.position);
     return ((heading + north - 90) * Math.PI) / 180;
-  },
+  }
 
   _dot({ x, y, ids }, colour, chosen) {
     const pen = this._pen;
@@ -149,7 +152,7 @@ export const PhotoDots = CanvasLayer.extend({
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     pen.fillText(ids.length > 99 ? "99+" : String(ids.length), x, y + 0.5);
-  },
+  }
 
   _current(spot, id) {
     this._wedge(spot, id);
@@ -161,7 +164,7 @@ export const PhotoDots = CanvasLayer.extend({
     const [dx, dy] = [Math.cos(angle), Math.sin(angle)];
     this._handle = { x: spot.x + dx * HANDLE, y: spot.y + dy * HANDLE };
     this._arrow(spot, [dx, dy], heading === null);
-  },
+  }
 
   _arrow({ x, y }, [dx, dy], unknown) {
     const pen = this._pen;
@@ -189,7 +192,7 @@ export const PhotoDots = CanvasLayer.extend({
     pen.closePath();
     pen.fillStyle = this._ink.current;
     pen.fill();
-  },
+  }
 
   _ring({ x, y }, radius, colour) {
     const pen = this._pen;
@@ -201,7 +204,7 @@ export const PhotoDots = CanvasLayer.extend({
     pen.lineWidth = 2.5;
     pen.strokeStyle = colour;
     pen.stroke();
-  },
+  }
 
   /** How far off the GPS of the current photo may be. */
   _gpsCircle() {
@@ -223,10 +226,14 @@ export const PhotoDots = CanvasLayer.extend({
     pen.arc(x, y, 3, 0, 2 * Math.PI);
     pen.fillStyle = this._ink.gps;
     pen.fill();
-  },
-});
+  }
+}
 
-/** Colours of the style sheet, so that light, dark and contrast settings reach the canvas. */
+/**
+ * Colours of the style sheet, so that light, dark and contrast settings reach the canvas.
+ * @param {HTMLCanvasElement} canvas
+ * @returns {Object<string, string>}
+ */
 function inks(canvas) {
   const style = getComputedStyle(canvas);
   const ink = (name) => style.getPropertyValue(`--map-${name}`).trim();
