@@ -37,7 +37,7 @@ from benchmarks.editing_checks import (
 )
 from benchmarks.editing_client import Editor, Log
 from tests.browser.app import App
-from webapp.store import accounts, signin
+from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import open_library
 
 PLAN_PX = (1600, 1200)
@@ -94,7 +94,7 @@ def sign_in_links(folder: Path, count: int) -> list[str]:
     library = open_library(folder)
     with library.database.write() as session:
         people = [accounts.create(session, f"client{number}", is_owner=True) for number in range(count)]
-        links = [f"/sign-in/{signin.new_link(session, person, hours=1)}" for person in people]
+        links = [f"/sign-in/{sign_in.new_link(session, person, hours=1)}" for person in people]
     library.database.close()
     return links
 

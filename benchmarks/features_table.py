@@ -107,7 +107,7 @@ def _measure(
 
 
 def _run(command: str, *arguments: str) -> dict[str, Any]:
-    call = [sys.executable, "-m", "webapp.cli.main", command, *arguments]
+    call = [sys.executable, "-m", "webapp.app.main", command, *arguments]
     done = subprocess.run(call, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"{' '.join(call)} ended with {done.returncode}:\n{done.stderr}")

@@ -29,9 +29,9 @@ from webapp.core.trajectory.fusion import Fusion, fuse
 from webapp.core.trajectory.records import Poses, Source
 from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
-from webapp.render.track_picture import Shown, draw_tracks
-from webapp.tasks import read_track
-from webapp.tasks.read_track import Wishes
+from webapp.missions.render.track_picture import Shown, draw_tracks
+from webapp.missions.tasks import read_track
+from webapp.missions.tasks.read_track import Wishes
 
 CYCLE_S = 60.0
 KNOWN_S = 30.0

@@ -29,14 +29,15 @@ from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.near import Near
 from webapp.core.hypotheses.paths import on_paths
 from webapp.core.hypotheses.sequence import Belief, follow, smooth
-from webapp.files.queries_csv import Query, read
+from webapp.files.localize.queries_csv import Query, read
 from webapp.progress import Progress
 from webapp.settings import from_environment
-from webapp.tasks import localize_hinted, prepare
-from webapp.tasks.localize_hinted import Hints
-from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.localize_sequence import motion
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import hinted as localize_hinted
+from webapp.tasks.localize import prepare
+from webapp.tasks.localize.hinted import Hints
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.sequence import motion
 
 TOP = 5
 HINT_RADII, COMPASS_NOISE_DEG = 3.0, 15.0

@@ -29,9 +29,9 @@ from benchmarks.client import Client
 from benchmarks.editing_load import sign_in_links
 from benchmarks.memory import Table, as_text, memory_mb
 from tests.browser.app import App, expmap
-from webapp.store import accounts
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
-from webapp.tasks import adopt_map
+from webapp.tasks.maps import adopt_map
 
 SLUG = "crowded"
 _BEAT_S = 5.0

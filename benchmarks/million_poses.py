@@ -37,10 +37,12 @@ from tests.browser.conftest import sign_in
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
 from webapp.core.trajectory.records import Poses, make_poses
+from webapp.missions.store import missions, tracks
+from webapp.missions.tasks import build_pieces
 from webapp.progress import Progress
-from webapp.store import accounts, maps, missions, tracks
+from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
-from webapp.tasks import build_pieces
+from webapp.store.maps import maps
 
 FORMATS = ("kml", "kmz", "gpx", "geojson", "csv")
 MOST_SECONDS, MOST_MB = 2.0, 100.0

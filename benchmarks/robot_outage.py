@@ -33,14 +33,16 @@ from tests.browser.app import expmap, free_port
 from tests.robot.wire import Wire
 from webapp.core.trajectory.records import Poses
 from webapp.core.trajectory.thinning import parse_min_move
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import MissionSender, Track
+from webapp.missions.tasks import import_file
+from webapp.missions.tasks.import_file import Order
+from webapp.missions.tasks.read_track import Wishes
 from webapp.robot.content import has_spool, look
 from webapp.settings import Settings
-from webapp.store import accounts, maps, missions, tracks
+from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
-from webapp.store.schema_missions import MissionSender, Track
-from webapp.tasks import mission_import
-from webapp.tasks.mission_import import Order
-from webapp.tasks.read_track import Wishes
+from webapp.store.maps import maps
 
 FINISH_WITHIN_S = 300
 
@@ -196,7 +198,7 @@ def _compare(library: Library, folder: Path, arguments: argparse.Namespace) -> d
         other = missions.create(session, "Imported", account_id=owner.id).id
     wishes = Wishes(min_move=parse_min_move(arguments.min_move), topics=("/fix",))
     order = Order(arguments.bag, arguments.bag.name, wishes)
-    mission_import.run(library, other, order=order, settings=Settings(library=library.folder))
+    import_file.run(library, other, order=order, settings=Settings(library=library.folder))
     with library.database.read() as session:
         sent, poses = _track(session, spool.identity.mission)
         imported, expected = _track(session, other)

@@ -27,8 +27,10 @@ import requests
 
 from benchmarks.memory import as_text, memory_mb
 from tests.browser.app import App
-from webapp.store import accounts, maps, missions, tracks
+from webapp.missions.store import missions, tracks
+from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
+from webapp.store.maps import maps
 
 _MEMORY_EVERY_S = 2.0
 _PATIENCE_S = 60.0

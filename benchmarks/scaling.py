@@ -27,21 +27,21 @@ from numpy.typing import NDArray
 
 from webapp.core.features.extract import extract
 from webapp.core.features.types import Features
-from webapp.core.index import ivf, vlad
-from webapp.core.index.ivf import InvertedFile
-from webapp.core.index.segment import Segment
-from webapp.core.index.twostage import TwoStage
-from webapp.core.localize.indexed import IndexedMap
+from webapp.core.geometry.orientations import Orientations
 from webapp.core.localize.verified import find_places
-from webapp.core.reconstruction.types import Orientations
-from webapp.files import queries_csv
-from webapp.files.filerows import FileRows, OpenFile
-from webapp.files.models import network
-from webapp.files.photo import read_gray
+from webapp.core.retrieval.engines import ivf, vlad
+from webapp.core.retrieval.engines.ivf import InvertedFile
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.twostage import TwoStage
+from webapp.core.retrieval.indexed import IndexedMap
+from webapp.files.localize import queries_csv
+from webapp.files.localize.file_rows import FileRows, OpenFile
+from webapp.files.localize.models import network
+from webapp.files.photos.photo import read_gray
 from webapp.progress import Progress
 from webapp.settings import Settings, from_environment
-from webapp.tasks import open_map, orient_map
-from webapp.tasks.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize import open_map, orient_map
+from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.threads import in_threads
 
 _CHUNK = 1000

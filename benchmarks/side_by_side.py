@@ -309,7 +309,7 @@ def _foreign(subject: Subject, options: list[str]) -> dict[str, Any]:
 
 def _expmap(command: str, *arguments: str) -> Run:
     return run(
-        [sys.executable, "-m", "webapp.cli.main", command, *arguments],
+        [sys.executable, "-m", "webapp.app.main", command, *arguments],
         accepted=(0, SOME_FAILED) if command == "localize" else (0,),
     )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from sqlalchemy import select
 
 from webapp.core.mapmodel.model import Experience
-from webapp.files.cfg import read_cfg
+from webapp.files.maps.cfg import read_cfg
 from webapp.store.library import open_library
 from webapp.store.schema import MapRecord, Photo
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.processes import ProgramFailed, run
-from webapp.files import queries_csv
+from webapp.files.localize import queries_csv
 
 Photo = NDArray[np.uint8]
 
@@ -132,7 +132,7 @@ def _changed(queries: Path, change: Callable[[Photo], Photo], *, folder: Path, l
 
 
 def _evaluated(cfg: Path, queries: Path, *, options: list[str]) -> dict[str, Any]:
-    program = [sys.executable, "-m", "webapp.cli.main", "evaluate", str(cfg), str(queries), "--json"]
+    program = [sys.executable, "-m", "webapp.app.main", "evaluate", str(cfg), str(queries), "--json"]
     try:
         figures: dict[str, Any] = run([*program, *options]).printed
     except ProgramFailed as error:

@@ -14,7 +14,7 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.fusion import Fusion, fuse
 from webapp.core.trajectory.records import Poses, Source, make_poses
-from webapp.render.track_picture import Shown, draw_tracks
+from webapp.missions.render.track_picture import Shown, draw_tracks
 
 PICTURE = Path(__file__).resolve().parent / "pictures" / "fusion.png"
 FRAME = LocalFrame(LatLon(50.0755, 14.4378))

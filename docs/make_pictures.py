@@ -13,9 +13,10 @@ from PIL import Image
 
 from webapp.progress import Progress
 from webapp.render.answer_pictures import map_picture, match_picture
+from webapp.sample import make
 from webapp.settings import Settings
-from webapp.tasks import make_sample, prepare
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import prepare
+from webapp.tasks.localize.open_map import OpenOptions
 
 QUERY = "queries/query_02.jpg"
 WIDTH_PX = 1000
@@ -26,7 +27,7 @@ def main() -> None:
     """Write all pictures."""
     settings = Settings()
     with tempfile.TemporaryDirectory() as folder:
-        cfg = make_sample.run(Path(folder) / "sample", settings=settings, progress=Progress()).cfg_path
+        cfg = make.run(Path(folder) / "sample", settings=settings, progress=Progress()).cfg_path
         localizer = prepare.run(cfg, OpenOptions(), settings=settings, progress=Progress())
         query = cfg.parent / QUERY
         answer = localizer.localize(query, top=5)

@@ -21,7 +21,7 @@ from tests.browser.app import App
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.files.mapfolder import read_map
+from webapp.files.maps.folder import read_map
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
 WIDE = {"viewport": {"width": 1280, "height": 800}}

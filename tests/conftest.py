@@ -14,8 +14,8 @@ from filelock import FileLock
 
 from webapp.extras import EXTRAS
 from webapp.progress import Progress
+from webapp.sample import make as make_sample
 from webapp.settings import Settings
-from webapp.tasks import make_sample
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from webapp.core.features.keypoint_networks import DiskNetwork
 from webapp.core.features.table import choose
 from webapp.errors import MissingPart
 from webapp.extras import EXTRAS, extra, install_line, is_installed
-from webapp.files.models import is_usable, usable_features
+from webapp.files.localize.models import is_usable, usable_features
 
 
 @pytest.mark.parametrize("name", EXTRAS)

@@ -10,8 +10,8 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.findings import WARNINGS, Code
 from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
-from webapp.files.cfg import format_cfg, parse_cfg
-from webapp.files.mapjson import format_map_json, parse_map_json
+from webapp.files.maps.cfg import format_cfg, parse_cfg
+from webapp.files.maps.map_json import format_map_json, parse_map_json
 
 TEXT = (Path(__file__).parents[1] / "maps" / "FORMAT.md").read_text("utf-8")
 FULL = Map(

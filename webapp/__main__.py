@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from webapp.cli.main import main
+from webapp.app.main import main
 
 if __name__ == "__main__":
     main()

@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from tests.browser.api import Api
 from tests.browser.app import expmap
 from tests.browser.edit_page import EditPage
-from webapp.files.cfg import read_cfg
+from webapp.files.maps.cfg import read_cfg
 
 
 def new_map(page, name, satellite):

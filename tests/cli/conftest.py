@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from webapp.cli import main as program
+from webapp.app import main as program
 
 Run = Callable[..., tuple[int, str, str]]
 

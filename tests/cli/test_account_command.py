@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from webapp.store import accounts, signin
+from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import open_library
 
 
@@ -22,7 +22,7 @@ def test_a_link_signs_the_owner_in(expmap, library):
     assert code == 0
     token = re.fullmatch(r"https://maps\.example/sign-in/(\S+)\n", out)[1]
     with library.database.read() as session:
-        assert signin.link_account(session, token).is_owner
+        assert sign_in.link_account(session, token).is_owner
 
 
 def test_a_token_is_all_that_is_printed(expmap, library):
@@ -47,7 +47,7 @@ def test_accounts_are_added_and_listed(expmap, library):
     expmap("account", "token", "--name", "robot")
     link = expmap("account", "add", "Jana")[1].strip()
     with library.database.read() as session:
-        assert signin.link_account(session, link.rsplit("/", 1)[1]).name == "Jana"
+        assert sign_in.link_account(session, link.rsplit("/", 1)[1]).name == "Jana"
     lines = [line.split("\t")[:2] for line in expmap("account", "list")[1].splitlines()]
     assert lines == [["Jana", "-"], ["owner", "owner"]]
     assert expmap("account", "link", "--account", "Petr")[0] == 1

@@ -8,8 +8,8 @@ import pytest
 
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks import build_map
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import build_map
+from webapp.tasks.localize.open_map import OpenOptions
 
 ANSWER = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",

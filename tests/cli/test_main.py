@@ -11,7 +11,7 @@ import click
 import pytest
 
 from webapp import errors
-from webapp.cli import main as program
+from webapp.app import main as program
 from webapp.cli.exitcodes import exit_code
 
 COMMANDS = [
@@ -59,7 +59,7 @@ def test_the_list_of_commands_is_complete(expmap):
 
 def test_help_does_not_load_what_computes():
     """The heavy libraries are loaded only for a command that works with them."""
-    code = "import sys; from webapp.cli.main import main; main(['--version'])"
+    code = "import sys; from webapp.app.main import main; main(['--version'])"
     started = time.perf_counter()
     done = run("-X", "importtime", "-c", code)
     assert time.perf_counter() - started < 5
@@ -68,7 +68,7 @@ def test_help_does_not_load_what_computes():
     assert loaded.isdisjoint({"cv2", "numpy", "faiss", "PIL", "rasterio"})
 
 
-@pytest.mark.parametrize("module", ["webapp", "webapp.cli.main"])
+@pytest.mark.parametrize("module", ["webapp", "webapp.app.main"])
 def test_it_runs_as_a_module(module, tmp_path):
     root = Path(program.__file__).parents[2]
     environment = {**os.environ, "PYTHONPATH": str(root)}

@@ -6,7 +6,7 @@ import piexif
 import pytest
 from PIL import Image
 
-from webapp.cli.main import main
+from webapp.app.main import main
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ from pathlib import Path
 import piexif
 import pytest
 
-from webapp.files.exifwrite import CameraTags, exif_bytes
+from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
-from webapp.tasks import build_map, localize_sequence
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import build_map, sequence
+from webapp.tasks.localize.open_map import OpenOptions
 
 START = datetime(2024, 5, 1, 12, 0, 0)
 
@@ -72,7 +72,7 @@ def test_photos_are_put_in_the_order_of_their_times(expmap, cfg, dated, tmp_path
     broken = tmp_path / "broken.jpg"
     broken.write_bytes(b"no photo")
     named = [broken, *sorted(dated)]
-    ordered, steps = localize_sequence.by_time(named, limits=PhotoLimits())
+    ordered, steps = sequence.by_time(named, limits=PhotoLimits())
     assert [p.stem for p in ordered] == ["c", "b", "a", "d", "broken"]
     assert [steps.get(p) for p in ordered] == [None, 1.0, 1.0, 10.0, None]
     _, out, _ = expmap("localize", cfg, *named, "--sequence", "--by-time", "--json")

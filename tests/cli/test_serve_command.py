@@ -17,8 +17,10 @@ import pytest
 
 from webapp.jobs.webserver import gunicorn_options
 from webapp.settings import Settings
-from webapp.store import accounts, jobs, maps
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
 from webapp.store.schema import Job
 
 ROOT = Path(__file__).resolve().parents[2]

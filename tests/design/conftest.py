@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import pytest
 
-from webapp.cli.main import root as command_root
+from webapp.app.main import root as command_root
 
 ROOT = Path(__file__).resolve().parents[2]
 

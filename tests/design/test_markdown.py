@@ -7,7 +7,7 @@ import click
 import pytest
 
 from docs import make_screenshots
-from webapp.cli.main import root
+from webapp.app.main import root
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
-from webapp.files.cfg import read_cfg
-from webapp.store import accounts, maps
+from webapp.files.maps.cfg import read_cfg
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
+from webapp.store.maps import maps
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACES = {

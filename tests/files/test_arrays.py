@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from webapp.errors import IndexDamaged, StorageError
-from webapp.files.arrays import read_arrays, write_arrays
+from webapp.files.localize.arrays import read_arrays, write_arrays
 
 DTYPES = ["u1", "<i4", "<i8", "<f4", "<f8", "?"]
 

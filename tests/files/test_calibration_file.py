@@ -5,25 +5,25 @@ import json
 import pytest
 
 from webapp.core.hypotheses.calibration import DEFAULT
-from webapp.files import calibrationfile
-from webapp.files.calibrationfile import StoredCalibration
+from webapp.files.localize import calibration
+from webapp.files.localize.calibration import StoredCalibration
 
 STORED = StoredCalibration(DEFAULT, 61.5, 20.0, frozenset({"abababab@1,2", "cdcdcdcd@3,4"}), 2.5)
 
 
 def test_it_comes_back(tmp_path):
-    calibrationfile.write(tmp_path / "c.json", STORED)
-    assert calibrationfile.read(tmp_path / "c.json") == STORED
+    calibration.write(tmp_path / "c.json", STORED)
+    assert calibration.read(tmp_path / "c.json") == STORED
 
 
 def test_a_missing_one_is_none(tmp_path):
-    assert calibrationfile.read(tmp_path / "c.json") is None
+    assert calibration.read(tmp_path / "c.json") is None
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "{}"])
 def test_another_file_is_none(tmp_path, text):
     (tmp_path / "c.json").write_text(text)
-    assert calibrationfile.read(tmp_path / "c.json") is None
+    assert calibration.read(tmp_path / "c.json") is None
 
 
 @pytest.mark.parametrize(
@@ -40,8 +40,8 @@ def test_another_file_is_none(tmp_path, text):
 )
 def test_one_of_another_version_is_none(tmp_path, change):
     path = tmp_path / "c.json"
-    calibrationfile.write(path, STORED)
+    calibration.write(path, STORED)
     raw = json.loads(path.read_text())
     change(raw)
     path.write_text(json.dumps(raw))
-    assert calibrationfile.read(path) is None
+    assert calibration.read(path) is None

@@ -11,8 +11,8 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import CfgError, MapError
-from webapp.files.cfg import format_cfg, parse_cfg, read_cfg, write_cfg
-from webapp.files.cfgscan import scan
+from webapp.files.maps.cfg import format_cfg, parse_cfg, read_cfg, write_cfg
+from webapp.files.maps.cfg_scan import scan
 
 CORPUS = Path(__file__).parent / "cfg_corpus"
 EXPECTED = [

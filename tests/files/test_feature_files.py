@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from webapp.core.features.types import Features
-from webapp.core.index.segment import PhotoEntry
+from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.errors import IndexDamaged
-from webapp.files.arrays import read_arrays, write_arrays
-from webapp.files.featurefile import read_segment, write_segment
+from webapp.files.localize.arrays import read_arrays, write_arrays
+from webapp.files.localize.features import read_segment, write_segment
 
 
 def photo(rows: int, *, number: int, fov_deg: float = math.nan) -> PhotoEntry:

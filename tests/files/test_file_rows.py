@@ -7,10 +7,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from webapp.core.index.vlad import Codebook
+from webapp.core.retrieval.engines.vlad import Codebook
 from webapp.errors import IndexDamaged
-from webapp.files.arrays import read_arrays, write_arrays
-from webapp.files.vladfile import read_codebook, read_signatures, write_codebook, write_signatures
+from webapp.files.localize.arrays import read_arrays, write_arrays
+from webapp.files.localize.signatures import read_codebook, read_signatures, write_codebook, write_signatures
 from webapp.threads import in_threads
 
 

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from webapp.errors import TrackError
-from webapp.files import gpx
-from webapp.files.gpx import parse_gpx, read_gpx
+from webapp.files.maps import gpx
+from webapp.files.maps.gpx import parse_gpx, read_gpx
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1">'
 

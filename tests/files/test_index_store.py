@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from webapp.core.features.table import choose
-from webapp.core.index import ivf, tiers
+from webapp.core.retrieval.engines import ivf, tiers
 from webapp.errors import IndexDamaged, StorageError
-from webapp.files.indexstore import (
+from webapp.files.localize.index_store import (
     FORMAT,
     IndexFolder,
     Manifest,

@@ -12,7 +12,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
 from webapp.errors import CfgError, MapError, MapJsonError
-from webapp.files.mapfolder import json_path, photo_path, read_map, write_map
+from webapp.files.maps.folder import json_path, photo_path, read_map, write_map
 
 GEO = Georeference("EPSG:4326", (1e-6, 0.0, 22.1, 0.0, -1e-6, 60.1, 0.0, 0.0, 1.0), "corners")
 POSITIONS = st.builds(MapPixel, st.floats(0, 400), st.floats(0, 300))

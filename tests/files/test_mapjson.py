@@ -11,7 +11,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
 from webapp.errors import MapJsonError
-from webapp.files.mapjson import MapJson, format_map_json, parse_map_json
+from webapp.files.maps.map_json import MapJson, format_map_json, parse_map_json
 
 GOOD: dict[str, Any] = {
     "format": "experience-map",

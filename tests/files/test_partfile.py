@@ -9,8 +9,8 @@ import threading
 import pytest
 
 from webapp.errors import DiskFull, InputError, StorageError, TableError
-from webapp.files import partfile
-from webapp.files.partfile import (
+from webapp.files import part_file
+from webapp.files.part_file import (
     WrongOffset,
     append,
     arrived,
@@ -107,8 +107,8 @@ def test_one_works_on_an_upload_at_a_time(tmp_path):
 
 
 def test_a_busy_upload_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(partfile, "_WAIT_S", 0.01)
-    with one_at_a_time(tmp_path / "ab.part"), pytest.raises(partfile.Conflict, match="busy"):  # noqa: SIM117
+    monkeypatch.setattr(part_file, "_WAIT_S", 0.01)
+    with one_at_a_time(tmp_path / "ab.part"), pytest.raises(part_file.Conflict, match="busy"):  # noqa: SIM117
         with one_at_a_time(tmp_path / "ab.part"):
             pass
 

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from webapp.errors import PhotoError
-from webapp.files.exifgps import Gps
-from webapp.files.photo import read_facts, read_gray, read_upright, turn_upright
+from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.photo import read_facts, read_gray, read_upright, turn_upright
 from webapp.settings import PhotoLimits
 
 LIMITS = PhotoLimits()

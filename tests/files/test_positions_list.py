@@ -4,7 +4,7 @@ import pytest
 
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import CfgError, TableError
-from webapp.files.positions import read_positions
+from webapp.files.maps.positions import read_positions
 
 
 def listing(tmp_path, text, name="list.csv"):

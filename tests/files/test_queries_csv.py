@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
 from webapp.errors import TableError, UsageError
-from webapp.files import queries_csv
+from webapp.files.localize import queries_csv
 
 
 def write(folder: Path, data: bytes) -> Path:

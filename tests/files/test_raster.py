@@ -8,8 +8,8 @@ import rasterio
 from PIL import Image
 
 from webapp.errors import Cancelled, MissingPart, PhotoError
-from webapp.files.pyramid import max_zoom, write_pyramid
-from webapp.files.raster import opened_raster, reduced
+from webapp.files.satellite.pyramid import max_zoom, write_pyramid
+from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.progress import Progress
 from webapp.settings import SatelliteLimits
 

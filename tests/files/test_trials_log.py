@@ -2,7 +2,7 @@
 
 import pytest
 
-from webapp.files.trialslog import resumed
+from webapp.files.localize.trials_log import resumed
 
 
 class Killed(BaseException):

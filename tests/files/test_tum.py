@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.errors import TableError
-from webapp.files import tum
-from webapp.files.tum import PlanarPose
+from webapp.files.localize import tum
+from webapp.files.localize.tum import PlanarPose
 
 NUMBERS = st.floats(-1e7, 1e7)
 ANGLES = st.none() | st.floats(-3.14, 3.14)

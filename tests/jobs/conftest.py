@@ -10,8 +10,10 @@ import pytest
 
 from webapp.jobs import kinds
 from webapp.settings import JobSettings, Settings
-from webapp.store import accounts, jobs, maps
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {

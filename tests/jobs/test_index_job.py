@@ -7,9 +7,9 @@ import pytest
 
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
-from webapp.store import accounts
+from webapp.store.accounts import accounts
 from webapp.store.schema import MapRecord
-from webapp.tasks import adopt_map
+from webapp.tasks.maps import adopt_map
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_a_map_without_image_has_no_index_and_says_so(library, quick, queue, see
 def test_the_sample_of_a_new_library_is_made_once(library, settings, queue, seen, monkeypatch, make_map):
     made = []
     monkeypatch.setattr(
-        "webapp.tasks.make_sample.run",
+        "webapp.sample.make.run",
         lambda _folder, *, settings, progress: made or made.append(make_map(settings.library / "sample", 2)),
     )
     with library.database.write() as session:

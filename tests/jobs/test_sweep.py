@@ -9,7 +9,7 @@ import pytest
 from webapp.errors import StorageError
 from webapp.jobs import sweep
 from webapp.jobs.worker import Worker
-from webapp.store import maps
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 
 

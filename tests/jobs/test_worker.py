@@ -7,8 +7,8 @@ import time
 import pytest
 
 from webapp.jobs.worker import Worker
-from webapp.store import jobs
-from webapp.store.jobs import Limits
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Limits
 from webapp.store.schema import MapRecord
 
 

@@ -13,7 +13,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics, NoPose
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
-from webapp.tasks.evaluation_types import Evaluation, Subject
+from webapp.tasks.localize.evaluation_types import Evaluation, Subject
 
 STATISTICS = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
 SECONDS = {"extract": 0.1, "retrieve": 0.2, "total": 0.4}

@@ -10,12 +10,12 @@ import pytest
 from PIL import Image
 
 from webapp.errors import StorageError
-from webapp.files import tum
+from webapp.files.localize import tum
 from webapp.render.evaluation_folder import worst_rows, write
 from webapp.render.results_table import COLUMNS, results_csv
 from webapp.settings import PhotoLimits
-from webapp.tasks.evaluate import to_json
-from webapp.tasks.evaluation_types import Evaluation
+from webapp.tasks.localize.evaluate import to_json
+from webapp.tasks.localize.evaluation_types import Evaluation
 
 
 @pytest.fixture(scope="session")

@@ -9,11 +9,11 @@ import pytest
 
 from webapp.core.geo.georeference import Georeference
 from webapp.errors import UsageError
-from webapp.files.mapfolder import read_map, write_map
+from webapp.files.maps.folder import read_map, write_map
 from webapp.render import folium_page
 from webapp.render.mercator import to_mercator
 from webapp.settings import Settings
-from webapp.tasks.export_source import of_folder
+from webapp.tasks.exchange.export_source import of_folder
 
 TURNED = Georeference("EPSG:4326", (1.5e-5, 4e-6, 26.5, 2e-6, -7.5e-6, 60.4, 0, 0, 1), "affine")
 TITLE = "</title><script>window.hacked = 1</script>"

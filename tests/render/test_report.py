@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 import pytest
 
 from webapp.render.report import Pictured, figures, number, percent, render_report
-from webapp.tasks.evaluation_types import Evaluation
+from webapp.tasks.localize.evaluation_types import Evaluation
 
 VOID = {"meta", "img", "path", "circle", "br", "link"}
 

@@ -3,10 +3,11 @@
 from sqlalchemy import select
 
 from tests.robot.wire import Wire
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission, MissionObject
 from webapp.settings import Settings
-from webapp.store import accounts, missions, tracks
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
-from webapp.store.schema_missions import Mission, MissionObject
 from webapp.web import create_app
 
 

@@ -8,11 +8,11 @@ import sys
 import pytest
 
 from tests.robot.damage import damage_record
-from webapp.cli import main as program
+from webapp.app import main as program
+from webapp.missions.store import missions
+from webapp.missions.store.schema import MissionObject
 from webapp.robot import RobotClient
 from webapp.robot.content import look
-from webapp.store import missions
-from webapp.store.schema_missions import MissionObject
 
 
 @pytest.fixture

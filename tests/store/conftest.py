@@ -2,8 +2,8 @@
 
 import pytest
 
-from webapp.store import maps
 from webapp.store.library import open_library
+from webapp.store.maps import maps
 from webapp.store.schema import Account, Photo
 
 

@@ -5,7 +5,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from webapp.errors import Conflict, NotFound
-from webapp.store import edits, maps
+from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 
 

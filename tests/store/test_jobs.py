@@ -6,8 +6,9 @@ from datetime import timedelta
 import pytest
 
 from webapp.errors import Conflict, NotFound
-from webapp.store import clock, jobs
-from webapp.store.jobs import Lease, Limits
+from webapp.store import clock
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job, MapRecord
 
 LIMITS = Limits(seconds=10.0, attempts=3)

@@ -7,11 +7,11 @@ import pytest
 
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks import build_map, extract_photo
-from webapp.tasks.build_index import BuildReport
-from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.open_map import OpenOptions
-from webapp.tasks.open_map import run as open_map
+from webapp.tasks.localize import build_map, extract_photo
+from webapp.tasks.localize.build_index import BuildReport
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.open_map import run as open_map
+from webapp.tasks.localize.photo import PhotoLocalizer
 
 Build = Callable[..., BuildReport]
 

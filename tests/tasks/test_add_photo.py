@@ -18,13 +18,14 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import EnuMetres, LatLon
 from webapp.errors import DiskFull, ExpMapError, NotFound, PhotoError
-from webapp.files import partfile
-from webapp.files.exifwrite import CameraTags, exif_bytes
+from webapp.files import part_file
+from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.settings import PhotoLimits, Settings, UploadLimits
-from webapp.store import maps
 from webapp.store.library import open_library
+from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Photo
-from webapp.tasks import add_photo, place_by_gps, sweep_uploads
+from webapp.tasks.maps import add_photo, place_by_gps
+from webapp.tasks.operate import sweep_uploads
 
 HERE = LatLon(50.08, 14.42)
 
@@ -234,7 +235,7 @@ def test_a_file_of_an_interrupted_intake_is_used_again_or_swept(desk, monkeypatc
 
     with monkeypatch.context() as patch:
         patch.setattr(
-            add_photo, "move_in", lambda source, target: (partfile.move_in(source, target), killed())
+            add_photo, "move_in", lambda source, target: (part_file.move_in(source, target), killed())
         )
         for seed in (0, 1):
             with pytest.raises(KeyboardInterrupt):
@@ -260,7 +261,7 @@ def test_a_full_disk_leaves_nothing(desk, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(partfile, "sync_folder", full)
+    monkeypatch.setattr(part_file, "sync_folder", full)
     with pytest.raises(DiskFull, match="No space left"):
         desk.give(jpeg())
     assert desk.rows() == []

@@ -13,14 +13,18 @@ import pytest
 from sqlalchemy import select
 
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
-from webapp.files import backupfile
-from webapp.files.backupfile import MANIFEST
+from webapp.files.operate import backup
+from webapp.files.operate.backup import MANIFEST
 from webapp.jobs.lifesign import LifeSign
 from webapp.progress import Progress
-from webapp.store import accounts, edits, maps, queries
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
+from webapp.store.localize import queries
+from webapp.store.maps import edits, maps
 from webapp.store.schema import Base, Job, MapRecord, QueryRecord
-from webapp.tasks import adopt_map, backup_library, delete_map, library_export, restore_library
+from webapp.tasks.maps import adopt_map, delete_map, export
+from webapp.tasks.operate import backup as backup_library
+from webapp.tasks.operate import restore as restore_library
 
 
 @pytest.fixture
@@ -40,7 +44,7 @@ def library(tmp_path, make_map):
         edits.apply(session, record, changes=placed, kind="placement", account_id=owner.id)
     queries.folder(library, record.id).mkdir(parents=True)
     (queries.folder(library, record.id) / "q.jpg").write_bytes(b"a photo")
-    library_export.run(library, record.id)
+    export.run(library, record.id)
     (library.map_folder("park") / "derived" / "large.bin").write_bytes(b"computed")
     yield library
     library.database.close()
@@ -116,14 +120,14 @@ def move(library, x):
     with library.database.write() as session:
         record = session.query(MapRecord).filter_by(slug="park").one()
         edits.apply(session, record, changes={"photo/0": {"x_px": x, "y_px": 1.0}}, kind="move", account_id=1)
-    library_export.run(library, record.id)
+    export.run(library, record.id)
 
 
 def is_current(library, slug="park"):
     """Whether the files of a map are those that its records tell of."""
     with library.database.read() as session:
         record = session.query(MapRecord).filter_by(slug=slug).one()
-    exported = library_export.file_sha256(library.cfg(slug)) == record.exported_sha256
+    exported = export.file_sha256(library.cfg(slug)) == record.exported_sha256
     return exported and record.exported_revision == record.revision
 
 
@@ -192,7 +196,7 @@ def test_a_full_disk_leaves_the_backup_before(back_up, archive, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(backupfile.os, "fsync", full)
+    monkeypatch.setattr(backup.os, "fsync", full)
     with pytest.raises(DiskFull):
         back_up()
     assert archive.read_bytes() == before
@@ -366,9 +370,9 @@ def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
     restored = restore()
     with restored.database.read() as session:
         record = session.query(MapRecord).filter_by(slug="park").one()
-    assert library_export.file_sha256(restored.cfg("park")) == record.exported_sha256
+    assert export.file_sha256(restored.cfg("park")) == record.exported_sha256
     assert record.revision - record.exported_revision in (0, 1)  # the last edit may not be in the file yet
-    library_export.run(restored, record.id)  # as the first sweep of a server does
+    export.run(restored, record.id)  # as the first sweep of a server does
     assert is_current(restored)
     assert [line for line in restored.cfg("park").read_text().splitlines() if line.startswith("1;")] == [
         line for line in library.cfg("park").read_text().splitlines() if line.startswith("1;")

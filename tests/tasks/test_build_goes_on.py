@@ -10,11 +10,11 @@ import cv2
 import pytest
 
 from webapp.errors import Cancelled, StorageError
-from webapp.files.featurefile import read_segment
-from webapp.files.indexstore import IndexFolder
+from webapp.files.localize.features import read_segment
+from webapp.files.localize.index_store import IndexFolder
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
-from webapp.tasks import segments
+from webapp.tasks.localize import segments
 
 
 class CancelAfter(Progress):
@@ -269,7 +269,7 @@ from pathlib import Path
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks import build_map
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize.open_map import OpenOptions
 resource.setrlimit(resource.RLIMIT_NOFILE, (40, 40))
 settings = Settings(extract=ExtractSettings(max_side_px=320, keypoints=20))
 asked = OpenOptions(method="vote", jobs=1)

@@ -8,11 +8,11 @@ from pathlib import Path
 import cv2
 import pytest
 
-from webapp.files.indexstore import IndexFolder
+from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
-from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.open_map import OpenOptions
-from webapp.tasks.open_map import run as open_map
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.open_map import run as open_map
+from webapp.tasks.localize.photo import PhotoLocalizer
 
 
 def stamps(folder: Path) -> dict[str, tuple[int, int]]:

@@ -10,12 +10,12 @@ import pytest
 
 from webapp.core.features.table import choose
 from webapp.errors import Cancelled, UsageError
-from webapp.files.indexstore import IndexFolder
+from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings, Settings
-from webapp.tasks import build_map, coding, open_map, segments
-from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize import build_map, coding, open_map, segments
+from webapp.tasks.localize.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize.photo import PhotoLocalizer
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_a_build_that_was_stopped_before_its_signatures_goes_on(
 SLOWLY = """
 import sys, time
 from pathlib import Path
-from webapp.core.index import vlad
+from webapp.core.retrieval.engines import vlad
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks import open_map, segments

@@ -6,11 +6,11 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import DEFAULT
-from webapp.files.mapfolder import read_map, write_map
+from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks import calibrate, open_map
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import calibrate, open_map
+from webapp.tasks.localize.open_map import OpenOptions
 
 
 @pytest.fixture

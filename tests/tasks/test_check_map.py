@@ -15,10 +15,10 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.findings import Code, Finding
 from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
 from webapp.errors import Cancelled, MapError
-from webapp.files.mapfolder import read_map, write_map
+from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
-from webapp.tasks import check_map
+from webapp.tasks.maps import check_map
 
 GOOD = b"s.png;40;30\n0;p/a.jpg;20;20\n1;p/b.png;5;6\n"
 

@@ -5,12 +5,13 @@ import threading
 import pytest
 
 from webapp.core.geo.types import MapPixel
-from webapp.files import mapfolder
+from webapp.files.maps import folder
 from webapp.jobs import sweep
-from webapp.store import edits, jobs, maps
 from webapp.store.library import open_library
+from webapp.store.maps import edits, maps
+from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord, Photo
-from webapp.tasks import library_export
+from webapp.tasks.maps import export
 
 
 @pytest.fixture
@@ -48,12 +49,12 @@ def place(library, map_id, *, photo=0, x=10.0):
 
 
 def on_disk(library):
-    return mapfolder.read_map(library.cfg("park"))
+    return folder.read_map(library.cfg("park"))
 
 
 def test_placed_photos_and_everything_known_of_them(library, map_id):
     place(library, map_id)
-    assert library_export.run(library, map_id)
+    assert export.run(library, map_id)
     there = on_disk(library)
     assert [(e.id, e.photo, e.position, e.fov_deg) for e in there.experiences] == [
         (0, "photos/0.jpg", MapPixel(10.0, 5.25), 60.0)
@@ -65,25 +66,25 @@ def test_placed_photos_and_everything_known_of_them(library, map_id):
 def test_without_an_image_nothing_is_written(library):
     with library.database.write() as session:
         record = maps.create(session, "Empty", account_id=session.merge(Account(id=9, name="x")).id)
-    assert library_export.run(library, record.id)
+    assert export.run(library, record.id)
     assert not library.cfg("empty").exists()
 
 
 def test_an_edit_from_outside_is_left_alone(library, map_id):
     place(library, map_id)
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     library.cfg("park").write_text("plan.png;100;80\n0;photos/0.jpg;77;5\n")
     place(library, map_id, x=20.0)
-    assert not library_export.run(library, map_id)
+    assert not export.run(library, map_id)
     assert on_disk(library).experiences[0].position.x == 77.0
-    assert library_export.run(library, map_id, overwrite=True)
+    assert export.run(library, map_id, overwrite=True)
     assert on_disk(library).experiences[0].position.x == 20.0
 
 
 @pytest.mark.parametrize("stopped_before", ["the placements", "the .cfg", "nothing"])
 def test_a_killed_writer_is_no_edit_from_outside(library, map_id, monkeypatch, stopped_before):
     place(library, map_id)
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     place(library, map_id, x=30.0)
 
     class Killed(BaseException):
@@ -94,13 +95,13 @@ def test_a_killed_writer_is_no_edit_from_outside(library, map_id, monkeypatch, s
             raise Killed
         return written(path, *parts)
 
-    written = mapfolder.write_bytes
+    written = folder.write_bytes
     if stopped_before != "nothing":
-        monkeypatch.setattr(mapfolder, "write_bytes", killed)
+        monkeypatch.setattr(folder, "write_bytes", killed)
         with pytest.raises(Killed):
-            library_export.run(library, map_id)
+            export.run(library, map_id)
         monkeypatch.undo()
-    assert library_export.run(library, map_id)
+    assert export.run(library, map_id)
     assert on_disk(library).experiences[0].position.x == 30.0
 
 
@@ -109,7 +110,7 @@ def test_a_killed_writer_is_no_edit_from_outside(library, map_id, monkeypatch, s
 )
 def test_what_a_killed_writer_has_not_written_is_known_to_be_late(library, map_id, monkeypatch, change):
     place(library, map_id)
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         edits.apply(session, record, changes={"photo/0": change}, kind="edit", account_id=1)
@@ -121,8 +122,8 @@ def test_what_a_killed_writer_has_not_written_is_known_to_be_late(library, map_i
         raise Killed
 
     with monkeypatch.context() as patched, pytest.raises(Killed):
-        patched.setattr(library_export, "write_map", killed)
-        library_export.run(library, map_id)
+        patched.setattr(export, "write_map", killed)
+        export.run(library, map_id)
     sweep.export_late(library)
     there = on_disk(library).experiences[0]
     assert {"heading_deg": there.heading_deg, "x_px": there.position.x}.items() >= {
@@ -133,7 +134,7 @@ def test_what_a_killed_writer_has_not_written_is_known_to_be_late(library, map_i
 def test_many_at_once_end_with_the_newest(library, map_id):
     def one(n):
         place(library, map_id, photo=n % 3, x=float(n))
-        library_export.run(library, map_id)
+        export.run(library, map_id)
 
     threads = [threading.Thread(target=one, args=(n,)) for n in range(12)]
     for thread in threads:
@@ -149,9 +150,9 @@ def test_many_at_once_end_with_the_newest(library, map_id):
 
 def test_a_file_that_went_missing_is_written_again(library, map_id):
     place(library, map_id)
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     library.cfg("park").unlink()
-    assert library_export.run(library, map_id)
+    assert export.run(library, map_id)
     assert len(on_disk(library).experiences) == 1
 
 
@@ -164,13 +165,13 @@ def test_the_index_follows_where_photos_come_or_go(library, map_id):
         return [job.kind for job in found]
 
     place(library, map_id)
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     assert waiting() == ["index"]
     place(library, map_id, x=40.0)
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     assert waiting() == []
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         edits.apply(session, record, changes={"photo/0": {"removed": True}}, kind="remove", account_id=1)
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     assert waiting() == ["index"]

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from webapp.core.localize import verified
-from webapp.core.localize.indexed import candidates
-from webapp.core.localize.shortlist import consistent, shortlist, weighted_votes
+from webapp.core.retrieval.indexed import candidates
+from webapp.core.retrieval.shortlist import consistent, shortlist, weighted_votes
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks import prepare
-from webapp.tasks.calibrate import calibrate
-from webapp.tasks.localize_photo import for_own_photos
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import prepare
+from webapp.tasks.localize.calibrate import calibrate
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.photo import for_own_photos
 
 
 @pytest.fixture(scope="module")

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from webapp.core.localize import shortlist
+from webapp.core.retrieval import shortlist
 from webapp.errors import MissingPart
-from webapp.files import models as files
+from webapp.files.localize import models as files
 from webapp.progress import Progress
-from webapp.tasks import build_map, open_map, prepare
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import build_map, open_map, prepare
+from webapp.tasks.localize.open_map import OpenOptions
 
 THOROUGH = OpenOptions(method="thorough", jobs=1)
 

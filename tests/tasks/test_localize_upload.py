@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 
 from webapp.settings import Settings
-from webapp.tasks import localize_hinted, localize_upload
-from webapp.tasks.localize_upload import Question, Sent
-from webapp.tasks.ready_maps import Way
+from webapp.tasks.localize import hinted, upload
+from webapp.tasks.localize.open_maps import Way
+from webapp.tasks.localize.upload import Question, Sent
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Looks:
 @pytest.fixture
 def looks(monkeypatch):
     made = Looks()
-    monkeypatch.setattr(localize_hinted, "look", made.look)
-    monkeypatch.setattr(localize_hinted, "join", lambda *_, **__: (SimpleNamespace(evidence=()), 0))
-    monkeypatch.setattr(localize_upload, "read_facts", lambda *_, **__: None)
-    monkeypatch.setattr(localize_upload, "answer_to_json", lambda *_, **__: {})
+    monkeypatch.setattr(hinted, "look", made.look)
+    monkeypatch.setattr(hinted, "join", lambda *_, **__: (SimpleNamespace(evidence=()), 0))
+    monkeypatch.setattr(upload, "read_facts", lambda *_, **__: None)
+    monkeypatch.setattr(upload, "answer_to_json", lambda *_, **__: {})
     yield made
     for go in made.go.values():
         go.set()
@@ -68,7 +68,7 @@ def threads():
 def asked(method):
     maps = SimpleNamespace(get=lambda _id, way: SimpleNamespace(localizer=Localizer(way.method), revision=1))
     question = Question((Sent(Path("a.jpg"), "a.jpg"),), Way(method))
-    return localize_upload.run(maps, 1, question=question, settings=Settings())
+    return upload.run(maps, 1, question=question, settings=Settings())
 
 
 def test_quick_questions_do_not_wait_for_thorough_ones(threads, looks):

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from webapp.cli.sample import sample
 from webapp.errors import Cancelled, UsageError
-from webapp.files import queries_csv
-from webapp.files.mapfolder import read_map
-from webapp.files.photo import read_facts, read_gray
+from webapp.files.localize import queries_csv
+from webapp.files.maps.folder import read_map
+from webapp.files.photos.photo import read_facts, read_gray
 from webapp.progress import Progress
+from webapp.sample import make as make_sample
+from webapp.sample.cli import sample
+from webapp.sample.content import FOV_DEG, OFF_MAP, SampleSize
 from webapp.settings import Settings
-from webapp.tasks import check_map, make_sample, map_from_photos
-from webapp.tasks.georeference_image import GeoSource
-from webapp.tasks.sample_content import FOV_DEG, OFF_MAP, SampleSize
+from webapp.tasks.maps import check_map, from_photos
+from webapp.tasks.satellite.georeference_image import GeoSource
 
 SMALL = SampleSize(photos=2, queries=1, width=160, metres_per_pixel=0.5)
 METRES_PER_PIXEL = 0.12
@@ -69,14 +70,14 @@ def test_the_satellite_image_is_a_hundred_and_twenty_metres_wide(sample_folder):
 
 
 def test_the_photos_make_the_map_again(sample_folder, tmp_path):
-    options = map_from_photos.Options(
+    options = from_photos.Options(
         tmp_path / "again" / "map.cfg",
         satellite=sample_folder / "satellite.png",
         source=GeoSource("corners", sample_folder / "corners.json"),
         copy=True,
     )
     options.cfg.parent.mkdir()
-    map_from_photos.run(sample_folder / "photos", options=options, settings=SETTINGS, progress=Progress())
+    from_photos.run(sample_folder / "photos", options=options, settings=SETTINGS, progress=Progress())
     again, truth = read_map(options.cfg), read_map(sample_folder / "map.cfg")
     assert len(again.experiences) == 60
     for ours, theirs in zip(truth.experiences, again.experiences, strict=True):

@@ -10,13 +10,13 @@ from pyproj import Geod
 
 from webapp.core.geo.types import MapPixel
 from webapp.errors import Cancelled, MapError, UsageError
-from webapp.files.mapfolder import read_map
+from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
-from webapp.tasks import check_map, map_from_photos
-from webapp.tasks.georeference_image import GeoSource
-from webapp.tasks.map_from_photos import Options
-from webapp.tasks.survey_photos import State
+from webapp.tasks.maps import check_map, from_photos
+from webapp.tasks.maps.from_photos import Options
+from webapp.tasks.maps.survey_photos import State
+from webapp.tasks.satellite.georeference_image import GeoSource
 
 CORNERS = '{"top_left": {"lat": 50.001, "lon": 14.0}, "bottom_right": {"lat": 50.0, "lon": 14.002}}'
 """Of an image of 400 x 310 pixels: 0.36 m each."""
@@ -58,7 +58,7 @@ def folder(tmp_path) -> Path:
 
 def run(folder, cfg=None, *, photos="photos", progress=None, settings=None, **options):
     options = Options(cfg or folder / "map.cfg", **options)
-    return map_from_photos.run(
+    return from_photos.run(
         folder / photos, options=options, settings=settings or Settings(), progress=progress or Progress()
     )
 

@@ -11,12 +11,12 @@ from tests.standin_models import brightest, glue
 from webapp.core.features.lightglue import LightGlue
 from webapp.core.features.table import choose
 from webapp.errors import InputError, MissingPart, NotFound, UsageError
-from webapp.files import models as files
-from webapp.files.indexstore import index_key
-from webapp.files.models import ModelFile
+from webapp.files.localize import models as files
+from webapp.files.localize.index_store import index_key
+from webapp.files.localize.models import ModelFile
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks import models as task
+from webapp.tasks.localize import models as task
 
 CONTENT = bytes(range(256)) * 1000
 

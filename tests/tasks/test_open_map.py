@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from tests.standin_models import brightest, glue
-from webapp.core.index.ivf import InvertedFile
+from webapp.core.retrieval.engines.ivf import InvertedFile
 from webapp.errors import IndexDamaged, MapError, StorageError, UsageError
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
-from webapp.tasks import index_place, open_map, prepare
-from webapp.tasks.localize_photo import PhotoLocalizer
-from webapp.tasks.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize import index_location, open_map, prepare
+from webapp.tasks.localize.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize.photo import PhotoLocalizer
 
 
 class Notes(Progress):
@@ -45,7 +45,7 @@ def opening(quick):
 def read_only(monkeypatch, tmp_path):
     """Make a folder look as if it could not be written, and put the user's cache in the test's folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(index_place, "user_cache_path", lambda name: tmp_path / "cache" / name)
+    monkeypatch.setattr(index_location, "user_cache_path", lambda name: tmp_path / "cache" / name)
 
     def lock(folder: Path) -> None:
         access = os.access
@@ -155,8 +155,8 @@ def test_auto_takes_no_index_for_thorough_whose_pair_matcher_is_not_here(tmp_pat
     open_map.run(cfg, asked, settings=settings, progress=Progress())
 
     def chosen(method):
-        bases = index_place.index_bases(cfg, None)
-        ask = partial(index_place.newest_choice, bases, quick.extract, method=method, matcher=None)
+        bases = index_location.index_bases(cfg, None)
+        ask = partial(index_location.newest_choice, bases, quick.extract, method=method, matcher=None)
         return ask(models=settings.models).name
 
     assert (chosen("verified"), chosen("thorough")) == ("aliked", "xfeat")

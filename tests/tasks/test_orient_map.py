@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from webapp.core.index.bruteforce import BruteForce
+from webapp.core.geometry import so3
+from webapp.core.geometry.orientations import USABLE_TRUST, no_depths
 from webapp.core.localize.verified import find_places
 from webapp.core.reconstruction import pairs as pairs_module
-from webapp.core.reconstruction import so3
 from webapp.core.reconstruction.depths import DepthsWithout
-from webapp.core.reconstruction.types import USABLE_TRUST, no_depths
+from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.errors import Cancelled
-from webapp.files import orientationfile
-from webapp.files.orientationfile import StoredOrientations
+from webapp.files.localize import orientations
+from webapp.files.localize.orientations import StoredOrientations
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks import open_map, orient_map
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import open_map, orient_map
+from webapp.tasks.localize.open_map import OpenOptions
 
 SETTINGS = Settings(extract=ExtractSettings(max_side_px=640, keypoints=600))
 
@@ -136,10 +136,10 @@ def test_of_two_photos_with_one_content_the_first_has_the_depths(cfg):
 
 def test_files_of_an_older_program_are_made_anew(cfg, monkeypatch):
     found = opened(cfg)
-    old = orientationfile.FORMAT - 1
+    old = orientations.FORMAT - 1
     with monkeypatch.context() as patch:
-        patch.setattr(orientationfile, "FORMAT", old)
-        orientationfile.write(found.writable / "orientations-ivf.arrays", with_index_of(found))
+        patch.setattr(orientations, "FORMAT", old)
+        orientations.write(found.writable / "orientations-ivf.arrays", with_index_of(found))
     assert orient_map.newest(found) is None
     assert len(oriented(cfg).indexed.orientations.depths.row)
 
@@ -202,9 +202,9 @@ def test_stopped_in_between_it_goes_on(cfg, monkeypatch):
 def test_a_new_photo_alone_is_compared(cfg):
     found = opened(cfg)
     path = found.writable / "pairs-ivf.arrays"
-    stored = orientationfile.read_pairs(path)
+    stored = orientations.read_pairs(path)
     count = len(stored.contents) - 1
-    orientationfile.write_pairs(path, replace(stored, done=count))
+    orientations.write_pairs(path, replace(stored, done=count))
     (found.writable / "orientations-ivf.arrays").unlink()
     counted = Counting()
     oriented(cfg, counted)
@@ -252,14 +252,14 @@ def with_network(cfg, monkeypatch):
     monkeypatch.setitem(orient_map.PAIR_MATCHERS, "sift", "network")
     found = opened(cfg)
     path = found.writable / "pairs-ivf.arrays"
-    stored = orientationfile.read_pairs(path)
+    stored = orientations.read_pairs(path)
     little = {stored.contents.index(content) for content in found.contents[:LITTLE_KNOWN]}
     pairs = stored.pairs
     left = np.array(
         [k for k in range(len(pairs)) if not little & {int(pairs.first[k]), int(pairs.second[k])}]
     )
     rest = pairs.taken(left, first=pairs.first[left], second=pairs.second[left])
-    orientationfile.write_pairs(path, replace(stored, pairs=rest))
+    orientations.write_pairs(path, replace(stored, pairs=rest))
     (found.writable / "orientations-ivf.arrays").unlink()
     oriented(cfg)
     monkeypatch.setattr(orient_map, "_WELL_KNOWN", 0.01)

@@ -14,9 +14,9 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import Cancelled, TrackError
+from webapp.missions.tasks import read_track
+from webapp.missions.tasks.read_track import NO_START, Wishes
 from webapp.progress import Progress
-from webapp.tasks import read_track
-from webapp.tasks.read_track import NO_START, Wishes
 
 ALL = MinMove(0.0)
 EAST = Start(LatLon(50.0, 14.0), 90.0)

@@ -5,8 +5,8 @@ import pytest
 
 from webapp.core.trajectory.batch import parse
 from webapp.core.trajectory.thinning import MinMove
-from webapp.tasks import read_track, replay_track
-from webapp.tasks.read_track import Wishes
+from webapp.missions.tasks import read_track, replay_track
+from webapp.missions.tasks.read_track import Wishes
 
 
 @pytest.mark.parametrize("least", [MinMove(), MinMove(0.0)])

@@ -9,18 +9,19 @@ from PIL import Image
 from tests.tile_server import global_pixel, serving
 from webapp.core.geo.tilegrid import Box
 from webapp.errors import Cancelled, GeoreferenceError, InputError, NotFound, UsageError
-from webapp.files.mapjson import parse_georeference
+from webapp.files.maps.map_json import parse_georeference
 from webapp.jobs.kinds import Context
 from webapp.jobs.progress import JobProgress
 from webapp.jobs.satellite_tiles import run as run_job
 from webapp.progress import Progress
 from webapp.settings import Settings, TileSettings
-from webapp.store import jobs, maps
 from webapp.store.library import open_library
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
 from webapp.store.schema import Account, Job, MapRecord
-from webapp.tasks import satellite_tiles
-from webapp.tasks.satellite_files import source_of
-from webapp.tasks.satellite_tiles import TileWish
+from webapp.tasks.satellite import tiles as satellite_tiles
+from webapp.tasks.satellite.files import source_of
+from webapp.tasks.satellite.tiles import TileWish
 
 LANDMARKS = [(50.0765, 14.4164), (50.0771, 14.4187), (50.0779, 14.4172)]
 BOX = Box(north=50.0783, south=50.0760, west=14.4155, east=14.4196)

@@ -7,8 +7,9 @@ from flask.testing import FlaskClient
 from itsdangerous import URLSafeTimedSerializer
 
 from webapp.settings import Settings
-from webapp.store import accounts, maps, members
+from webapp.store.accounts import accounts, members
 from webapp.store.library import open_library
+from webapp.store.maps import maps
 from webapp.web import create_app
 
 CSRF = "0" * 40

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from webapp.store import members
+from webapp.store.accounts import members
 from webapp.store.schema import Account, MapRecord
-from webapp.tasks import adopt_map
+from webapp.tasks.maps import adopt_map
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ from webapp.jobs import export as export_job
 from webapp.jobs import import_map as import_job
 from webapp.jobs.kinds import Context
 from webapp.jobs.progress import JobProgress
-from webapp.store import jobs
-from webapp.store.jobs import Lease, Limits
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import MapRecord
-from webapp.tasks import adopt_map
-from webapp.web import api_exchange
+from webapp.tasks.maps import adopt_map
+from webapp.web.exchange import api_exchange
 
 GEO = {
     "format": "experience-map",

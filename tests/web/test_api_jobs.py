@@ -2,7 +2,8 @@
 
 import pytest
 
-from webapp.store import jobs, maps
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
 
 
 @pytest.fixture

@@ -2,7 +2,8 @@
 
 import pytest
 
-from webapp.store import accounts, edits, maps
+from webapp.store.accounts import accounts
+from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
 
 API = "/api/v1/maps"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from webapp.store import maps
+from webapp.store.maps import maps
 
 API = "/api/v1"
 

@@ -12,7 +12,7 @@ from sqlalchemy import event
 
 from webapp.settings import UploadLimits
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks import adopt_map
+from webapp.tasks.maps import adopt_map
 
 IMAGE_SEED, PHOTO_SEED = 1, 2
 
@@ -185,5 +185,5 @@ def test_a_mistake_of_the_program_is_none_of_the_disk(app, client, monkeypatch):
     def broken(*_):
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("webapp.web.api_maps.maps.listed", broken)
+    monkeypatch.setattr("webapp.web.maps.api_maps.maps.listed", broken)
     assert client.get("/api/v1/maps").status_code == 500

@@ -2,9 +2,9 @@
 
 import pytest
 
-from webapp.store import edits, maps
+from webapp.store.maps import edits, maps
 from webapp.store.schema import Photo
-from webapp.tasks import edit_map
+from webapp.tasks.maps import edit_map
 
 IMAGE = {"satellite_path": "plan.png", "satellite_width": 100, "satellite_height": 80}
 

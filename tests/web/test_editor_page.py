@@ -6,7 +6,8 @@ import re
 import pytest
 
 from webapp.resources import resource_folder
-from webapp.store import accounts, maps, members
+from webapp.store.accounts import accounts, members
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 
 

@@ -5,11 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from webapp.store import maps, members, queries, shares
+from webapp.store.accounts import members
+from webapp.store.localize import queries
+from webapp.store.maps import maps
 from webapp.store.schema import QueryRecord
-from webapp.store.shares import Allows
-from webapp.tasks import localize_upload
-from webapp.tasks.localize_upload import Asked
+from webapp.store.sharing import shares
+from webapp.store.sharing.shares import Allows
+from webapp.tasks.localize import upload
+from webapp.tasks.localize.upload import Asked
 
 
 @pytest.fixture
@@ -22,7 +25,7 @@ def asked(monkeypatch):
         form = {"query": names[-1], "hypotheses": [], "off_map_probability": 1.0, "other_probability": 0.0}
         return Asked(form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0, to_calibrate=False))
 
-    monkeypatch.setattr(localize_upload, "run", run)
+    monkeypatch.setattr(upload, "run", run)
     return names
 
 

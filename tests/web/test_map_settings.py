@@ -2,7 +2,8 @@
 
 import pytest
 
-from webapp.store import maps, members
+from webapp.store.accounts import members
+from webapp.store.maps import maps
 
 
 @pytest.fixture

@@ -19,14 +19,19 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission, MissionPhoto
+from webapp.missions.tasks import add_photo, store_batch
+from webapp.missions.tasks.add_photo import About
+from webapp.missions.tasks.store_batch import Numbered
 from webapp.settings import MissionSettings, Settings
-from webapp.store import accounts, jobs, members, missions, queries, tracks, uploads
+from webapp.store.accounts import accounts, members
+from webapp.store.localize import queries
+from webapp.store.maps import uploads
+from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo, QueryRecord
-from webapp.store.schema_missions import Mission, MissionPhoto
-from webapp.tasks import add_mission_photo, adopt_map, take_batch
-from webapp.tasks.add_mission_photo import About
-from webapp.tasks.take_batch import Numbered
-from webapp.web.map_schemas import MapChanges, MapState
+from webapp.tasks.maps import adopt_map
+from webapp.web.maps.schemas import MapChanges, MapState
 from webapp.web.openapi import PATH
 
 # schemathesis does not close answers that are files
@@ -99,9 +104,9 @@ def add_mission(library, settings, owner):
             id = missions.create(session, "Round", account_id=owner.id, map_id=map_id).id
         spot = {"time": 1.0, "lat": 60.4, "lon": 26.5}
         records = [{"type": "pose", **spot}, {"type": "object", "id": "car-1", "class": "car", **spot}]
-        take_batch.run(library, id, records=records, place=Numbered("robot", 0))
+        store_batch.run(library, id, records=records, place=Numbered("robot", 0))
         (library.uploads / "m.part").write_bytes(picture())
-        photo = add_mission_photo.run(
+        photo = add_photo.run(
             library,
             id,
             source=library.uploads / "m.part",

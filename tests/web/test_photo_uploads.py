@@ -10,10 +10,11 @@ from PIL import Image
 
 from webapp.errors import DiskFull
 from webapp.settings import PhotoLimits, UploadLimits
-from webapp.store import maps, members
+from webapp.store.accounts import members
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Upload
-from webapp.tasks import add_photo
-from webapp.web import api_uploads
+from webapp.tasks.maps import add_photo
+from webapp.web.maps import api_uploads
 
 FORM = "multipart/form-data"
 

@@ -9,8 +9,9 @@ from PIL import Image
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import EnuMetres, LatLon
-from webapp.files.exifwrite import CameraTags, exif_bytes
-from webapp.store import edits, maps, members
+from webapp.files.photos.exif_write import CameraTags, exif_bytes
+from webapp.store.accounts import members
+from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord
 
 HERE = LatLon(50.08, 14.42)

@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from webapp.tasks import adopt_map, kept_evaluation
+from webapp.tasks.localize import stored_evaluation
+from webapp.tasks.maps import adopt_map
 
 FIGURES = {
     "map_photos": 2,
@@ -29,7 +30,7 @@ def evaluated(library, owner, make_map):
     schemes = [{"scheme": "leave-one-out"}, {"scheme": "leave-one-place-out", "hide_within_px": 50.0}]
     (cfg.parent / "derived").mkdir(exist_ok=True)
     forms = [{**FIGURES, **scheme, "per_query": [FOUND, LOST]} for scheme in schemes]
-    (cfg.parent / "derived" / kept_evaluation.FILE).write_text(json.dumps(forms))
+    (cfg.parent / "derived" / stored_evaluation.FILE).write_text(json.dumps(forms))
     return "row"
 
 
@@ -75,14 +76,14 @@ def test_viewers_look_and_others_see_nothing(client, sign_in, new_account, evalu
 
 @pytest.mark.parametrize("text", ["{", "[{}]", "7"])
 def test_a_damaged_file_is_told(client, library, evaluated, text):
-    (library.map_folder(evaluated) / "derived" / kept_evaluation.FILE).write_text(text)
+    (library.map_folder(evaluated) / "derived" / stored_evaluation.FILE).write_text(text)
     answer = client.get(f"/maps/{evaluated}/quality")
     assert answer.status_code == 200
     assert 'data-testid="error-message"' in answer.text and 'id="evaluate"' in answer.text
 
 
 def test_what_was_kept_is_what_was_measured(library, evaluated):
-    first, second = kept_evaluation.read(library.cfg(evaluated))
+    first, second = stored_evaluation.read(library.cfg(evaluated))
     assert (first.figures["scheme"], second.figures["hide_within_px"]) == ("leave-one-out", 50.0)
     assert first.errors.tolist() == [12.0, float("inf")]
     (bin,) = first.reliability

@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from webapp.jobs.logs import REQUESTS, log_to_stderr, without_secrets
-from webapp.store import accounts, signin
+from webapp.store.accounts import accounts, sign_in
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_what_is_refused_is_a_line_too(stranger, lines):
 def test_no_secret_is_in_it(app, library, owner, lines):
     with library.database.write() as session:
         account = session.merge(owner)
-        link = signin.new_link(session, account, hours=1)
+        link = sign_in.new_link(session, account, hours=1)
         token = accounts.new_token(session, account, name="test")
     client = app.test_client()
     client.get(f"/sign-in/{link}")
@@ -67,7 +67,7 @@ def test_no_secret_is_in_it(app, library, owner, lines):
 
 def test_a_mistake_of_the_program_is_a_line_with_its_traceback(app, library, owner, lines, monkeypatch):
     app.testing = False
-    monkeypatch.setattr("webapp.web.sign_in.render_template", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("webapp.web.accounts.sign_in.render_template", lambda *_, **__: 1 / 0)
     app.test_client().get("/sign-in/" + "x" * 32)
     told = lines()
     assert [line["level"] for line in told] == ["error", "error"]

@@ -8,10 +8,12 @@ import piexif
 import pytest
 from PIL import Image
 
-from webapp.store import maps, queries, shares
+from webapp.store.localize import queries
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, QueryRecord, Share
-from webapp.tasks import localize_upload
-from webapp.tasks.localize_upload import Asked
+from webapp.store.sharing import shares
+from webapp.tasks.localize import upload
+from webapp.tasks.localize.upload import Asked
 
 SECRETS = ("IMG_GPS", "2019:05:04", "2019-05-04", "50.1", '"exif"')
 """What the files say, and only the owner may tell."""
@@ -298,7 +300,7 @@ def asked(monkeypatch):
         form = {"query": names[-1], "hypotheses": [], "off_map_probability": 1.0, "other_probability": 0.0}
         return Asked(form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0, to_calibrate=False))
 
-    monkeypatch.setattr(localize_upload, "run", run)
+    monkeypatch.setattr(upload, "run", run)
     return names
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from webapp import errors as own_errors
 from webapp.settings import WebSettings
-from webapp.store import maps
 from webapp.store.library import open_library
+from webapp.store.maps import maps
 from webapp.web import create_app
+from webapp.web.accounts.secret_key import secret_key
 from webapp.web.errors import status_of
-from webapp.web.secretkey import secret_key
 
 PAGES = ["/", "/bin", "/account", "/people", "/maps/park/jobs", "/maps/park/settings"]
 

@@ -6,7 +6,8 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import update
 
-from webapp.store import accounts, signin
+from webapp.store.accounts import accounts
+from webapp.store.accounts import sign_in as signin
 from webapp.store.clock import now
 from webapp.store.schema import Account, FailedSignIn, SignInLink
 

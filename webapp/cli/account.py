@@ -11,7 +11,7 @@ import click
 from sqlalchemy.orm import Session
 
 from webapp.settings import from_environment
-from webapp.store import accounts, signin
+from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import open_library
 from webapp.store.schema import Account
 
@@ -48,7 +48,7 @@ def link(account: str | None, url: str, library: Path | None) -> None:
     """
     settings = from_environment()
     with _writing(library) as session:
-        token = signin.new_link(session, _whose(session, account), hours=settings.web.link_hours)
+        token = sign_in.new_link(session, _whose(session, account), hours=settings.web.link_hours)
     click.echo(_link(url, token))
 
 
@@ -79,7 +79,7 @@ def add(name: str, owner: bool, url: str, library: Path | None) -> None:
     settings = from_environment()
     with _writing(library) as session:
         made = accounts.create(session, name, is_owner=owner)
-        token = signin.new_link(session, made, hours=settings.web.link_hours)
+        token = sign_in.new_link(session, made, hours=settings.web.link_hours)
     click.echo(_link(url, token))
 
 

@@ -14,7 +14,8 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.errors import NotFound
 from webapp.settings import from_environment
 from webapp.store.library import DATABASE, INNER, open_library
-from webapp.tasks import backup_library, restore_library
+from webapp.tasks.operate import backup as backup_library
+from webapp.tasks.operate import restore as restore_library
 
 
 def _library_option(command: Callable[..., None]) -> Callable[..., None]:

@@ -15,7 +15,7 @@ from webapp.cli.build_text import build_line, tell_failed
 from webapp.cli.options import MAP_FILE, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
 from webapp.settings import from_environment, keep_freed_memory
-from webapp.tasks import build_map
+from webapp.tasks.localize import build_map
 
 
 @click.command()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from webapp.tasks.build_index import BuildReport
+from webapp.tasks.localize.build_index import BuildReport
 
 
 def tell_failed(report: BuildReport | None) -> None:

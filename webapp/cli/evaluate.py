@@ -23,13 +23,14 @@ from webapp.cli.options import (
 )
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import UsageError
-from webapp.files import queries_csv
+from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
 from webapp.settings import from_environment, keep_freed_memory
-from webapp.tasks import evaluate as task
-from webapp.tasks import localize_sequence, prepare, smooth_sequence
-from webapp.tasks.evaluation_types import EvaluateOptions, Evaluation
-from webapp.tasks.localize_photo import for_own_photos
+from webapp.tasks.localize import evaluate as task
+from webapp.tasks.localize import prepare, smooth_sequence
+from webapp.tasks.localize import sequence as localize_sequence
+from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
+from webapp.tasks.localize.photo import for_own_photos
 
 _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from webapp.render.report import figures
-from webapp.tasks.evaluation_types import Evaluation
+from webapp.tasks.localize.evaluation_types import Evaluation
 
 
 def summary_table(evaluation: Evaluation) -> str:

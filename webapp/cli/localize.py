@@ -29,8 +29,9 @@ from webapp.core.hypotheses.model import Answer
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import from_environment, keep_freed_memory
-from webapp.tasks import localize_sequence, prepare, smooth_sequence
-from webapp.tasks.localize_photo import PhotoLocalizer
+from webapp.tasks.localize import prepare, smooth_sequence
+from webapp.tasks.localize import sequence as localize_sequence
+from webapp.tasks.localize.photo import PhotoLocalizer
 
 _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)

@@ -12,7 +12,7 @@ from webapp.cli.exitcodes import BAD_MAP
 from webapp.core.mapmodel.findings import Finding
 from webapp.progress import Progress
 from webapp.settings import from_environment
-from webapp.tasks import check_map
+from webapp.tasks.maps import check_map
 
 _SHOWN = {"error": 20, "warning": 5}
 """Findings of one kind in one file that are printed; --json has all."""

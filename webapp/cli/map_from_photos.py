@@ -12,10 +12,10 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.controlpoints import Model
 from webapp.errors import UsageError
 from webapp.settings import from_environment
-from webapp.tasks import map_from_photos
-from webapp.tasks.georeference_image import GeoSource
-from webapp.tasks.place_photos import FileResult
-from webapp.tasks.survey_photos import State
+from webapp.tasks.maps import from_photos as map_from_photos
+from webapp.tasks.maps.place_photos import FileResult
+from webapp.tasks.maps.survey_photos import State
+from webapp.tasks.satellite.georeference_image import GeoSource
 
 _BESIDE = Path()
 _FILE = click.Path(path_type=Path)

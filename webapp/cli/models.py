@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from webapp.cli.progressbar import terminal_progress
-from webapp.files.models import MODELS, ModelFile, how_to_get, models_folder
+from webapp.files.localize.models import MODELS, ModelFile, how_to_get, models_folder
 from webapp.settings import from_environment
-from webapp.tasks import models as task
+from webapp.tasks.localize import models as task
 
 
 @click.command("list")

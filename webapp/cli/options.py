@@ -10,7 +10,7 @@ import click
 
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
 from webapp.errors import UsageError
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize.open_map import OpenOptions
 
 Command = Callable[..., Any]
 

@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
-from webapp.files.imageprobe import PHOTO_SUFFIXES
+from webapp.files.satellite.image_probe import PHOTO_SUFFIXES
 
 DERIVED = "derived"
 """Folder beside a map for what is computed from it."""

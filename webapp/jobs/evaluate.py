@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from webapp.jobs.kinds import Context
-from webapp.store import maps
-from webapp.tasks import evaluate, kept_evaluation, library_export, prepare
-from webapp.tasks.calibrate import MOST_PHOTOS
-from webapp.tasks.evaluation_types import EvaluateOptions
-from webapp.tasks.localize_photo import for_own_photos
-from webapp.tasks.open_map import OpenOptions
+from webapp.store.maps import maps
+from webapp.tasks.localize import evaluate, prepare, stored_evaluation
+from webapp.tasks.localize.calibrate import MOST_PHOTOS
+from webapp.tasks.localize.evaluation_types import EvaluateOptions
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.photo import for_own_photos
+from webapp.tasks.maps import export
 
 
 def run(context: Context) -> dict[str, Any]:
@@ -19,7 +20,7 @@ def run(context: Context) -> dict[str, Any]:
     The argument `limit` takes so many photos, evenly spread over the map.
     """
     library, record = context.library, context.map()
-    library_export.run(library, record.id)
+    export.run(library, record.id)
     cfg = library.cfg(record.slug)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
@@ -33,5 +34,5 @@ def run(context: Context) -> dict[str, Any]:
         options=EvaluateOptions(limit=limit),
         progress=context.progress,
     )
-    forms = kept_evaluation.keep(cfg, done)
+    forms = stored_evaluation.keep(cfg, done)
     return {form["scheme"]: {name: form[name] for name in form if name != "per_query"} for form in forms}

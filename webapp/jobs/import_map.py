@@ -6,8 +6,8 @@ from typing import Any
 
 from webapp.errors import NotFound
 from webapp.jobs.kinds import Context
-from webapp.tasks import import_map
-from webapp.tasks.import_map import archive_path
+from webapp.tasks.exchange import import_map
+from webapp.tasks.exchange.import_map import archive_path
 
 _TOLD = 100
 """At most so many findings are told in the result."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from webapp.jobs.kinds import Context
-from webapp.store import maps
-from webapp.tasks import build_map, library_export
-from webapp.tasks.calibrate import MOST_PHOTOS
-from webapp.tasks.open_map import OpenOptions
-from webapp.tasks.ready_maps import Way
+from webapp.store.maps import maps
+from webapp.tasks.localize import build_map
+from webapp.tasks.localize.calibrate import MOST_PHOTOS
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.open_maps import Way
+from webapp.tasks.maps import export
 
 _NAMED = 100
 """At most so many photos that could not be used are named in the result."""
@@ -26,7 +27,7 @@ def run(context: Context) -> dict[str, Any]:
     )
     method, features = way.resolved()
     library, record = context.library, context.map()
-    library_export.run(library, record.id)
+    export.run(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
     by_network = [placed] if method == "thorough" else []

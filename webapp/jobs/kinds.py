@@ -17,9 +17,9 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound, UsageError
 from webapp.jobs.progress import JobProgress
 from webapp.settings import Settings
-from webapp.store import jobs
-from webapp.store.jobs import Lease
 from webapp.store.library import Library
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease
 from webapp.store.schema import MapRecord
 
 
@@ -85,12 +85,12 @@ KINDS: dict[str, str] = {
     "health": "webapp.jobs.health:run",
     "import": "webapp.jobs.import_map:run",
     "index": "webapp.jobs.index:run",
-    "mission-delete": "webapp.jobs.mission_delete:run",
-    "mission-fix": "webapp.jobs.mission_fix:run",
-    "mission-fuse": "webapp.jobs.mission_fuse:run",
-    "mission-import": "webapp.jobs.mission_import:run",
-    "mission-pieces": "webapp.jobs.mission_pieces:run",
-    "sample": "webapp.jobs.sample:run",
+    "mission-delete": "webapp.missions.jobs.delete:run",
+    "mission-fix": "webapp.missions.jobs.localize_photos:run",
+    "mission-fuse": "webapp.missions.jobs.fuse:run",
+    "mission-import": "webapp.missions.jobs.import_file:run",
+    "mission-pieces": "webapp.missions.jobs.pieces:run",
+    "sample": "webapp.sample.job:run",
     "satellite-pyramid": "webapp.jobs.satellite_pyramid:run",
     "satellite-tiles": "webapp.jobs.satellite_tiles:run",
 }

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from webapp.jobs.kinds import Context
-from webapp.tasks import satellite_display
+from webapp.tasks.satellite import display
 
 
 def run(context: Context) -> dict[str, Any]:
     """Make the tiles of the map's present image, where it has none yet."""
-    made = satellite_display.make_tiles(
+    made = display.make_tiles(
         context.library, context.map().id, settings=context.settings, progress=context.progress
     )
     return {"tiles": made}

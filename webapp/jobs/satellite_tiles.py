@@ -6,10 +6,11 @@ from typing import Any
 
 from webapp.core.geo.tilegrid import Box
 from webapp.jobs.kinds import Context
-from webapp.tasks import library_export, satellite_tiles
-from webapp.tasks.satellite_apply import Choice, set_image
-from webapp.tasks.satellite_tiles import TileWish
-from webapp.tasks.satellite_unused import taken_back_if_refused
+from webapp.tasks.maps import export
+from webapp.tasks.satellite import tiles
+from webapp.tasks.satellite.apply import Choice, set_image
+from webapp.tasks.satellite.tiles import TileWish
+from webapp.tasks.satellite.unused import taken_back_if_refused
 
 
 def run(context: Context) -> dict[str, Any]:
@@ -17,7 +18,7 @@ def run(context: Context) -> dict[str, Any]:
     record = context.map()
     asked = context.arguments
     box = Box(**{name: float(asked[name]) for name in Box._fields})
-    fetched = satellite_tiles.run(
+    fetched = tiles.run(
         context.library,
         record.id,
         wish=TileWish(str(asked["service"]), box, int(asked["zoom"])),
@@ -27,7 +28,7 @@ def run(context: Context) -> dict[str, Any]:
     choice = Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
     with taken_back_if_refused(context.library, record.id, name=fetched.new.path):
         applied = set_image(context.write, record.id, new=fetched.new, choice=choice)
-    library_export.run(context.library, record.id)
+    export.run(context.library, record.id)
     return {
         "width": fetched.new.image.width,
         "height": fetched.new.image.height,

@@ -19,9 +19,10 @@ from webapp.jobs.logs import Form
 from webapp.jobs.supervisor import Child, keep_running
 from webapp.jobs.webserver import native_threads
 from webapp.settings import Settings, environment_for
-from webapp.store import accounts, jobs, signin
-from webapp.store.jobs import ENDED
+from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import Library, open_library
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import MapRecord
 
 _log = logging.getLogger(__name__)
@@ -153,7 +154,7 @@ class _Start:
         self._told = False
         with library.database.write() as session:
             owner = accounts.ensure_owner(session)
-            self._token = signin.new_link(session, owner, hours=settings.web.link_hours)
+            self._token = sign_in.new_link(session, owner, hours=settings.web.link_hours)
             self._sample = None
             if session.scalars(select(MapRecord.id).limit(1)).first() is None:
                 _log.info("getting the sample map ready, which can take half a minute")

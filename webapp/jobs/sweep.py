@@ -10,10 +10,13 @@ from functools import partial
 from sqlalchemy import select
 
 from webapp.errors import ExpMapError
+from webapp.missions.tasks import delete
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks import delete_mission, library_export, satellite_unused, sweep_uploads
+from webapp.tasks.maps import export
+from webapp.tasks.operate import sweep_uploads
+from webapp.tasks.satellite import unused
 
 _log = logging.getLogger(__name__)
 
@@ -25,7 +28,7 @@ def export_late(library: Library) -> None:
         ids = session.scalars(select(MapRecord.id).where(*late)).all()
     for id in ids:
         try:
-            library_export.run(library, id)
+            export.run(library, id)
         except ExpMapError as error:
             _log.warning("the files of map %d are not current: %s", id, error)
 
@@ -34,11 +37,11 @@ def clean(library: Library, settings: Settings) -> None:
     """Delete what interrupted uploads and deletions have left behind."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
-    sweeps: list[Callable[[Library], object]] = [delete_mission.sweep]
+    sweeps: list[Callable[[Library], object]] = [delete.sweep]
     sweeps += [partial(sweep_uploads.run, settings=settings)]
     sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
-    sweeps += [partial(satellite_unused.sweep, map_id=id, keep=keep) for id in ids]
+    sweeps += [partial(unused.sweep, map_id=id, keep=keep) for id in ids]
     for sweep in sweeps:
         try:
             sweep(library)

@@ -24,9 +24,9 @@ from webapp.jobs.kinds import Context
 from webapp.jobs.lifesign import LifeSign
 from webapp.jobs.progress import JobProgress
 from webapp.settings import Settings
-from webapp.store import jobs
-from webapp.store.jobs import Lease, Limits
 from webapp.store.library import Library
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job
 
 _log = logging.getLogger(__name__)

@@ -8,8 +8,8 @@ from PIL import Image
 
 from webapp.core.hypotheses.model import Answer
 from webapp.core.mapmodel.model import Map
-from webapp.files.mapfolder import photo_path
-from webapp.files.photo import read_upright
+from webapp.files.maps.folder import photo_path
+from webapp.files.photos.photo import read_upright
 from webapp.render.map_picture import draw_map
 from webapp.render.match_picture import draw_matches
 from webapp.settings import PhotoLimits

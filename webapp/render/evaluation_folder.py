@@ -10,17 +10,17 @@ from PIL import Image
 
 from webapp.core.evaluation.rows import Row
 from webapp.errors import StorageError
-from webapp.files import tum
 from webapp.files.atomic import write_text
-from webapp.files.photo import read_upright
+from webapp.files.localize import tum
+from webapp.files.photos.photo import read_upright
 from webapp.render.map_picture import draw_map
 from webapp.render.match_picture import draw_matches
 from webapp.render.report import Pictured, render_report
 from webapp.render.results_table import results_csv
 from webapp.settings import PhotoLimits
-from webapp.tasks.evaluate import to_json
-from webapp.tasks.evaluation_poses import trajectories
-from webapp.tasks.evaluation_types import Evaluation
+from webapp.tasks.localize.evaluate import to_json
+from webapp.tasks.localize.evaluation_poses import trajectories
+from webapp.tasks.localize.evaluation_types import Evaluation
 
 WORST = 8
 """Queries that the report shows with pictures."""

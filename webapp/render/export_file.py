@@ -14,8 +14,8 @@ from webapp.progress import Progress
 from webapp.render import folium_page
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.tasks import export_geojson, export_kml, export_zip
-from webapp.tasks.export_source import Download, Source, of_library
+from webapp.tasks.exchange import export_geojson, export_kml, export_zip
+from webapp.tasks.exchange.export_source import Download, Source, of_library
 
 Format = Literal["zip", "geojson", "kml", "kmz", "html"]
 FORMATS: tuple[Format, ...] = get_args(Format)

@@ -20,8 +20,8 @@ from webapp.progress import Progress
 from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.resources import resource_folder
 from webapp.settings import Settings
-from webapp.tasks.export_source import Download, Source
-from webapp.tasks.thumbnails import encoded, satellite_picture, thumbnail
+from webapp.tasks.exchange.export_source import Download, Source
+from webapp.tasks.maps.thumbnails import encoded, satellite_picture, thumbnail
 
 MAX_PHOTOS = 5000
 """More would make a page that browsers cannot open."""

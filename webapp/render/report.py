@@ -14,7 +14,7 @@ from webapp.core.evaluation.rows import Row
 from webapp.core.evaluation.summary import WITHIN_PX, outcomes
 from webapp.render.charts import error_chart, reliability_chart
 from webapp.resources import resource_folder
-from webapp.tasks.evaluation_types import Evaluation
+from webapp.tasks.localize.evaluation_types import Evaluation
 
 UNKNOWN = "–"
 

@@ -9,7 +9,6 @@ from typing import Any
 from sqlalchemy import ForeignKey, Index, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
-from webapp.store import schema_missions as schema_missions
 from webapp.store.base import Base as Base
 from webapp.store.clock import now
 

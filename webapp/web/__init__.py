@@ -9,12 +9,13 @@ from apiflask import APIFlask
 from werkzeug.middleware.proxy_fix import ProxyFix
 
 from webapp import __version__
+from webapp.app.blueprints import BLUEPRINTS
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
-from webapp.web import errors, language, openapi, pages, request_log, security, sessions, shell
-from webapp.web.blueprints import BLUEPRINTS
-from webapp.web.secretkey import secret_key
+from webapp.web import errors, language, openapi, pages, request_log, shell
+from webapp.web.accounts import security, sessions
+from webapp.web.accounts.secret_key import secret_key
 from webapp.web.state import KEY, State
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from webapp.errors import NotFound, NotSignedIn
-from webapp.store import maps, missions
-from webapp.store.maps import Role
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission
+from webapp.store.maps import maps
+from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
-from webapp.store.schema_missions import Mission
-from webapp.tasks import library_export
-from webapp.web import sessions
+from webapp.tasks.maps import export
+from webapp.web.accounts import sessions
 from webapp.web.state import library, settings
 
 __all__ = ["account", "after_change", "library", "open_map", "open_mission", "settings"]
@@ -88,4 +89,4 @@ def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mis
 
 def after_change(record: MapRecord) -> None:
     """Bring the files of a map to what was written to the database, now or when the disk allows."""
-    library_export.follow(library(), record.id)
+    export.follow(library(), record.id)

@@ -39,7 +39,7 @@ from webapp.errors import (
 )
 from webapp.files.atomic import is_full, storage_error
 from webapp.web import language
-from webapp.web.sessions import is_api
+from webapp.web.accounts.sessions import is_api
 
 _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
     (UsageError, HTTPStatus.BAD_REQUEST),

@@ -9,8 +9,8 @@ from flask import Blueprint, Response, current_app, jsonify, render_template, ur
 from flask_babel import gettext as _
 
 from webapp.web import language, shell
-from webapp.web.access import public
-from webapp.web.answer_colours import answer_colours
+from webapp.web.accounts.access import public
+from webapp.web.localize.answer_colours import answer_colours
 
 blueprint = Blueprint("installable", __name__)
 

@@ -10,7 +10,7 @@ from flask import Flask, request, session
 from flask_babel import Babel, get_locale, gettext
 
 from webapp.errors import NotSignedIn
-from webapp.web import sessions
+from webapp.web.accounts import sessions
 
 LANGUAGES = {"en": "English", "cs": "Čeština"}
 """Each by its own name."""

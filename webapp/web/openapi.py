@@ -14,9 +14,9 @@ from apispec.ext.marshmallow.common import make_schema_key, resolve_schema_insta
 from flask import Flask
 from werkzeug.routing import Rule
 
+from webapp.missions.render.export_file import FORMATS as MISSION_FORMATS
 from webapp.render.export_file import FORMATS
-from webapp.render.export_mission_file import FORMATS as MISSION_FORMATS
-from webapp.web.access import is_public
+from webapp.web.accounts.access import is_public
 
 PATH = "/api/v1/openapi.json"
 

@@ -11,7 +11,8 @@ from flask_babel import gettext as _
 
 from webapp.extras import is_installed
 from webapp.store.clock import now
-from webapp.web import language, sessions
+from webapp.web import language
+from webapp.web.accounts import sessions
 
 _THEMES = ("light", "dark")
 

@@ -9,7 +9,7 @@ import pytest
 from webapp.core.features.extract import extract
 from webapp.core.features.sift import root_sift
 from webapp.core.features.table import DETECTORS, EXTRACTORS, FeatureChoice, choose
-from webapp.core.index.bruteforce import BruteForce
+from webapp.core.retrieval.engines.bruteforce import BruteForce
 
 PAIRS = [
     pair

@@ -7,7 +7,7 @@ import pytest
 from webapp.core.features.extract import extract
 from webapp.core.features.hessian import find_blobs
 from webapp.core.features.table import choose
-from webapp.core.index.bruteforce import BruteForce
+from webapp.core.retrieval.engines.bruteforce import BruteForce
 
 CHOICE = choose("verified", features="surf")
 

@@ -4,10 +4,10 @@ import faiss
 import numpy as np
 import pytest
 
-from webapp.core.index import ivf
-from webapp.core.index.bruteforce import BruteForce
-from webapp.core.index.flann import Flann
-from webapp.core.index.ivf import InvertedFile, cells_for
+from webapp.core.retrieval.engines import ivf
+from webapp.core.retrieval.engines.bruteforce import BruteForce
+from webapp.core.retrieval.engines.flann import Flann
+from webapp.core.retrieval.engines.ivf import InvertedFile, cells_for
 
 KINDS = ("float", "binary")
 EXACT = {"float": "l2", "binary": "hamming"}

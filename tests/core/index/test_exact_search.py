@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from webapp.core.index import bruteforce
-from webapp.core.index.bruteforce import BruteForce
-from webapp.core.index.types import Neighbours, nearest_of
+from webapp.core.retrieval.engines import bruteforce
+from webapp.core.retrieval.engines.bruteforce import BruteForce
+from webapp.core.retrieval.engines.types import Neighbours, nearest_of
 
 NORMS = ("l1", "l2", "hamming", "hamming2")
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from webapp.core.index import twostage, vlad
-from webapp.core.index.bruteforce import BruteForce
-from webapp.core.index.segment import Segment
-from webapp.core.index.tiers import bytes_in_memory, tier_for
-from webapp.core.index.twostage import TwoStage
-from webapp.core.localize.indexed import IndexedMap, candidates
+from webapp.core.retrieval.engines import twostage, vlad
+from webapp.core.retrieval.engines.bruteforce import BruteForce
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.tiers import bytes_in_memory, tier_for
+from webapp.core.retrieval.engines.twostage import TwoStage
+from webapp.core.retrieval.indexed import IndexedMap, candidates
 
 WIDTH = 32
 

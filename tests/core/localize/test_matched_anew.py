@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from webapp.core.features.types import Features
-from webapp.core.index.bruteforce import BruteForce
-from webapp.core.index.segment import Segment
-from webapp.core.localize.indexed import IndexedMap
-from webapp.core.localize.shortlist import Shortlisted, matched_anew
 from webapp.core.localize.verified import find_places
+from webapp.core.retrieval.engines.bruteforce import BruteForce
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.indexed import IndexedMap
+from webapp.core.retrieval.shortlist import Shortlisted, matched_anew
 
 PHOTOS, KEYPOINTS, WIDTH = 3, 30, 32
 

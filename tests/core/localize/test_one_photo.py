@@ -11,10 +11,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "reconstruction"))
 from photos_in_a_room import RADIUS, Scene, tilted
 
-from webapp.core.localize.indexed import IndexedMap
+from webapp.core.geometry.orientations import Orientations, no_depths
 from webapp.core.localize.places import Verified, join
-from webapp.core.localize.shortlist import Shortlisted
-from webapp.core.reconstruction.types import Orientations, no_depths
+from webapp.core.retrieval.indexed import IndexedMap
+from webapp.core.retrieval.shortlist import Shortlisted
 
 QUERY = (tilted(0.5, 0.05), np.array([25.0, -30.0]))
 PHOTO = (tilted(0.3), np.array([0.0, 0.0]))

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from webapp.core.features.relative import RelativePose
+from webapp.core.geometry.relative_pose import RelativePose
 from webapp.core.hypotheses.model import NoPose
-from webapp.core.localize.indexed import IndexedMap
 from webapp.core.localize.places import Verified, join
-from webapp.core.localize.shortlist import Shortlisted
+from webapp.core.retrieval.indexed import IndexedMap
+from webapp.core.retrieval.shortlist import Shortlisted
 
 
 def the_map(*positions):

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.index.bruteforce import BruteForce
-from webapp.core.index.segment import Segment
-from webapp.core.localize import indexed as module
-from webapp.core.localize.indexed import IndexedMap, candidates
+from webapp.core.retrieval import indexed as module
+from webapp.core.retrieval.engines.bruteforce import BruteForce
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.indexed import IndexedMap, candidates
 
 
 def a_map(rows_of_photos: list[int], *, gone: set[int], seed: int) -> IndexedMap:

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer
-from webapp.core.index.segment import Segment
-from webapp.core.index.types import Neighbours
 from webapp.core.localize import vote
-from webapp.core.localize.indexed import IndexedMap
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Neighbours
+from webapp.core.retrieval.indexed import IndexedMap
 
 ROWS_PER_PHOTO = 10
 IDS = (0, 7, 3, 12)

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from webapp.core.features.relative import RelativePose
-from webapp.core.localize.residuals import View
-from webapp.core.reconstruction import so3
+from webapp.core.geometry import so3
+from webapp.core.geometry.relative_pose import RelativePose
+from webapp.core.localize.pose_residuals import View
 from webapp.core.reconstruction.pairs import Pairs, joined
 
 RADIUS = 50.0

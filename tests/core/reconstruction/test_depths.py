@@ -10,8 +10,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from photos_in_a_room import RADIUS, Scene, cameras, tilted
 
+from webapp.core.geometry.orientations import Depths, Orientations, no_depths
 from webapp.core.reconstruction.depths import DepthsWithout, sightings_of
-from webapp.core.reconstruction.types import Depths, Orientations, no_depths
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from photos_in_a_room import RADIUS, Scene, cameras, tilted
 
-from webapp.core.localize.multiview import locate
-from webapp.core.localize.residuals import across, along, scene_of
-from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.types import Orientations, no_depths
+from webapp.core.geometry import so3
+from webapp.core.geometry.orientations import Orientations, no_depths
+from webapp.core.localize.pose_refinement import locate
+from webapp.core.localize.pose_residuals import across, along, scene_of
 
 
 def known(held, trust=5.0):

@@ -7,10 +7,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from photos_in_a_room import RADIUS, Scene, cameras
 
-from webapp.core.reconstruction import so3
+from webapp.core.geometry import so3
+from webapp.core.geometry.orientations import USABLE_TRUST
 from webapp.core.reconstruction.orientation import orient
 from webapp.core.reconstruction.pairs import joined
-from webapp.core.reconstruction.types import USABLE_TRUST
 
 
 def errors_deg(found, held):

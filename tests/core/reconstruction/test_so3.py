@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.reconstruction import so3
+from webapp.core.geometry import so3
 
 small = st.floats(-1.5, 1.5)
 

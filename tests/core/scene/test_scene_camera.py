@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.scene.camera import Camera
-from webapp.core.scene.raster import Frame, Quad, Texture, draw_quad
+from webapp.sample.scene.camera import Camera
+from webapp.sample.scene.raster import Frame, Quad, Texture, draw_quad
 
 RED, GREEN, BLUE = (255, 0, 0), (0, 255, 0), (0, 0, 255)
 

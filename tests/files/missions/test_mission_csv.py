@@ -5,7 +5,12 @@ import io
 
 import numpy as np
 
-from webapp.files.missioncsv import OBJECT_COLUMNS, POSE_COLUMNS, format_objects_csv, format_poses_csv
+from webapp.missions.files.csv_writer import (
+    OBJECT_COLUMNS,
+    POSE_COLUMNS,
+    format_objects_csv,
+    format_poses_csv,
+)
 
 
 def rows(pieces):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from webapp.core.trajectory.outgoing import MissionOut, TrackOut
 from webapp.core.trajectory.records import make_poses
-from webapp.files.missiongeojson import format_mission_geojson
+from webapp.missions.files.geojson_writer import format_mission_geojson
 
 
 def read(mission):

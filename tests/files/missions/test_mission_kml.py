@@ -6,7 +6,7 @@ import pytest
 from tests.kml_rules import GX, KML, check_kml, fastkml
 from webapp.core.trajectory.outgoing import MissionOut
 from webapp.core.trajectory.records import make_poses
-from webapp.files.missionkml import format_mission_kml, format_network_link
+from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
 
 
 def written(mission, **more):

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from webapp.errors import TrackError
-from webapp.files import rosbagtrack
-from webapp.files.trackpieces import NO_ID, Findings, RobotObjects, RobotPiece, WorldPiece
+from webapp.missions.files import rosbag
+from webapp.missions.files.track_chunks import NO_ID, Findings, RobotObjects, RobotPiece, WorldPiece
 
 KINDS = pytest.mark.parametrize(
     ("ros1", "mcap", "suffix"), [(True, False, ".bag"), (False, False, ".db3"), (False, True, ".mcap")]
@@ -17,7 +17,7 @@ KINDS = pytest.mark.parametrize(
 
 def read(path: Path, suffix: str, wanted: tuple[str, ...] = ()) -> tuple[list[object], Findings]:
     findings = Findings()
-    return list(rosbagtrack.read(path, suffix=suffix, wanted=wanted, findings=findings)), findings
+    return list(rosbag.read(path, suffix=suffix, wanted=wanted, findings=findings)), findings
 
 
 @KINDS
@@ -85,7 +85,7 @@ def test_a_bag_is_read_whatever_it_is_called(ros, tmp_path, ros1, mcap, suffix) 
     other = path.rename(tmp_path / "upload.part")
     pieces, _ = read(other, suffix)
     assert len(pieces) == 1
-    assert [topic.readable for topic in rosbagtrack.topics(other, suffix=suffix)] == [True]
+    assert [topic.readable for topic in rosbag.topics(other, suffix=suffix)] == [True]
 
 
 def test_the_folder_of_a_ros2_bag_is_read(ros, tmp_path) -> None:
@@ -126,7 +126,7 @@ def test_topics_are_chosen_and_the_others_counted(ros, tmp_path) -> None:
         read(path, ".bag", ("/c",))
     listed = {
         topic.name: (topic.type, topic.messages, topic.readable)
-        for topic in rosbagtrack.topics(path, suffix=".bag")
+        for topic in rosbag.topics(path, suffix=".bag")
     }
     assert listed["/b"] == ("geometry_msgs/msg/Pose", 2, True)
     assert listed["/c"] == ("std_msgs/msg/Header", 1, False)

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.errors import TrackError
-from webapp.files import csvtrack, nmea, trajectorytext
-from webapp.files.trackpieces import Findings, RobotObjects, RobotPiece, WorldObjects, WorldPiece
-from webapp.files.tracktimes import filled, unix_time
+from webapp.missions.files import csv_reader, nmea, trajectory_text
+from webapp.missions.files.track_chunks import Findings, RobotObjects, RobotPiece, WorldObjects, WorldPiece
+from webapp.missions.files.track_times import filled, unix_time
 
 
 def sentence(body: str) -> str:
@@ -81,9 +81,9 @@ def test_what_is_left_out_of_a_log_is_counted() -> None:
     assert counts["sentences that cannot be read"][0] == 1
 
 
-def read_text(text: str, layout: trajectorytext.Layout) -> tuple[list[RobotPiece], Findings]:
+def read_text(text: str, layout: trajectory_text.Layout) -> tuple[list[RobotPiece], Findings]:
     findings = Findings()
-    return list(trajectorytext.read(io.BytesIO(text.encode()), layout, findings=findings)), findings
+    return list(trajectory_text.read(io.BytesIO(text.encode()), layout, findings=findings)), findings
 
 
 def test_a_tum_trajectory_is_read() -> None:
@@ -115,7 +115,7 @@ def test_a_trajectory_without_poses_is_refused() -> None:
 def read_csv(text: str | bytes, columns: str | None = None) -> tuple[list[object], Findings]:
     findings = Findings()
     data = text.encode() if isinstance(text, str) else text
-    return list(csvtrack.read(io.BytesIO(data), columns=columns, findings=findings)), findings
+    return list(csv_reader.read(io.BytesIO(data), columns=columns, findings=findings)), findings
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", "|"])

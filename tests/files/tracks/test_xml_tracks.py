@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from webapp.errors import TrackError
-from webapp.files import gpxstream, kmlstream, trackpieces
-from webapp.files.kmz import opened_kml
-from webapp.files.trackpieces import Findings, WorldObjects, WorldPiece
+from webapp.missions.files import gpx_reader, kml_reader, track_chunks
+from webapp.missions.files.kmz import opened_kml
+from webapp.missions.files.track_chunks import Findings, WorldObjects, WorldPiece
 
 GPX = """<gpx xmlns="http://www.topografix.com/GPX/1/1"><metadata><time>2024-03-23T12:00:00Z</time></metadata>
 <wpt lat="50.1" lon="14.2"><ele>200</ele><name>bin  A</name><type>bin</type></wpt>
@@ -26,7 +26,7 @@ def point(lat: float, time: str = "") -> str:
 def read_gpx(text: str | bytes) -> tuple[list[object], Findings]:
     findings = Findings()
     data = text.encode() if isinstance(text, str) else text
-    return list(gpxstream.read(io.BytesIO(data), findings=findings)), findings
+    return list(gpx_reader.read(io.BytesIO(data), findings=findings)), findings
 
 
 def test_a_gpx_has_tracks_routes_and_waypoints() -> None:
@@ -51,7 +51,7 @@ def test_a_gpx_has_tracks_routes_and_waypoints() -> None:
 
 
 def test_a_long_gpx_comes_in_pieces_that_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpxstream, "CHUNK", 4)
+    monkeypatch.setattr(gpx_reader, "CHUNK", 4)
     points = "".join(
         point(50 + i * 1e-4, f"1970-01-01T00:00:{i:02d}Z" if i % 3 else "") for i in range(1, 50)
     )
@@ -66,7 +66,7 @@ def test_memory_does_not_grow_with_a_gpx() -> None:
     points = "".join(point(50 + i * 1e-6, "1970-01-01T00:00:00Z") for i in range(10_000))
     data = io.BytesIO(GPX.format(points=points).encode())
     tracemalloc.start()
-    for _ in gpxstream.read(data, findings=Findings()):
+    for _ in gpx_reader.read(data, findings=Findings()):
         pass
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -87,7 +87,7 @@ KML = """<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google
 
 def read_kml(text: str, tracks: tuple[str, ...] = ()) -> tuple[list[object], Findings]:
     findings = Findings()
-    return list(kmlstream.read(io.BytesIO(text.encode()), findings=findings, tracks=tracks)), findings
+    return list(kml_reader.read(io.BytesIO(text.encode()), findings=findings, tracks=tracks)), findings
 
 
 def test_a_kml_has_lines_tracks_and_points() -> None:
@@ -108,12 +108,12 @@ def test_a_kml_has_lines_tracks_and_points() -> None:
 
 def test_a_drawing_is_refused_unless_lines_are_named() -> None:
     mark = "<Placemark><name>{}</name><LineString><coordinates>1,2 3,4</coordinates></LineString></Placemark>"
-    drawing = "<kml>" + "".join(mark.format(f"n{i}") for i in range(kmlstream.MAX_LINES + 1)) + "</kml>"
+    drawing = "<kml>" + "".join(mark.format(f"n{i}") for i in range(kml_reader.MAX_LINES + 1)) + "</kml>"
     with pytest.raises(TrackError, match="drawing"):
         read_kml(drawing)
     pieces, findings = read_kml(drawing, tracks=("n7",))
     assert [piece.track for piece in pieces] == ["n7 1"]
-    assert findings.skipped()[0].count == kmlstream.MAX_LINES
+    assert findings.skipped()[0].count == kml_reader.MAX_LINES
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_a_kmz_is_read_from_its_doc_kml(tmp_path: Path) -> None:
         archive.writestr("other.kml", "<kml/>")
         archive.writestr("doc.kml", KML)
     with opened_kml(path) as file:
-        assert len(list(kmlstream.read(file, findings=Findings()))) == 3
+        assert len(list(kml_reader.read(file, findings=Findings()))) == 3
 
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_damaged_zips_are_told(tmp_path: Path) -> None:
     data[60:70] = b"0123456789"
     path.write_bytes(data)
     with pytest.raises(TrackError, match="damaged"), opened_kml(path) as file:
-        list(kmlstream.read(file, findings=Findings()))
+        list(kml_reader.read(file, findings=Findings()))
     path.write_bytes(data[:100])
     with pytest.raises(TrackError, match="damaged"), opened_kml(path):
         pass
@@ -172,8 +172,8 @@ def test_damaged_zips_are_told(tmp_path: Path) -> None:
 
 
 def test_the_first_place_of_a_reason_is_kept() -> None:
-    findings = trackpieces.Findings()
+    findings = track_chunks.Findings()
     findings.skip("a", where="line 3")
     findings.skip("a", where="line 9", count=4)
     findings.skip("b", where="line 1", count=0)
-    assert findings.skipped() == (trackpieces.Skipped("a", 5, "line 3"),)
+    assert findings.skipped() == (track_chunks.Skipped("a", 5, "line 3"),)

@@ -2,10 +2,10 @@
 
 import pytest
 
-from webapp.store import edits
 from webapp.store.library import open_library
+from webapp.store.maps import edits
 from webapp.store.schema import Account, MapRecord, Photo
-from webapp.tasks import adopt_map
+from webapp.tasks.maps import adopt_map
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import json
 import pytest
 
 from webapp.errors import CfgError, Conflict, MapError, UsageError
-from webapp.files.mapfolder import read_map
-from webapp.tasks import adopt_map, library_export
-from webapp.tasks.library_map import as_map
+from webapp.files.maps.folder import read_map
+from webapp.tasks.maps import adopt_map, export
+from webapp.tasks.maps.library_map import as_map
 
 WGS84 = {"plane": "EPSG:4326", "plane_from_pixel": [[1e-5, 0, 26.5], [0, -1e-5, 60.4], [0, 0, 1]]}
 
@@ -60,13 +60,13 @@ def test_no_file_is_touched(adopt, library):
         )
 
     map_id = adopt(change=remember)
-    assert library_export.run(library, map_id)
+    assert export.run(library, map_id)
     assert {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in before} == before
 
 
 def test_the_next_edit_knows_the_file_as_ours(adopt, library, record):
     found = record(adopt())
-    assert not library_export.changed_outside(found, library.cfg("park"))
+    assert not export.changed_outside(found, library.cfg("park"))
 
 
 def test_photos_that_cannot_be_read_keep_their_place(adopt, rows):

@@ -3,12 +3,13 @@
 import pytest
 
 from webapp.errors import Conflict, UsageError
-from webapp.files import preview
-from webapp.files.mapfolder import read_map
+from webapp.files.maps.folder import read_map
+from webapp.files.photos import preview
 from webapp.settings import Settings
-from webapp.store import maps
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks import delete_map, duplicate_map, findings, library_export
+from webapp.tasks.exchange import duplicate_map
+from webapp.tasks.maps import delete_map, export, findings
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     map_id = adopt()
     edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}, "photo/0": {"x_px": None, "y_px": None}})
     edit(map_id, {"photo/2": {"removed": True}})
-    library_export.run(library, map_id)
+    export.run(library, map_id)
     slug = duplicate_map.run(library, map_id, account_id=owner, name="Park copy")
     first, second = read_map(library.cfg("park")), read_map(library.cfg(slug))
     assert (second.experiences, second.placements, second.next_id) == (
@@ -36,7 +37,7 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     assert {id: row.x_px for id, row in found.items()} == {0: None, 1: 200}
     assert (library.map_folder(slug) / found[0].path).is_file()
     with library.database.read() as session:
-        assert not library_export.changed_outside(session.get(MapRecord, id_of(slug)), library.cfg(slug))
+        assert not export.changed_outside(session.get(MapRecord, id_of(slug)), library.cfg(slug))
 
 
 def test_a_copy_has_no_files_of_what_its_map_has_not_any_more(adopt, library, edit, owner, id_of):
@@ -60,7 +61,7 @@ def test_a_copy_goes_its_own_way(adopt, library, edit, owner, id_of):
     assert slug == "park-2"
     before = library.cfg("park").read_bytes()
     edit(id_of(slug), {"photo/1": {"x_px": 1.0, "y_px": 2.0}})
-    library_export.run(library, id_of(slug))
+    export.run(library, id_of(slug))
     assert library.cfg("park").read_bytes() == before != library.cfg(slug).read_bytes()
 
 

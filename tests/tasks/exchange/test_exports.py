@@ -13,11 +13,11 @@ from PIL import Image
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound, UsageError
-from webapp.files.mapfolder import read_map, write_map
+from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import Settings
 from webapp.store.schema import MapRecord
-from webapp.tasks import export_cfg, export_geojson, export_kml, export_zip
-from webapp.tasks.export_source import of_folder, of_library, plain_name
+from webapp.tasks.exchange import export_cfg, export_geojson, export_kml, export_zip
+from webapp.tasks.exchange.export_source import of_folder, of_library, plain_name
 
 TURNED = Georeference("EPSG:4326", (1e-5, 2e-6, 26.5, 2e-6, -1e-5, 60.4, 0, 0, 1), "affine")
 HOSTILE = "photos/<b>&amp ]]><![CDATA[ <script>alert(1) <img src=x> \"'.jpg"

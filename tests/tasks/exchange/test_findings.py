@@ -9,9 +9,9 @@ import pytest
 
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.settings import Settings
-from webapp.store import edits
+from webapp.store.maps import edits
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks import findings, fix_findings, library_export
+from webapp.tasks.maps import export, findings, fix_findings
 
 SETTINGS = Settings()
 NORTH_UP = {
@@ -42,7 +42,7 @@ def undo(library, owner):
     def run(map_id):
         with library.database.write() as session:
             assert edits.undo(session, session.get(MapRecord, map_id), account_id=owner).clash is None
-        library_export.run(library, map_id)
+        export.run(library, map_id)
 
     return run
 

@@ -10,11 +10,12 @@ import pytest
 from webapp.core.mapmodel.model import Placement
 from webapp.core.mapmodel.positions import MapPixel
 from webapp.errors import Conflict, InputError, NotFound
-from webapp.files.mapfolder import read_map, write_map
+from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import ImportLimits, Settings
-from webapp.store import maps
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks import export_zip, import_map, library_export
+from webapp.tasks.exchange import export_zip, import_map
+from webapp.tasks.maps import export
 
 
 @pytest.fixture
@@ -63,7 +64,7 @@ def test_what_was_exported_comes_back_as_it_was(adopt, library, bring, edit, tmp
         files = {name: archive.read(name) for name in archive.namelist()}
     done = bring(files, name="Park again")
     assert (done.slug, done.findings, done.left_out) == ("park-again", (), ())
-    assert library_export.run(library, done.map_id)
+    assert export.run(library, done.map_id)
     for name in ("map.cfg", "map.json", "clusters.cfg", "plan.png", "photos/0.jpg"):
         assert (library.map_folder(done.slug) / name).read_bytes() == files[name]
     assert read_map(library.cfg(done.slug)) == read_map(library.cfg("park"))
@@ -269,7 +270,7 @@ def archive(park, tmp_path):
 
 
 def test_an_empty_map_is_filled_once(library, empty, archive, rows):
-    library_export.run(library, empty)
+    export.run(library, empty)
     done = [import_map.run_into(library, archive, map_id=empty, settings=Settings()) for _ in range(2)]
     assert done[0] == done[1] and done[0].slug == "later"
     assert len(rows(empty)) == 2 and len(read_map(library.cfg("later")).experiences) == 2

@@ -6,10 +6,10 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.errors import MapError, NotFound, UsageError
-from webapp.files.mapfolder import read_map
-from webapp.store import edits
+from webapp.files.maps.folder import read_map
+from webapp.store.maps import edits
 from webapp.store.schema import MapRecord
-from webapp.tasks import library_export, placements
+from webapp.tasks.maps import export, placements
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_replaced_as_a_whole_and_undone(put, library, owner):
     assert put("rough", positions={1: MapPixel(5.5, 6)}) == {"rough": {1: (5.5, 6)}}
     with library.database.write() as session:
         edits.undo(session, session.get(MapRecord, put.map_id), account_id=owner)
-    library_export.run(library, put.map_id)
+    export.run(library, put.map_id)
     assert len(read_map(library.cfg("park")).placements[0].positions) == 3
 
 

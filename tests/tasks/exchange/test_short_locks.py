@@ -4,11 +4,12 @@ import sqlite3
 
 import pytest
 
-from webapp.files.imageprobe import check_decodes
+from webapp.files.satellite.image_probe import check_decodes
 from webapp.settings import Settings
 from webapp.store.library import DATABASE
 from webapp.store.schema import MapRecord
-from webapp.tasks import adopt_map, duplicate_map, fix_findings, library_export, outside_edit
+from webapp.tasks.exchange import duplicate_map
+from webapp.tasks.maps import adopt_map, export, fix_findings, outside_edit
 
 SETTINGS = Settings()
 
@@ -111,4 +112,4 @@ def test_a_copy_that_cannot_be_registered_leaves_nothing(adopt, library, owner, 
     assert list((library.inner / "imports").iterdir()) == []
     with library.database.read() as session:
         assert session.query(MapRecord).count() == 1
-    library_export.run(library, map_id)
+    export.run(library, map_id)

@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 from webapp.errors import StorageError
-from webapp.files.mapfolder import read_map
+from webapp.files.maps.folder import read_map
 from webapp.settings import Settings
-from webapp.store import maps
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks import export_zip, import_map, library_export
+from webapp.tasks.exchange import export_zip, import_map
+from webapp.tasks.maps import export
 
 
 @pytest.fixture
@@ -84,14 +85,14 @@ def test_its_ids_are_new_ones(park, exported, bring, library, rows):
     assert ids == {5, 6}, "0 to 4 have been used"
     with library.database.read() as session:
         assert session.get_one(MapRecord, done.map_id).next_id == 7
-    assert library_export.run(library, done.map_id)
+    assert export.run(library, done.map_id)
     assert read_map(library.cfg(done.slug)).next_id == 7
 
 
 def test_a_photo_of_it_can_be_placed(park, exported, bring, edit, library):
     done = bring(exported(park))
     edit(done.map_id, {"photo/5": {"x_px": 10.0, "y_px": 20.0}})
-    assert library_export.run(library, done.map_id)
+    assert export.run(library, done.map_id)
     assert [e.photo for e in read_map(library.cfg(done.slug)).experiences][-1] == "photos/1.jpg"
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from webapp.core.trajectory.records import make_poses
-from webapp.store import missions, tracks
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import MissionObject, ObjectSighting
 from webapp.store.library import open_library
 from webapp.store.schema import Account
-from webapp.store.schema_missions import MissionObject, ObjectSighting
 
 BEGIN = 1_777_629_600.0
 """2026-05-01T10:00:00Z."""

@@ -13,10 +13,10 @@ from tests.core.trajectory.simulated import Drive
 from tests.core.trajectory.test_fusion import FRAME, error_m, gps_of, odometry_of
 from webapp.core.trajectory.fusion import Fusion
 from webapp.errors import Cancelled, NotFound, UsageError
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission, MissionPhoto
+from webapp.missions.tasks import fuse
 from webapp.progress import Progress
-from webapp.store import missions, tracks
-from webapp.store.schema_missions import Mission, MissionPhoto
-from webapp.tasks import fuse_mission
 
 
 @pytest.fixture
@@ -38,9 +38,7 @@ def fused(library, mission_id):
 
 
 def run(library, mission_id, progress=None):
-    return fuse_mission.run(
-        library, mission_id, write=library.database.write, progress=progress or Progress()
-    )
+    return fuse.run(library, mission_id, write=library.database.write, progress=progress or Progress())
 
 
 def test_a_corrected_track_stands_beside_the_others(library, driven):
@@ -70,7 +68,7 @@ def test_what_was_left_out_is_told_and_kept(library, driven):
     assert (statistics["used"], statistics["gated"]) == (59, 1)
     low, high = statistics["expected_between"]
     assert low < 2 < high
-    assert fuse_mission.read_report(library, mission_id) == json.loads(json.dumps(report))
+    assert fuse.read_report(library, mission_id) == json.loads(json.dumps(report))
 
 
 def test_done_again_it_is_the_same(library, driven):
@@ -114,7 +112,7 @@ def test_a_backup_waits_for_the_commit_and_the_report_only(library, driven, monk
 
         def call(*args, **named):
             try:
-                with FileLock(library.inner / fuse_mission.LOCK, timeout=0):
+                with FileLock(library.inner / fuse.LOCK, timeout=0):
                     held[name] = False
             except Timeout:
                 held[name] = True
@@ -123,9 +121,9 @@ def test_a_backup_waits_for_the_commit_and_the_report_only(library, driven, monk
         monkeypatch.setattr(module, name, call)
 
     watched(tracks, "append")
-    watched(fuse_mission, "_mark_photos")
+    watched(fuse, "_mark_photos")
     watched(Session, "commit")
-    watched(fuse_mission, "write_text")
+    watched(fuse, "write_text")
     run(library, mission_id)
     assert held == {"append": False, "_mark_photos": False, "commit": True, "write_text": True}
 
@@ -133,19 +131,19 @@ def test_a_backup_waits_for_the_commit_and_the_report_only(library, driven, monk
 def test_nobody_waits_for_a_fusion_that_waits_for_a_backup(library, driven, monkeypatch):
     mission_id, _ = driven
     rewritten = threading.Event()
-    mark = fuse_mission._mark_photos
-    monkeypatch.setattr(fuse_mission, "_mark_photos", lambda *args: (mark(*args), rewritten.set()))
+    mark = fuse._mark_photos
+    monkeypatch.setattr(fuse, "_mark_photos", lambda *args: (mark(*args), rewritten.set()))
     worker = threading.Thread(target=run, args=(library, mission_id))
-    with FileLock(library.inner / fuse_mission.LOCK):
+    with FileLock(library.inner / fuse.LOCK):
         worker.start()
         assert rewritten.wait(10)
         with library.database.write() as session:
             session.get_one(Mission, mission_id).name = "Renamed"
             assert [t.source for t in tracks.listed(session, mission_id)] == ["odometry", "gps"]
         with pytest.raises(NotFound):
-            fuse_mission.read_report(library, mission_id)
+            fuse.read_report(library, mission_id)
     worker.join(20)
-    report = fuse_mission.read_report(library, mission_id)
+    report = fuse.read_report(library, mission_id)
     assert fused(library, mission_id)[0].poses == report["poses"]
     with library.database.read() as session:
         assert session.get_one(Mission, mission_id).revision == report["revision"] == 1
@@ -186,7 +184,7 @@ def test_nothing_to_correct_by(library, owner):
     with pytest.raises(UsageError, match="no fix"):
         run(library, mission.id)
     with pytest.raises(NotFound, match="not fused yet"):
-        fuse_mission.read_report(library, mission.id)
+        fuse.read_report(library, mission.id)
 
 
 def test_a_mission_that_is_gone(library):
@@ -196,7 +194,7 @@ def test_a_mission_that_is_gone(library):
 
 def test_of_a_long_track_some_poses_are_taken(library, driven, monkeypatch):
     mission_id, drive = driven
-    monkeypatch.setattr(fuse_mission, "MOST_POSES", 50)
+    monkeypatch.setattr(fuse, "MOST_POSES", 50)
     report = run(library, mission_id)
     assert report["poses"] <= 100
     assert error_m(Fusion(fused(library, mission_id)[1], {}, (), None), drive) < 2.0

@@ -10,23 +10,19 @@ from filelock import FileLock
 from tests.core.trajectory.simulated import Drive
 from tests.core.trajectory.test_fusion import gps_of, odometry_of
 from webapp.errors import StorageError
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Pose
+from webapp.missions.tasks import add_photo, fuse, store_batch
+from webapp.missions.tasks.add_photo import About
+from webapp.missions.tasks.store_batch import Numbered
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.store import accounts, missions, snapshot, tracks
+from webapp.store.accounts import accounts
 from webapp.store.library import DATABASE, open_library
+from webapp.store.operate import snapshot
 from webapp.store.schema import Account
-from webapp.store.schema_missions import Pose
-from webapp.tasks import (
-    add_mission_photo,
-    adopt_map,
-    backup_library,
-    fuse_mission,
-    library_export,
-    restore_library,
-    take_batch,
-)
-from webapp.tasks.add_mission_photo import About
-from webapp.tasks.take_batch import Numbered
+from webapp.tasks.maps import adopt_map, export
+from webapp.tasks.operate import backup, restore
 
 
 @pytest.fixture
@@ -42,9 +38,9 @@ def mission(library, save_photo):
     with library.database.write() as session:
         id = missions.create(session, "Yard", account_id=accounts.ensure_owner(session).id).id
     poses = [{"type": "pose", "time": n, "lat": 50, "lon": 14} for n in range(3)]
-    take_batch.run(library, id, records=poses, place=Numbered("robot", 0))
+    store_batch.run(library, id, records=poses, place=Numbered("robot", 0))
     save_photo(library.uploads / "a.jpg", 1)
-    add_mission_photo.run(
+    add_photo.run(
         library, id, source=library.uploads / "a.jpg", name="a.jpg", about=About(), settings=Settings()
     )
     return id
@@ -53,13 +49,13 @@ def mission(library, save_photo):
 def photo_of(library, mission):
     with library.database.read() as session:
         (photo,) = missions.photos(session, mission)
-    return add_mission_photo.original(library, photo).read_bytes()
+    return add_photo.original(library, photo).read_bytes()
 
 
 def test_a_mission_comes_back(library, mission, tmp_path):
-    report = backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+    report = backup.run(library, tmp_path / "b.zip", progress=Progress())
     assert report.missing == ()
-    restore_library.run(tmp_path / "b.zip", tmp_path / "other", progress=Progress())
+    restore.run(tmp_path / "b.zip", tmp_path / "other", progress=Progress())
     restored = open_library(tmp_path / "other")
     with restored.database.read() as session:
         (track,) = tracks.listed(session, mission)
@@ -72,7 +68,7 @@ def test_a_mission_comes_back(library, mission, tmp_path):
 
 def test_a_photo_that_is_lost_is_told_of(library, mission, tmp_path):
     shutil.rmtree(missions.folder(library, mission))
-    report = backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+    report = backup.run(library, tmp_path / "b.zip", progress=Progress())
     (lost,) = report.missing
     assert lost.startswith(f"missions/{mission}/photos/")
 
@@ -86,7 +82,7 @@ def fused(library):
         id = missions.create(session, "Drive", account_id=accounts.ensure_owner(session).id).id
         for source, poses in (("odometry", odometry_of(drive)), ("gps", gps_of(drive))):
             tracks.append(session, tracks.get_or_create(session, id, source=source), poses)
-    fuse_mission.run(library, id, write=library.database.write, progress=Progress())
+    fuse.run(library, id, write=library.database.write, progress=Progress())
     return id
 
 
@@ -97,46 +93,46 @@ def fused_track(library, mission):
 
 
 def test_a_fused_track_comes_back_with_its_report(library, fused, tmp_path):
-    report = backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+    report = backup.run(library, tmp_path / "b.zip", progress=Progress())
     assert report.missing == ()
-    restore_library.run(tmp_path / "b.zip", tmp_path / "other", progress=Progress())
+    restore.run(tmp_path / "b.zip", tmp_path / "other", progress=Progress())
     restored = open_library(tmp_path / "other")
     assert fused_track(restored, fused) == fused_track(library, fused)
-    assert fuse_mission.read_report(restored, fused) == fuse_mission.read_report(library, fused)
-    assert fuse_mission.read_report(restored, fused)["gated"]
+    assert fuse.read_report(restored, fused) == fuse.read_report(library, fused)
+    assert fuse.read_report(restored, fused)["gated"]
     restored.database.close()
 
 
 def test_a_backup_waits_while_a_fused_track_is_replaced(library, fused, tmp_path, monkeypatch):
-    monkeypatch.setattr(backup_library, "_WAIT_S", 0)
+    monkeypatch.setattr(backup, "_WAIT_S", 0)
     with (
-        FileLock(library.inner / fuse_mission.LOCK),
+        FileLock(library.inner / fuse.LOCK),
         pytest.raises(StorageError, match="the fused track of a mission, which is being written"),
     ):
-        backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+        backup.run(library, tmp_path / "b.zip", progress=Progress())
 
 
 def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_map, tmp_path, monkeypatch):
-    monkeypatch.setattr(backup_library, "_WAIT_S", 0)
+    monkeypatch.setattr(backup, "_WAIT_S", 0)
     make_map(library.map_folder("park"), 2)
     with library.database.read() as session:
         owner = session.query(Account).one().id
     adopt_map.run(library, "park", account_id=owner)
-    held, asked = backup_library._held, []
+    held, asked = backup._held, []
 
     def noted(path, **named):
         asked.append(path.name)
         return held(path, **named)
 
-    monkeypatch.setattr(backup_library, "_held", noted)
+    monkeypatch.setattr(backup, "_held", noted)
     (library.map_folder("park") / "derived").mkdir(exist_ok=True)
     with (
-        FileLock(library.map_folder("park") / "derived" / library_export.LOCK),
+        FileLock(library.map_folder("park") / "derived" / export.LOCK),
         pytest.raises(StorageError, match=r"the \.cfg file of a map, which is being written") as refused,
     ):
-        backup_library.run(library, tmp_path / "b.zip", progress=Progress())
+        backup.run(library, tmp_path / "b.zip", progress=Progress())
     assert refused.value.where == "park"
-    assert asked == [library_export.LOCK]
+    assert asked == [export.LOCK]
 
 
 def test_a_database_from_before_missions(library):

@@ -10,14 +10,14 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import NotFound, TrackError
+from webapp.missions.store import batches, missions, objects, tracks
+from webapp.missions.store.objects import Page
+from webapp.missions.store.schema import Mission, Track
+from webapp.missions.tasks import import_file, read_track
+from webapp.missions.tasks.import_file import Order
+from webapp.missions.tasks.read_track import Wishes
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.store import batches, mission_objects, missions, tracks
-from webapp.store.mission_objects import Page
-from webapp.store.schema_missions import Mission, Track
-from webapp.tasks import mission_import, read_track
-from webapp.tasks.mission_import import Order
-from webapp.tasks.read_track import Wishes
 
 ALL = Wishes(min_move=MinMove(0.0))
 
@@ -49,8 +49,8 @@ def mission(library, owner):
 @pytest.fixture
 def small_parts(monkeypatch):
     """Have files cut into small parts, and stored a few at a time."""
-    monkeypatch.setattr("webapp.files.csvtrack.CHUNK", 50)
-    monkeypatch.setattr(mission_import, "_AT_ONCE", 120)
+    monkeypatch.setattr("webapp.missions.files.csv_reader.CHUNK", 50)
+    monkeypatch.setattr(import_file, "_AT_ONCE", 120)
 
 
 def order_for(path, wishes=ALL, name=None):
@@ -58,7 +58,7 @@ def order_for(path, wishes=ALL, name=None):
 
 
 def imported(library, mission, order, **how):
-    return mission_import.run(library, mission, order=order, settings=Settings(), **how)
+    return import_file.run(library, mission, order=order, settings=Settings(), **how)
 
 
 def content(library, mission):
@@ -71,7 +71,7 @@ def content(library, mission):
             found[(track.source, track.name)] = (*facts, poses.times_s.tolist(), poses.latlon.tolist())
         seen = {
             o.object_id: (o.kind, o.sightings, o.last_time_s)
-            for o in mission_objects.page(session, mission, Page())[0]
+            for o in objects.page(session, mission, Page())[0]
         }
         return found, seen
 

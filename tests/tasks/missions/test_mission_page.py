@@ -6,11 +6,12 @@ import re
 import pytest
 
 from webapp.errors import UsageError
-from webapp.render import export_mission_file, mission_page
+from webapp.missions.render import export_file
+from webapp.missions.render import page as mission_page
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission, MissionObject
 from webapp.settings import Settings
-from webapp.store import missions
-from webapp.store.schema_missions import Mission, MissionObject
-from webapp.tasks import adopt_map
+from webapp.tasks.maps import adopt_map
 
 TITLE = "</title><script>window.hacked = 1</script>"
 GEO = {
@@ -25,7 +26,7 @@ GEO = {
 
 
 def page(library, mission):
-    download = export_mission_file.run(library, mission, form="html", settings=Settings())
+    download = export_file.run(library, mission, form="html", settings=Settings())
     return b"".join(download.pieces).decode()
 
 
@@ -69,4 +70,4 @@ def test_too_many_objects_and_none_at_all(library, owner, new_mission, monkeypat
 
 def test_there_is_no_other_format(library, new_mission):
     with pytest.raises(UsageError, match="no format"):
-        export_mission_file.run(library, new_mission(), form="docx", settings=Settings())
+        export_file.run(library, new_mission(), form="docx", settings=Settings())

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from webapp.errors import UsageError
-from webapp.store import mission_query
-from webapp.store.mission_query import Question, understand
-from webapp.tasks import query_mission
+from webapp.missions.store import query
+from webapp.missions.store.query import Question, understand
+from webapp.missions.tasks import query as query_mission
 
 
 @pytest.fixture
@@ -102,10 +102,10 @@ def test_mistakes_are_told_with_their_place(ask, new_mission, wish, where):
 
 def test_what_takes_too_long_is_stopped(ask, new_mission, monkeypatch):
     mission = new_mission(20_000)
-    monkeypatch.setattr(mission_query, "MAX_SECONDS", 0.0)
+    monkeypatch.setattr(query, "MAX_SECONDS", 0.0)
     with pytest.raises(UsageError, match="more than 0 seconds"):
         ask(mission, "poses", select="number", order="lat", limit=1)
-    monkeypatch.setattr(mission_query, "MAX_SECONDS", 5.0)
+    monkeypatch.setattr(query, "MAX_SECONDS", 5.0)
     assert len(ask(mission, "poses", limit=20_000)["rows"]) == 20_000
 
 
@@ -179,7 +179,7 @@ def made(library, new_mission):
 def test_the_docs_name_all_columns(ask, new_mission):
     page = Path(__file__).resolve().parents[3] / "docs" / "mission-exports.md"
     mission = new_mission()
-    for table in mission_query.TABLES:
+    for table in query.TABLES:
         (row,) = re.findall(rf"^\| `{table}` \| `([^`]*)` \|$", page.read_text("utf-8"), re.MULTILINE)
         assert row.split() == ask(mission, table)["columns"]
 

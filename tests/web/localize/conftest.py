@@ -9,8 +9,9 @@ import pytest
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.schema import MapRecord
-from webapp.tasks import adopt_map, build_map
-from webapp.tasks.open_map import OpenOptions
+from webapp.tasks.localize import build_map
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.maps import adopt_map
 
 SLUG = "sample"
 

@@ -7,9 +7,9 @@ from sqlalchemy import func, select
 
 from webapp.progress import Progress
 from webapp.store.schema import Job, Photo
-from webapp.tasks import build_map
-from webapp.tasks.open_map import OpenOptions
-from webapp.tasks.ready_maps import ReadyMaps, Way
+from webapp.tasks.localize import build_map
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.open_maps import ReadyMaps, Way
 
 
 def photos(library, map_id):

@@ -10,13 +10,14 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import func, select, update
 
-from webapp.files.calibrationfile import FORMAT
-from webapp.store import members
-from webapp.store import queries as stored
+from webapp.files.localize.calibration import FORMAT
+from webapp.store.accounts import members
+from webapp.store.localize import queries as stored
 from webapp.store.schema import Job, MapRecord, QueryRecord
-from webapp.tasks import adopt_map, localize_upload
-from webapp.tasks.ready_maps import Way
-from webapp.web import api_localize
+from webapp.tasks.localize import upload
+from webapp.tasks.localize.open_maps import Way
+from webapp.tasks.maps import adopt_map
+from webapp.web.localize import api_localize
 
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
@@ -251,7 +252,7 @@ def test_features_that_do_not_fit_a_method_are_refused_by_their_field(
 def test_the_first_thorough_answer_has_its_calibration_made_once(
     client, library, sample, ask, queries, monkeypatch
 ):
-    run = localize_upload.run
+    run = upload.run
     monkeypatch.setattr(api_localize, "usable_features", lambda *_, method: ["xfeat"])
 
     def uncalibrated(ready_maps, map_id, *, question, settings):
@@ -259,7 +260,7 @@ def test_the_first_thorough_answer_has_its_calibration_made_once(
         asked = run(ready_maps, map_id, question=usual, settings=settings)
         return replace(asked, ready=replace(asked.ready, to_calibrate=True))
 
-    monkeypatch.setattr(localize_upload, "run", uncalibrated)
+    monkeypatch.setattr(upload, "run", uncalibrated)
     for _ in range(2):
         assert ask(client, queries / "query_01.jpg", method="thorough").status_code == 200
     assert [job for job in jobs_of(library) if job[1]] == [("index", "xfeat thorough")]

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.types import Orientations, no_depths
+from webapp.core.geometry import so3
+from webapp.core.geometry.orientations import Orientations, no_depths
 from webapp.settings import Settings
-from webapp.store import members
-from webapp.tasks import follow_sequence, localize_hinted
-from webapp.tasks.ready_maps import ReadyMaps, Way
+from webapp.store.accounts import members
+from webapp.tasks.localize import follow_sequence, hinted
+from webapp.tasks.localize.open_maps import ReadyMaps, Way
 
 
 def files(library):
@@ -67,5 +67,5 @@ def test_photos_that_tell_no_heading_have_the_one_that_was_worked_out(library, s
     known = Orientations(so3.level(turned), np.zeros(len(turned)), trust, no_depths())
     object.__setattr__(indexed, "orientations", known)
     object.__setattr__(localizer.map, "experiences", tuple(replace(e, heading_deg=None) for e in experiences))
-    headings = localize_hinted.headings(localizer)
+    headings = hinted.headings(localizer)
     assert headings == {int(i): 90.0 if n % 2 else 270.0 for n, i in enumerate(indexed.ids) if n >= 4}

@@ -14,10 +14,10 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.jobs import index
 from webapp.jobs.worker import Worker
-from webapp.store import missions, tracks
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import MissionPhoto
 from webapp.store.schema import Job
-from webapp.store.schema_missions import MissionPhoto
-from webapp.tasks.library_map import georeference
+from webapp.tasks.maps.library_map import georeference
 
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",

@@ -12,7 +12,7 @@ from werkzeug.serving import make_server
 
 from webapp.errors import ExpMapError, InputError, NotFound, NotReady, NotSignedIn
 from webapp.robot import Near, RobotClient, RobotOptions
-from webapp.store import accounts
+from webapp.store.accounts import accounts
 
 ROOT = Path(__file__).resolve().parents[3]
 NUMBER = r"-?\d+\.\d+(?:e-?\d+)?"

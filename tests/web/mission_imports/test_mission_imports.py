@@ -8,8 +8,9 @@ from webapp.errors import UsageError
 from webapp.jobs import kinds
 from webapp.jobs.kinds import Context
 from webapp.jobs.progress import JobProgress
-from webapp.store import jobs, missions, tracks
-from webapp.store.jobs import Lease, Limits
+from webapp.missions.store import missions, tracks
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease, Limits
 
 TABLE = b"stamp;la;lo\n1000;50,5;14\n2000;50,6;14\n"
 COLUMNS = "time=stamp:ms, lat=la, lon=lo"

@@ -5,8 +5,8 @@ import pytest
 from webapp.jobs import kinds
 from webapp.jobs.kinds import Context
 from webapp.jobs.progress import JobProgress
-from webapp.store import jobs
-from webapp.store.jobs import Lease, Limits
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease, Limits
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ from urllib.parse import quote
 
 import pytest
 
-from webapp.store import missions, tracks
-from webapp.store.schema_missions import Mission, MissionSender
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission, MissionSender
 
 CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0, "lon": 14.0}
 
@@ -195,7 +195,7 @@ def test_nothing_is_kept_of_a_batch_whose_answer_fails(library, send, walk, stat
     def fail(*_args, **_more):
         raise OSError("no")
 
-    monkeypatch.setattr("webapp.store.batches.add_sightings", fail)
+    monkeypatch.setattr("webapp.missions.store.batches.add_sightings", fail)
     with pytest.raises(OSError, match="no"):
         send([*walk(3), CAR])
     monkeypatch.undo()

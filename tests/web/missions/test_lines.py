@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from webapp.core.trajectory.records import make_poses
+from webapp.missions.store import missions, tracks
+from webapp.missions.tasks import build_pieces, track_line
+from webapp.missions.tasks.track_line import View
 from webapp.progress import Progress
-from webapp.store import jobs, missions, tracks
-from webapp.tasks import build_pieces, track_line
-from webapp.tasks.track_line import View
+from webapp.store.operate import jobs
 
 COUNT = 5 * 4096 + 1000
 DEGREE_M = 111_195.0

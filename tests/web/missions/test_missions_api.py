@@ -3,9 +3,9 @@
 import pytest
 
 from webapp.errors import Cancelled
+from webapp.missions.store.schema import Mission, ObjectSighting, Pose
+from webapp.missions.tasks import delete as delete_mission
 from webapp.progress import Progress
-from webapp.store.schema_missions import Mission, ObjectSighting, Pose
-from webapp.tasks import delete_mission
 
 
 def test_a_new_mission(client, new_map, owner):

@@ -8,9 +8,9 @@ import gpxpy
 import pytest
 
 from tests.kml_rules import KML, check_kml
-from webapp.render.export_mission_file import FORMATS
-from webapp.store import mission_query
-from webapp.web import mission_download
+from webapp.missions.render.export_file import FORMATS
+from webapp.missions.store import query
+from webapp.missions.web import download
 
 
 def test_every_format_comes_as_a_file(client, new_mission):
@@ -87,8 +87,8 @@ def test_a_mistake_is_told_with_its_place(client, new_mission, wish, status, whe
 
 
 def test_a_question_that_takes_too_long_is_refused(client, new_mission, monkeypatch):
-    monkeypatch.setattr(mission_query, "MAX_SECONDS", 0.0)
-    monkeypatch.setattr(mission_query, "_STEPS", 1)
+    monkeypatch.setattr(query, "MAX_SECONDS", 0.0)
+    monkeypatch.setattr(query, "_STEPS", 1)
     answer = client.get(f"/api/v1/missions/{new_mission()}/query", query_string={"order": "lat"})
     assert answer.status_code == 400
     assert "seconds" in answer.json["error"]["message"]
@@ -109,7 +109,7 @@ def test_a_link_needs_a_public_share(client, new_mission, share):
 def test_slow_readers_leave_threads_for_others(app, client, new_mission):
     where = f"/api/v1/missions/{new_mission()}/export.csv"
     with app.app_context():
-        free = mission_download.turns.free()
+        free = download.turns.free()
     taken = 0
     while free.acquire(blocking=False):
         taken += 1

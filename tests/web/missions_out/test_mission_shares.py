@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 from tests.kml_rules import GX, KML, check_kml
-from webapp.store.schema_missions import MissionPhoto, MissionShare
+from webapp.missions.store.schema import MissionPhoto, MissionShare
 
 SECRETS = ("SECRETNOTE", "SECRETCAM", "SECRETNAME")
 

@@ -4,7 +4,7 @@ import pytest
 import schemathesis
 
 from tests.web.test_openapi import CHECKS, cases, each
-from webapp.store import accounts
+from webapp.store.accounts import accounts
 from webapp.web.openapi import PATH
 
 # schemathesis does not close answers that are files

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from webapp.store import maps
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 
 

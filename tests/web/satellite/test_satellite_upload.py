@@ -7,11 +7,11 @@ import pytest
 from PIL import Image
 
 from tests.web.satellite.images import CORNERS, geotiff, message, png
-from webapp.files.mapjson import parse_georeference
+from webapp.files.maps.map_json import parse_georeference
 from webapp.progress import Progress
 from webapp.settings import SatelliteLimits, Settings
 from webapp.store.schema import Job
-from webapp.tasks import satellite_display
+from webapp.tasks.satellite import display
 
 
 class TestUpload:
@@ -124,7 +124,7 @@ class TestLargeImages:
         assert shown.width <= 2048
         with library.database.read() as session:
             assert [job.kind for job in session.query(Job)] == ["satellite-pyramid"]
-        satellite_display.make_tiles(library, record().id, settings=Settings(), progress=Progress())
+        display.make_tiles(library, record().id, settings=Settings(), progress=Progress())
         tiles = client.get(base).json["satellite"]["tiles"]
         assert tiles["max_zoom"] == 5
         tile = client.get(tiles["url"].format(z=5, x=3, y=0), buffered=True)

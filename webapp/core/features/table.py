@@ -13,7 +13,7 @@ from webapp.core.features.sift import Sift
 from webapp.core.features.surf import Surf
 from webapp.core.features.types import Detector, Extractor, Kind
 from webapp.core.features.xfeat import XFeat
-from webapp.core.index.tiers import Engine
+from webapp.core.retrieval.engines.tiers import Engine
 from webapp.errors import UsageError
 
 Method = Literal["vote", "verified", "thorough"]

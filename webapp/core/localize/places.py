@@ -9,15 +9,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.relative import RelativePose
 from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.orientations import USABLE_TRUST
+from webapp.core.geometry.relative_pose import RelativePose
 from webapp.core.hypotheses.model import NoPose
-from webapp.core.localize.indexed import IndexedMap
-from webapp.core.localize.multiview import Pose, locate
+from webapp.core.localize.pose_refinement import Pose, locate
+from webapp.core.localize.pose_residuals import View
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
-from webapp.core.localize.residuals import View
-from webapp.core.localize.shortlist import Shortlisted
-from webapp.core.reconstruction.types import USABLE_TRUST
+from webapp.core.retrieval.indexed import IndexedMap
+from webapp.core.retrieval.shortlist import Shortlisted
 
 _PLACES = 6
 

@@ -20,13 +20,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.relative import INLIER_SCALE, Camera, RelativePose, relative_pose
 from webapp.core.features.types import Features
+from webapp.core.geometry.orientations import Depths, no_depths
+from webapp.core.geometry.relative_pose import INLIER_SCALE, Camera, RelativePose, relative_pose
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, NoPose
-from webapp.core.localize.indexed import IndexedMap, candidates
 from webapp.core.localize.places import Place, Verified, join, support_at
-from webapp.core.localize.shortlist import (
+from webapp.core.localize.vote import match_statistics
+from webapp.core.reconstruction.depths import DepthsWithout
+from webapp.core.retrieval.indexed import IndexedMap, candidates
+from webapp.core.retrieval.shortlist import (
     Shortlisted,
     consistent,
     matched_anew,
@@ -34,9 +37,6 @@ from webapp.core.localize.shortlist import (
     turn_deg,
     weighted_votes,
 )
-from webapp.core.localize.vote import match_statistics
-from webapp.core.reconstruction.depths import DepthsWithout
-from webapp.core.reconstruction.types import Depths, no_depths
 from webapp.threads import in_threads
 
 NEIGHBOURS = 10

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics, NoPose
-from webapp.core.localize.indexed import Candidates, IndexedMap, candidates
+from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
 
 
 def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection[int] = ()) -> Answer:

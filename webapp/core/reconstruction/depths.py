@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.reconstruction.epipolar import epipolar
+from webapp.core.geometry.epipolar import epipolar
+from webapp.core.geometry.orientations import USABLE_TRUST, Depths, Orientations, no_depths
 from webapp.core.reconstruction.pairs import Pairs, homogeneous
-from webapp.core.reconstruction.types import USABLE_TRUST, Depths, Orientations, no_depths
 
 Array = NDArray[np.float64]
 

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.reconstruction import so3
+from webapp.core.geometry import so3
+from webapp.core.geometry.orientations import Orientations, no_depths
 from webapp.core.reconstruction.depths import sightings_of
 from webapp.core.reconstruction.pairs import Pairs
 from webapp.core.reconstruction.refinement import refine
-from webapp.core.reconstruction.types import Orientations, no_depths
 
 _FULL_PARALLAX = math.radians(2.0)
 """From this parallax on the direction between the cameras counts fully."""

@@ -9,15 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.lightglue import PairMatcher
-from webapp.core.features.relative import Camera, RelativePose, relative_pose
-from webapp.core.localize.indexed import Candidates, IndexedMap, candidates
-from webapp.core.localize.shortlist import (
-    Shortlisted,
-    consistent,
-    matched_anew,
-    shortlist,
-    weighted_votes,
-)
+from webapp.core.geometry.relative_pose import Camera, RelativePose, relative_pose
+from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
+from webapp.core.retrieval.shortlist import Shortlisted, consistent, matched_anew, shortlist, weighted_votes
 
 _NEIGHBOURS = 11
 _PARTNERS = 12

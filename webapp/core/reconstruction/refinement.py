@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.reconstruction import so3
-from webapp.core.reconstruction.epipolar import epipolar
+from webapp.core.geometry import so3
+from webapp.core.geometry.epipolar import epipolar
 from webapp.core.reconstruction.pairs import Pairs, homogeneous
 
 Array = NDArray[np.float64]

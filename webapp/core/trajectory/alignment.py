@@ -13,16 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.motion import (
-    CURVE,
-    HEADING,
-    POSITION,
-    SCALE,
-    SIZE,
-    TURN_SCALE,
-    VELOCITY,
-    Noise,
-)
+from webapp.core.trajectory.motion import CURVE, HEADING, POSITION, SCALE, SIZE, TURN_SCALE, VELOCITY, Noise
 from webapp.core.trajectory.steps import Fixes, Floats, Steps, path
 
 GATE = 13.816

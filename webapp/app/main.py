@@ -1,0 +1,161 @@
+"""The command `expmap`: every subcommand, and what its errors look like."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from webapp import __version__
+from webapp.cli.exitcodes import INTERRUPTED, exit_code
+from webapp.errors import ExpMapError
+from webapp.settings import let_threads_sleep
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are asked for, so that help and errors come at once.
+
+    Parameters
+    ----------
+    where : dict of str to str
+        Command name to "module:object".
+    """
+
+    def __init__(self, *, where: dict[str, str], **options: object) -> None:
+        super().__init__(**options)  # type: ignore[arg-type]
+        self._where = where
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Name the commands, in the order of the work."""
+        return list(self._where)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; None when there is none of that name."""
+        if cmd_name not in self._where:
+            return None
+        module, name = self._where[cmd_name].split(":")
+        command: click.Command = getattr(importlib.import_module(module), name)
+        return command
+
+
+def _show_version(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        click.echo(f"expmap {__version__}")
+        ctx.exit()
+
+
+map_group = LazyGroup(
+    name="map",
+    help="Make and check map files.",
+    where={
+        "check": "webapp.cli.map_check:check",
+        "from-photos": "webapp.cli.map_from_photos:from_photos",
+    },
+)
+
+mission_group = LazyGroup(
+    name="mission",
+    help="What robots and people did: tracks, and objects that they saw.",
+    where={
+        "list": "webapp.missions.cli.mission:list_missions",
+        "new": "webapp.missions.cli.mission:new",
+        "import": "webapp.missions.cli.mission:import_files",
+        "export": "webapp.missions.cli.mission:export",
+    },
+)
+
+account_group = LazyGroup(
+    name="account",
+    help="Who may sign in, and with what.",
+    where={
+        "link": "webapp.cli.account:link",
+        "token": "webapp.cli.account:token",
+        "add": "webapp.cli.account:add",
+        "list": "webapp.cli.account:list_accounts",
+    },
+)
+
+robot_group = LazyGroup(
+    name="robot",
+    help="Send poses and objects from a robot, through outages.",
+    where={
+        "send": "webapp.missions.cli.robot:send",
+        "replay": "webapp.missions.cli.robot_replay:replay",
+        "recover": "webapp.missions.cli.robot:recover",
+        "status": "webapp.missions.cli.robot:status",
+    },
+)
+
+models_group = LazyGroup(
+    name="models",
+    help="The weights that learned features need.",
+    where={"list": "webapp.cli.models:list_models", "fetch": "webapp.cli.models:fetch"},
+)
+
+root = LazyGroup(
+    name="expmap",
+    help="Where was this photo taken? Answers on a map that people make themselves.",
+    where={
+        "sample": "webapp.sample.cli:sample",
+        "map": "webapp.app.main:map_group",
+        "build": "webapp.cli.build:build",
+        "localize": "webapp.cli.localize:localize",
+        "evaluate": "webapp.cli.evaluate:evaluate",
+        "models": "webapp.app.main:models_group",
+        "serve": "webapp.cli.serve:serve",
+        "worker": "webapp.cli.worker:worker",
+        "mission": "webapp.app.main:mission_group",
+        "robot": "webapp.app.main:robot_group",
+        "account": "webapp.app.main:account_group",
+        "backup": "webapp.cli.backup:backup",
+        "restore": "webapp.cli.backup:restore",
+    },
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    params=[
+        click.Option(
+            ["--version"],
+            is_flag=True,
+            expose_value=False,
+            is_eager=True,
+            callback=_show_version,
+            help="Show the version and exit.",
+        )
+    ],
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command and exit with its code; an error is one line on standard error."""
+    let_threads_sleep()
+    try:
+        code = root.main(args=arguments, prog_name="expmap", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        code = error.exit_code
+    except click.ClickException as error:
+        click.echo(f"expmap: {_in_one_line(error)}", err=True)
+        code = error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
+        code = INTERRUPTED
+    except ExpMapError as error:
+        click.echo(f"expmap: {error}", err=True)
+        code = exit_code(error)
+    except BrokenPipeError:
+        # The reader of the output has gone; writing on, even at exit, would only repeat the error.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _in_one_line(error: click.ClickException) -> str:
+    message = " ".join(error.format_message().split()).rstrip(".")
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    return message if context is None else f"{message} ({context.command_path} --help tells more)"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Geometry of one and two views: rotations, relative pose, epipolar constraint."""

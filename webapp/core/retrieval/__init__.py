@@ -1,0 +1,1 @@
+"""Which photos of a map may show what a query shows: search engines and the shortlist."""

@@ -1,0 +1,156 @@
+"""Search in two stages: signatures name some photos, whose descriptors are then compared exactly.
+
+For maps whose descriptors do not fit into memory: only the signatures stay there. The descriptors of the
+photos named are read when they are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.retrieval.engines import vlad
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.types import Neighbours, nothing_found
+from webapp.core.retrieval.engines.vlad import Codebook
+from webapp.threads import in_threads
+
+_NAMED = 48
+"""Photos whose descriptors are looked at."""
+
+_STRONGEST = 500
+"""So many keypoints of each, the strongest, tell which of them are worth a full comparison."""
+
+_COMPARED = 24
+"""Photos that are compared with all their descriptors."""
+
+_NEAREST = 6
+"""Of the photos compared, so many nearest neighbours are kept: the last tells how near a usual one is."""
+
+_BLOCK = 128
+"""Descriptors of the query compared at once: bounds the memory of each thread."""
+
+
+class TwoStage:
+    """Nearest neighbours among the photos that are most like the query.
+
+    At most one in each, but where fewer photos than neighbours may be named: then as many in each as make up
+    the number, because how near a neighbour is can only be told by another one.
+
+    Parameters
+    ----------
+    codebook : Codebook
+    signatures : sequence of (p, b) uint8
+        Of each segment's photos.
+    segments : sequence of Segment
+        Their descriptors may be in files.
+    """
+
+    def __init__(
+        self, codebook: Codebook, signatures: Sequence[NDArray[np.uint8]], *, segments: Sequence[Segment]
+    ) -> None:
+        self._codebook = codebook
+        self._signatures = signatures
+        self._segments = segments
+        self._first_entry = np.cumsum([0, *(len(s.content) for s in segments)])
+        self._first_row = np.cumsum([0, *(s.first[-1] for s in segments)])
+
+    def search_among(
+        self, descriptors: NDArray[np.uint8], k: int, *, visible: NDArray[np.bool_]
+    ) -> Neighbours:
+        """Find up to k near descriptors for each of (n, d) uint8 descriptors.
+
+        Neighbours that are nearer to another descriptor of the query have no row. Their distance stays: it
+        tells how much nearer others are.
+
+        Parameters
+        ----------
+        descriptors : (n, d) uint8
+            The strongest keypoint's first.
+        k : int
+        visible : (e,) bool
+            Which photos of all segments, in order, may be named.
+        """
+        if not len(descriptors) or not visible.any():
+            return nothing_found(len(descriptors), k)
+        named = vlad.most_alike(
+            self._codebook, self._signatures, descriptors=descriptors, visible=visible, most=_NAMED
+        )
+        if len(named) > _COMPARED:
+            quick = self._compare(descriptors[:_STRONGEST], named, strongest=_STRONGEST)
+            named = named[np.argsort(-_votes(quick.distance), kind="stable")[:_COMPARED]]
+        kept = min(k, _NEAREST)
+        found = self._compare(descriptors, named, each=-(-kept // len(named)))
+        return _nearest(found, k, kept=kept)
+
+    def _compare(
+        self,
+        query: NDArray[np.uint8],
+        entries: NDArray[np.int64],
+        *,
+        each: int = 1,
+        strongest: int | None = None,
+    ) -> Neighbours:
+        """Find the nearest descriptors of each photo, or of its strongest; `each` columns a photo."""
+        values = query.astype(np.float32)
+        squared = (values**2).sum(axis=1)
+
+        def nearest(entry: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+            first, theirs = self._descriptors(entry, strongest)
+            known = theirs.astype(np.float32)
+            length = (known**2).sum(axis=1)
+            here = min(each, len(theirs))
+            found = nothing_found(len(values), each)
+            nearest_query = np.full(len(theirs), np.inf, np.float32)
+            for start in range(0, len(values) if here else 0, _BLOCK):
+                part = slice(start, start + _BLOCK)
+                block = values[part] @ known.T
+                block *= -2.0
+                block += length
+                block += squared[part, None]
+                np.minimum(nearest_query, block.min(axis=0), out=nearest_query)
+                rows = _least(block, here)
+                found.row[part, :here] = rows
+                found.distance[part, :here] = np.take_along_axis(block, rows, 1)
+            row, apart = found.row[:, :here], found.distance[:, :here]
+            row[...] = np.where(apart <= nearest_query[row], row + first, -1)
+            apart[...] = np.sqrt(np.maximum(apart, 0.0))
+            return found.distance, found.row
+
+        distances, rows = zip(*in_threads(nearest, entries.tolist()), strict=True)
+        return Neighbours(np.column_stack(distances), np.column_stack(rows))
+
+    def _descriptors(self, entry: int, strongest: int | None) -> tuple[int, NDArray[np.uint8]]:
+        """Read a photo's descriptors, and tell the number of the first over all segments."""
+        number = int(np.searchsorted(self._first_entry, entry, side="right")) - 1
+        segment, photo = self._segments[number], entry - int(self._first_entry[number])
+        first, stop = int(segment.first[photo]), int(segment.first[photo + 1])
+        stop = stop if strongest is None else min(stop, first + strongest)
+        return first + int(self._first_row[number]), segment.descriptors[first:stop]
+
+
+def _votes(distance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum up how much nearer each photo's (n, m) neighbours are than the usual one; (m,)."""
+    usual = np.median(distance, axis=1, keepdims=True)
+    nearer = np.zeros_like(distance)
+    np.subtract(usual, distance, where=np.isfinite(usual), out=nearer)
+    votes: NDArray[np.float32] = np.maximum(nearer, 0.0).sum(axis=0)
+    return votes
+
+
+def _least(values: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+    """Tell where the least `count` numbers of each row are, in any order."""
+    if count == 1:
+        return np.asarray(values.argmin(axis=1, keepdims=True), np.int64)
+    return np.argpartition(values, count - 1, axis=1)[:, :count]
+
+
+def _nearest(found: Neighbours, k: int, *, kept: int) -> Neighbours:
+    order = np.argsort(found.distance, axis=1, kind="stable")[:, :kept]
+    answer = nothing_found(len(order), k)
+    have = order.shape[1]
+    answer.distance[:, :have] = np.take_along_axis(found.distance, order, 1)
+    answer.row[:, :have] = np.take_along_axis(found.row, order, 1)
+    return answer

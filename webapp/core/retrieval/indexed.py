@@ -1,0 +1,223 @@
+"""A map and its index, as the methods see them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.lightglue import PairMatcher
+from webapp.core.features.types import Features
+from webapp.core.geometry import so3
+from webapp.core.geometry.orientations import USABLE_TRUST, Orientations
+from webapp.core.hypotheses.paths import Paths, paths_of
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.twostage import TwoStage
+from webapp.core.retrieval.engines.types import DescriptorSearch
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IndexedMap:
+    """The photos of a map with positions and a search over their descriptors.
+
+    Attributes
+    ----------
+    ids : (p,) int64
+        Experience ids, in the map's order.
+    position : (p, 2) float64
+        Map pixels.
+    fov_deg : (p,) float64
+        Horizontal field of view of the upright photos; NaN when unknown.
+    segments : sequence of Segment
+    photo_of_entry : (e,) int64
+        For each photo of each segment, in order, its number in `ids`; -1 when it is no longer in the map.
+    search : DescriptorSearch or TwoStage
+        Over the rows of all segments, in order.
+    place_radius_px : float
+        How far an answer may be off and still be right.
+    orientations : Orientations or None
+        How the photos were held and how far away is what they see, where that is known.
+    pair_matcher : PairMatcher or None
+        Matches the photos that are verified, instead of what the search found of them.
+    first_row : (e + 1,) int64
+        Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
+    paths : Paths
+        Where the photos were taken; follows from their positions.
+    """
+
+    ids: NDArray[np.int64]
+    position: NDArray[np.float64]
+    fov_deg: NDArray[np.float64]
+    segments: Sequence[Segment]
+    photo_of_entry: NDArray[np.int64]
+    search: DescriptorSearch | TwoStage
+    place_radius_px: float
+    orientations: Orientations | None = None
+    pair_matcher: PairMatcher | None = None
+    first_row: NDArray[np.int64] = field(init=False)
+    paths: Paths = field(init=False)
+    _entry_of_photo: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        lengths = [np.diff(s.first) for s in self.segments]
+        first = np.concatenate([[0], np.cumsum(np.concatenate(lengths))]) if lengths else np.zeros(1)
+        object.__setattr__(self, "first_row", first.astype(np.int64))
+        paths = paths_of(self.position, place_radius_px=self.place_radius_px)
+        object.__setattr__(self, "paths", paths)
+        entry = np.full(len(self.ids), -1, np.int64)
+        alive = np.flatnonzero(self.photo_of_entry >= 0)
+        entry[self.photo_of_entry[alive]] = alive
+        object.__setattr__(self, "_entry_of_photo", entry)
+
+    def photo_of_row(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Tell for rows, any shape, the number of their photo; -1 for row -1 or a removed photo."""
+        entry = np.searchsorted(self.first_row, row, side="right") - 1
+        photo = self.photo_of_entry[np.clip(entry, 0, len(self.photo_of_entry) - 1)]
+        return np.where(row >= 0, photo, -1)
+
+    def row_in_photo(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Tell for descriptor rows, any shape, which keypoint of their photo they are."""
+        return row - self.first_row[np.searchsorted(self.first_row, row, side="right") - 1]
+
+    def keypoint_angle(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Look up the orientation of descriptor rows, any shape, degrees; 0 for row -1."""
+        return self._gather(row, [s.angle for s in self.segments])
+
+    def keypoint_xy(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Look up where the keypoints of descriptor rows, any shape, are in their photos; (..., 2)."""
+        return self._gather(row, [s.xy for s in self.segments])
+
+    def headings_deg(self) -> NDArray[np.float64]:
+        """Tell where the photos looked, as far as they were oriented: (p,), NaN where not known."""
+        if self.orientations is None:
+            return np.full(len(self.ids), np.nan)
+        known = self.orientations.trust >= USABLE_TRUST
+        return np.where(known, np.degrees(so3.heading(self.orientations.rotation)) % 360.0, np.nan)
+
+    @staticmethod
+    def _gather(row: NDArray[np.int64], arrays: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
+        found = np.zeros((*row.shape, *arrays[0].shape[1:]), np.float32)
+        first = 0
+        for array in arrays:
+            here = (row >= first) & (row < first + len(array))
+            found[here] = array[row[here] - first]
+            first += len(array)
+        return found
+
+    def features(self, photo: int) -> Features | None:
+        """Take out a photo's features, by its number; None when it could not be read."""
+        place = self._place(photo)
+        return None if place is None else place[0].entry(place[1]).features
+
+    def photo_size(self, photo: int) -> tuple[int, int]:
+        """Tell width and height of an upright photo that has features."""
+        place = self._place(photo)
+        if place is None:
+            raise IndexError(f"photo {photo} has no features")
+        width, height = place[0].photo_size[place[1]]
+        return int(width), int(height)
+
+    def _place(self, photo: int) -> tuple[Segment, int] | None:
+        """Find a photo's segment and its number there."""
+        entry = int(self._entry_of_photo[photo])
+        for segment in self.segments if entry >= 0 else ():
+            if entry < len(segment.content):
+                return segment, entry
+            entry -= len(segment.content)
+        return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Neighbours of the query's descriptors, with the photos they belong to.
+
+    Attributes
+    ----------
+    distance : (n, k) float32
+        Infinite where there is no neighbour left.
+    row, photo : (n, k) int64
+        -1 where there is none.
+    """
+
+    distance: NDArray[np.float32]
+    row: NDArray[np.int64]
+    photo: NDArray[np.int64]
+
+
+_SPARE = 20
+"""So many more neighbours are looked up at first where some photos are not to be seen."""
+
+_MOST_NEIGHBOURS = 1000
+"""A descriptor with so many neighbours in photos that are not to be seen has none."""
+
+
+def candidates(
+    indexed: IndexedMap, descriptors: NDArray[np.uint8], *, k: int, hide: Collection[int] = ()
+) -> Candidates:
+    """Find the k nearest visible map descriptors of each query descriptor.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    descriptors : (n, d) uint8
+    k : int
+    hide : collection of int
+        Experience ids to leave out, as if they were not in the map.
+
+    Returns
+    -------
+    Candidates
+    """
+    hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64, len(hide)))
+    search = indexed.search
+    if isinstance(search, TwoStage):
+        visible = (indexed.photo_of_entry >= 0) & ~hidden[indexed.photo_of_entry]
+        found = search.search_among(descriptors, k, visible=visible)
+        return Candidates(found.distance, found.row, indexed.photo_of_row(found.row))
+    whole = not hidden.any() and bool((indexed.photo_of_entry >= 0).all())
+    wanted = k if whole else k + _SPARE
+    answer = _visible(indexed, descriptors, search=search, hidden=hidden, k=k, looked_up=wanted)
+    # Photos that are not to be seen can fill the list of a descriptor: then more are looked up for it.
+    while not whole and wanted < _MOST_NEIGHBOURS:
+        short = np.flatnonzero(answer.more & (answer.photo[:, -1] < 0))
+        if not len(short):
+            break
+        wanted = min(4 * wanted, _MOST_NEIGHBOURS)
+        longer = _visible(indexed, descriptors[short], search=search, hidden=hidden, k=k, looked_up=wanted)
+        answer.distance[short] = longer.distance
+        answer.row[short] = longer.row
+        answer.photo[short] = longer.photo
+        answer.more[short] = longer.more
+    return Candidates(answer.distance, answer.row, answer.photo)
+
+
+class _Visible(NamedTuple):
+    """As `Candidates`; `more` (n,) bool tells where further neighbours could be looked up."""
+
+    distance: NDArray[np.float32]
+    row: NDArray[np.int64]
+    photo: NDArray[np.int64]
+    more: NDArray[np.bool_]
+
+
+def _visible(
+    indexed: IndexedMap,
+    descriptors: NDArray[np.uint8],
+    *,
+    search: DescriptorSearch,
+    hidden: NDArray[np.bool_],
+    k: int,
+    looked_up: int,
+) -> _Visible:
+    """Take the first k of `looked_up` neighbours that are in photos of the map that are not `hidden`."""
+    found = search.search(descriptors, looked_up)
+    photo = indexed.photo_of_row(found.row)
+    photo = np.where((photo >= 0) & hidden[photo], -1, photo)
+    order = np.argsort(photo < 0, axis=1, kind="stable")[:, :k]
+    photo = np.take_along_axis(photo, order, 1)
+    distance = np.where(photo >= 0, np.take_along_axis(found.distance, order, 1), np.float32(np.inf))
+    row = np.where(photo >= 0, np.take_along_axis(found.row, order, 1), -1)
+    return _Visible(distance, row, photo, found.row[:, -1] >= 0)

@@ -1,0 +1,193 @@
+"""Which map photos are worth a closer look, and their matches with the query."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.lightglue import PairMatcher
+from webapp.core.features.types import Features
+from webapp.core.retrieval.indexed import Candidates, IndexedMap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shortlisted:
+    """A map photo and its matches.
+
+    Attributes
+    ----------
+    photo : int
+        Its number in the map.
+    votes : float
+        Sum of the weights of its matches.
+    query_row, photo_row : (m,) int64
+        Keypoints of the query, each at most once, and of the photo.
+    query_xy, photo_xy : (m, 2) float32
+        Their pixels in the upright photos.
+    """
+
+    photo: int
+    votes: float
+    query_row: NDArray[np.int64]
+    photo_row: NDArray[np.int64]
+    query_xy: NDArray[np.float32]
+    photo_xy: NDArray[np.float32]
+
+
+_ROTATION_TOLERANCE_DEG = 20.0
+_ROTATION_BINS = 36
+
+
+def consistent(indexed: IndexedMap, query: Features, *, found: Candidates) -> Candidates:
+    """Keep the neighbours whose keypoint is turned against the query's as most are.
+
+    Right matches share the turn between the two photos, near zero where both are upright; wrong ones have
+    any. This weak geometric consistency (Jégou et al. 2008) costs almost nothing and removes most of the
+    wrong matches before anything is counted.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    query : Features
+    found : Candidates
+        (n, k)
+
+    Returns
+    -------
+    Candidates
+        Of the same shape, without the photos and rows of what was dropped; distances are kept.
+    """
+    turn, weight = _turns(indexed, query, found=found)
+    if not weight.any():
+        return found
+    wide = 360.0 / _ROTATION_BINS
+    bins = np.floor(np.remainder(turn, 360.0) / wide).astype(int) % _ROTATION_BINS
+    votes = np.bincount(bins.ravel(), weights=weight.ravel(), minlength=_ROTATION_BINS)
+    most = int((votes + np.roll(votes, 1) + np.roll(votes, -1)).argmax())
+    off = np.abs(np.remainder(turn - (most + 0.5) * wide + 180.0, 360.0) - 180.0)
+    keep = off <= _ROTATION_TOLERANCE_DEG
+    return Candidates(found.distance, np.where(keep, found.row, -1), np.where(keep, found.photo, -1))
+
+
+def turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
+    """Measure by how much the query must be turned, clockwise, to stand like the map's photos.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    query : Features
+        Where keypoints have no orientation, all angles are 0, and so is the turn.
+    found : Candidates
+        (n, k), those of `consistent`.
+
+    Returns
+    -------
+    float
+        Degrees, -180 to 180: the weighted mean; 0 where nothing is found.
+    """
+    turn, weight = _turns(indexed, query, found=found)
+    return float(np.degrees(np.angle((weight * np.exp(1j * np.radians(turn))).sum())))
+
+
+def _turns(
+    indexed: IndexedMap, query: Features, *, found: Candidates
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Give how far each neighbour is turned against the query, degrees, and its weight; (n, k) both."""
+    turn = indexed.keypoint_angle(found.row) - query.angle[:, None]
+    return turn, np.where(found.photo >= 0, np.maximum(_yardstick(found) - found.distance, 0.0), 0.0)
+
+
+def _yardstick(found: Candidates) -> NDArray[np.float32]:
+    """Distance of each query descriptor's last neighbour: what is not nearer says nothing; (n, 1)."""
+    known = np.where(np.isfinite(found.distance), found.distance, -np.inf)
+    yardstick: NDArray[np.float32] = known.max(axis=1, keepdims=True)
+    return yardstick
+
+
+def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
+    """Let every query descriptor vote for the photos of its neighbours.
+
+    A vote's weight is how much nearer the neighbour is than the last one of the list, so that a descriptor
+    that looks like everything says little.
+
+    Parameters
+    ----------
+    found : Candidates
+        (n, k)
+    photos : int
+        In the map.
+
+    Returns
+    -------
+    (photos,) float64
+    """
+    weight = np.maximum(_yardstick(found) - found.distance, 0.0)
+    voted = found.photo >= 0
+    return np.bincount(found.photo[voted], weights=weight[voted], minlength=photos).astype(np.float64)
+
+
+def shortlist(
+    indexed: IndexedMap, query: Features, *, found: Candidates, votes: NDArray[np.float64], most: int
+) -> list[Shortlisted]:
+    """Take the photos with most votes and collect their matches.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    query : Features
+    found : Candidates
+    votes : (p,) float64
+    most : int
+        At most so many photos.
+
+    Returns
+    -------
+    list of Shortlisted
+        Most votes first; only photos with at least one match.
+    """
+    order = np.argsort(-votes, kind="stable")[:most]
+    order = order[votes[order] > 0.0]
+    wanted = np.flatnonzero(np.isin(found.photo, order).ravel())
+    photo, row = found.photo.ravel()[wanted], found.row.ravel()[wanted]
+    query_row = wanted // found.photo.shape[1]
+    photo_xy = indexed.keypoint_xy(row)
+    listed = []
+    for p in order:
+        mine = np.flatnonzero(photo == p)
+        # Neighbours come nearest first, so that the first of a keypoint is its best in this photo.
+        rows, first = np.unique(query_row[mine], return_index=True)
+        matches = mine[first]
+        theirs = indexed.row_in_photo(row[matches])
+        listed.append(Shortlisted(int(p), float(votes[p]), rows, theirs, query.xy[rows], photo_xy[matches]))
+    return listed
+
+
+def matched_anew(
+    indexed: IndexedMap, query: Features, *, listed: list[Shortlisted], matcher: PairMatcher
+) -> list[Shortlisted]:
+    """Have a network match the photos of a shortlist with the query; their votes stay.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+    query : Features
+    listed : list of Shortlisted
+    matcher : PairMatcher
+        For the map's features.
+
+    Returns
+    -------
+    list of Shortlisted
+        In the same order.
+    """
+    found = []
+    for one in listed:
+        photo = indexed.features(one.photo)
+        if photo is None:
+            raise IndexError(f"photo {one.photo} has no features")
+        rows, theirs = matcher.match(query, photo).T
+        matched = replace(one, query_row=rows, photo_row=theirs)
+        found.append(replace(matched, query_xy=query.xy[rows], photo_xy=photo.xy[theirs]))
+    return found

@@ -1,0 +1,211 @@
+"""Unpacks a zip with a map: only what belongs to the map, and never outside the folder.
+
+A zip is a stranger's: its names, its sizes and its number of files are claims, checked before and while it is
+unpacked.
+"""
+
+from __future__ import annotations
+
+import lzma
+import os
+import shutil
+import stat
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from webapp.core.mapmodel.findings import quoted
+from webapp.core.mapmodel.paths import name_problem
+from webapp.errors import InputError, StorageError
+from webapp.files.atomic import storage_error
+from webapp.files.listing import folded
+from webapp.files.satellite.image_probe import PHOTO_SUFFIXES
+from webapp.progress import Progress
+from webapp.settings import ImportLimits
+
+_SMALL = 1_000_000
+"""Bytes of a file whose compression is not judged: text shrinks a lot."""
+
+_CHUNK = 1 << 20
+_MAX_NAME_BYTES = 200
+_WANTED = PHOTO_SUFFIXES | {".cfg", ".json", ".gif"}
+_IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
+_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError)
+"""What `zipfile` raises for damaged, encrypted and unknown contents."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unpacked:
+    """What came out of a zip.
+
+    Attributes
+    ----------
+    folder : Path
+    cfgs : tuple of str
+        The `.cfg` files, relative to the folder, sorted.
+    left_out : tuple of str
+        Files that are no part of a map, as they are named in the zip.
+    """
+
+    folder: Path
+    cfgs: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    info: zipfile.ZipInfo
+    name: str
+
+
+def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progress) -> Unpacked:
+    """Unpack the photos, images, `.cfg` and `.json` files of a zip.
+
+    Parameters
+    ----------
+    archive : Path
+    folder : Path
+        New and empty.
+    limits : ImportLimits
+    progress : Progress
+        One step a file.
+
+    Returns
+    -------
+    Unpacked
+
+    Raises
+    ------
+    InputError
+        It is no zip, is damaged or encrypted, leads out of its folder, names a file twice, or is larger than
+        the limits.
+    StorageError
+        The disk refused, or has no room for it.
+    Cancelled
+    """
+    with _told(archive.name), zipfile.ZipFile(archive) as opened:
+        infos = opened.infolist()
+        files, left_out = _checked(infos, limits)
+        _check_room(folder, sum(file.info.file_size for file in files))
+        progress.size(len(files))
+        for file in files:
+            progress.check()
+            _extract(opened, file, folder)
+            progress.advance()
+    cfgs = sorted(file.name for file in files if file.name.lower().endswith(".cfg"))
+    return Unpacked(folder, tuple(cfgs), tuple(left_out))
+
+
+def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[list[_File], list[str]]:
+    """Choose the files to unpack, and refuse the zip as a whole where something is wrong with one."""
+    if len(infos) > limits.max_files:
+        raise InputError(
+            f"the zip has {len(infos)} files, more than the limit of {limits.max_files}",
+            hint="leave out what is not part of the map",
+        )
+    files, left_out, seen = [], [], dict[str, str]()
+    for info in infos:
+        name = _safe_name(info)
+        if info.is_dir():
+            continue
+        if not _wanted(name):
+            left_out.append(name)
+            continue
+        same = folded(name)
+        if same in seen:
+            raise InputError(
+                f"the zip has {quoted(name)} and {quoted(seen[same])}, which are one file on many disks",
+                hint="rename one of them",
+            )
+        seen[same] = name
+        _check_size(info, name, limits)
+        files.append(_File(info, name))
+    for name in seen.values():
+        above = (folded(str(p)) for p in PurePosixPath(name).parents)
+        if any(parent in seen for parent in above):
+            raise InputError(f"{quoted(name)} in the zip is below a file", hint="zip the map's folder again")
+    total = sum(file.info.file_size for file in files) / 1e6
+    if total > limits.max_mb:
+        raise InputError(
+            f"the zip has {total:.0f} MB unpacked, more than the limit of {limits.max_mb:g}",
+            hint="scale the photos down, or raise the limit",
+        )
+    return files, left_out
+
+
+def _safe_name(info: zipfile.ZipInfo) -> str:
+    name = info.filename.removesuffix("/")
+    name = name.replace("\\", "/").removeprefix("./")
+    problem = name_problem(name) if name else None
+    if problem:
+        raise InputError(f"the zip has a file that no map can have: {problem.message}", hint="rename it")
+    if stat.S_ISLNK(info.external_attr >> 16):
+        raise InputError(f"{quoted(name)} in the zip is a link", hint="zip the files themselves")
+    if info.flag_bits & 1:
+        raise InputError(f"{quoted(name)} in the zip is encrypted", hint="zip the folder without a password")
+    path = PurePosixPath(name)
+    if any(len(part.encode()) > _MAX_NAME_BYTES for part in path.parts):
+        raise InputError(
+            "a name in the zip is too long for many disks", where=quoted(name), hint="shorten it"
+        )
+    return path.as_posix()
+
+
+def _wanted(name: str) -> bool:
+    path = PurePosixPath(name)
+    hidden = any(part.startswith(".") or part in _IGNORED_FOLDERS for part in path.parts)
+    return not hidden and path.suffix.lower() in _WANTED
+
+
+def _check_size(info: zipfile.ZipInfo, name: str, limits: ImportLimits) -> None:
+    if info.file_size > _SMALL and info.file_size > limits.max_ratio * max(info.compress_size, 1):
+        raise InputError(
+            f"{quoted(name)} would become {info.file_size / max(info.compress_size, 1):.0f} times as large "
+            "when it is unpacked",
+            hint="this is not what photos look like: check the file",
+        )
+
+
+def _check_room(folder: Path, size: int) -> None:
+    free = shutil.disk_usage(folder).free
+    if size > 0.95 * free:
+        raise StorageError(
+            f"the map needs {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left",
+            hint="free some space on the disk of the library",
+        )
+
+
+def _extract(opened: zipfile.ZipFile, file: _File, folder: Path) -> None:
+    """Write one file; it may not have more bytes than it claims."""
+    target = folder / file.name
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with opened.open(file.info) as source, target.open("xb") as sink:
+            left = file.info.file_size
+            while chunk := source.read(_CHUNK):
+                left -= len(chunk)
+                if left < 0:
+                    raise InputError(f"{quoted(file.name)} in the zip is larger than it claims")
+                sink.write(chunk)
+            sink.flush()
+            os.fsync(sink.fileno())
+    except OSError as error:
+        raise storage_error(error, where=file.name) from error
+    if left:
+        raise InputError(f"{quoted(file.name)} in the zip is smaller than it claims", hint="zip it again")
+
+
+@contextmanager
+def _told(name: str) -> Iterator[None]:
+    """Say in one way what the reader of zips finds wrong."""
+    try:
+        yield
+    except _BROKEN as error:
+        raise InputError(
+            f"this is no zip, or it is damaged: {error}", hint="zip the map's folder again"
+        ) from error
+    except OSError as error:
+        raise storage_error(error, where=name) from error

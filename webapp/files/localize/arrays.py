@@ -1,0 +1,155 @@
+"""Named arrays in one file that is read by memory map: the container of features and segments.
+
+Layout: 8 bytes magic, 8 bytes length of the header (little-endian), a JSON header with the arrays' names,
+types, shapes and offsets and the file's size, then the arrays, each starting at a multiple of 64 bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.errors import IndexDamaged
+from webapp.files import atomic
+from webapp.files.localize.file_rows import FileRows, OpenFile
+
+_MAGIC = b"EXPMAP1\n"
+_ALIGN = 64
+
+REPAIR = "run expmap build with the same options: what is damaged is made anew"
+"""How to fix a damaged file of an index."""
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> str:
+    """Write arrays and a JSON-able header to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        May hold `{hash}`, which becomes the first 16 characters of the content's SHA-256.
+    arrays : mapping of str to array
+    meta : mapping
+        Kept in the header.
+
+    Returns
+    -------
+    str
+        Those 16 characters.
+
+    Raises
+    ------
+    StorageError
+    """
+    parts = _parts(arrays, meta)
+    content = hashlib.sha256()
+    for part in parts:
+        content.update(part)
+    digest = content.hexdigest()[:16]
+    atomic.write_bytes(path.with_name(path.name.replace("{hash}", digest)), *parts)
+    return digest
+
+
+def read_arrays(
+    path: Path, *, mapped: bool = True, in_file: Collection[str] = ()
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Open a file of `write_arrays`.
+
+    Parameters
+    ----------
+    path : Path
+    mapped : bool
+        Whether the arrays are read-only memory maps, which keep the file open; else they are in memory.
+    in_file : collection of str
+        Arrays that are neither: a `FileRows` for each, which keeps the file open and nothing in memory. The
+        others are in memory then.
+
+    Returns
+    -------
+    arrays : dict of str to array
+    meta : dict
+
+    Raises
+    ------
+    IndexDamaged
+        The file is missing, cut off, or not such a file.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(16)
+            length = int.from_bytes(start[8:16], "little")
+            if start[:8] != _MAGIC or length > path.stat().st_size:
+                raise _damaged("it is not a file of arrays", path)
+            header = json.loads(file.read(length))
+        if path.stat().st_size != header["bytes"]:
+            raise _damaged("it is cut off", path)
+        if in_file:
+            return _read_some(path, header["arrays"], in_file), dict(header["meta"])
+        data = np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8)
+        return {a["name"]: _view(data, a) for a in header["arrays"]}, dict(header["meta"])
+    except OSError as error:
+        raise _damaged(f"it cannot be read: {error.strerror or error}", path) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise _damaged("its header is damaged", path) from error
+
+
+def _read_some(
+    path: Path, entries: list[dict[str, Any]], in_file: Collection[str]
+) -> dict[str, NDArray[Any]]:
+    """Read the arrays of a file into memory, and leave those of `in_file` where they are."""
+    file = OpenFile(path.open("rb", buffering=0), repair=REPAIR)
+    arrays: dict[str, NDArray[Any]] = {}
+    for entry in entries:
+        offset, dtype, shape = _layout(entry)
+        rows = FileRows(file, offset, dtype=dtype, shape=shape)
+        # It can do what is asked of these arrays.
+        arrays[entry["name"]] = cast("NDArray[Any]", rows) if entry["name"] in in_file else rows[:]
+    return arrays
+
+
+def _damaged(what: str, path: Path) -> IndexDamaged:
+    return IndexDamaged(what, where=str(path), hint=REPAIR)
+
+
+def _layout(entry: dict[str, Any]) -> tuple[int, np.dtype[Any], tuple[int, ...]]:
+    dtype, shape, offset = np.dtype(entry["dtype"]), tuple(entry["shape"]), entry["offset"]
+    if offset < 0 or any(side < 0 for side in shape):
+        raise ValueError(entry)
+    return offset, dtype, shape
+
+
+def _view(data: NDArray[np.uint8], entry: dict[str, Any]) -> NDArray[Any]:
+    offset, dtype, shape = _layout(entry)
+    size = dtype.itemsize * math.prod(shape)
+    view: NDArray[Any] = data[offset : offset + size].view(dtype).reshape(shape)
+    return view
+
+
+def _parts(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> list[bytes | memoryview]:
+    """Lay out a file; the arrays themselves are not copied."""
+    plain = {name: np.ascontiguousarray(a) for name, a in arrays.items()}
+    # Offsets depend on the header's length and the header on the offsets: reserve room for long numbers.
+    room = _aligned(
+        16 + len(json.dumps([meta, [(n, str(a.dtype), a.shape) for n, a in plain.items()]])) + 512
+    )
+    room += 160 * len(plain)
+    offset, entries = _aligned(room), []
+    for name, array in plain.items():
+        entries.append({"name": name, "dtype": array.dtype.str, "shape": array.shape, "offset": offset})
+        offset = _aligned(offset + array.nbytes)
+    header = json.dumps({"bytes": offset, "arrays": entries, "meta": dict(meta)}, sort_keys=True).encode()
+    parts: list[bytes | memoryview] = [_MAGIC, len(header).to_bytes(8, "little"), header]
+    parts.append(bytes(_aligned(room) - 16 - len(header)))
+    for array in plain.values():
+        parts += [array.reshape(-1).view(np.uint8).data, bytes(_aligned(array.nbytes) - array.nbytes)]
+    return parts
+
+
+def _aligned(size: int) -> int:
+    return -(-size // _ALIGN) * _ALIGN

@@ -1,0 +1,83 @@
+"""Features of photos on disk: one photo (while an index is built), or a segment of many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.retrieval.engines.segment import PhotoEntry, Segment
+from webapp.errors import IndexDamaged
+from webapp.files.localize.arrays import REPAIR, read_arrays, write_arrays
+
+
+def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
+    """Write photos to a segment file.
+
+    Parameters
+    ----------
+    path : Path
+        May hold `{hash}`, see `write_arrays`.
+    entries : sequence of PhotoEntry
+        At least one.
+
+    Returns
+    -------
+    str
+        First 16 characters of the content's SHA-256.
+    """
+    features = [e.features for e in entries]
+    arrays: dict[str, NDArray[Any]] = {
+        "first": np.cumsum([0, *(len(f) for f in features)], dtype=np.int64),
+        "xy": np.concatenate([f.xy for f in features]),
+        "size": np.concatenate([f.size for f in features]),
+        "angle": np.concatenate([f.angle for f in features]),
+        "descriptors": np.concatenate([f.descriptors for f in features]),
+        "photo_size": np.array([f.photo_size for f in features], np.int32),
+        "fov_deg": np.array([e.fov_deg for e in entries], np.float64),
+    }
+    return write_arrays(path, arrays, meta={"content": [e.content for e in entries]})
+
+
+_LARGE = ("xy", "size", "angle", "descriptors")
+
+
+def read_segment(path: Path, *, mapped: bool = True, in_file: bool = False) -> Segment:
+    """Open a segment file, by memory map or, when it is small and there are many, into memory.
+
+    With `in_file`, what there is of each keypoint stays in the file and is read when it is asked for: pages
+    of a memory map would stay in memory.
+
+    Raises
+    ------
+    IndexDamaged
+    """
+    arrays, meta = read_arrays(path, mapped=mapped, in_file=_LARGE if in_file else ())
+    try:
+        segment = Segment(content=[str(c) for c in meta["content"]], **arrays)
+    except (KeyError, TypeError) as error:
+        raise _damaged(path) from error
+    if not _consistent(segment):
+        raise _damaged(path)
+    return segment
+
+
+def _damaged(path: Path) -> IndexDamaged:
+    return IndexDamaged("it does not hold features", where=str(path), hint=REPAIR)
+
+
+def _consistent(segment: Segment) -> bool:
+    photos, rows = len(segment.content), len(segment.xy)
+    first = segment.first
+    return (
+        segment.xy.shape == (rows, 2)
+        and segment.descriptors.ndim == 2
+        and len(segment.descriptors) == len(segment.size) == len(segment.angle) == rows
+        and segment.photo_size.shape == (photos, 2)
+        and segment.fov_deg.shape == (photos,)
+        and first.shape == (photos + 1,)
+        and bool(first[0] == 0 and first[-1] == rows and (np.diff(first) >= 0).all())
+    )

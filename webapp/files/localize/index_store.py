@@ -1,0 +1,282 @@
+"""The index of a map on disk: a manifest, and immutable segments that it names.
+
+::
+
+    derived/map/sift-1a2b3c4d/
+        manifest.json               replaced by rename; names everything below
+        <codebook>.codebook         trained, empty search index, or what signatures are made with
+        <segment>.features          keypoints and descriptors of some photos
+        <segment>-<codebook>.ivf    the same descriptors as codes of the codebook; or, in large maps:
+        <segment>-<codebook>.vlad   a signature of each photo
+        spool/<content>.features    photos finished by a build that has not ended yet
+        lock                        one writer at a time
+
+The names are hashes of the contents, so that equal photos and settings give equal names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+import faiss
+
+from webapp.core.features.table import FeatureChoice
+from webapp.core.features.types import Kind
+from webapp.core.retrieval.engines.tiers import Engine
+from webapp.errors import IndexDamaged, StorageError
+from webapp.files import atomic
+from webapp.files.localize.arrays import REPAIR
+from webapp.settings import ExtractSettings
+
+FORMAT = 2
+"""Raised when an older index can no longer be read, or photos are described otherwise than in it."""
+
+
+_BLOCKS = b"IwPf"
+"""How the file of an inverted file with 4-bit codes begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoRecord:
+    """A map photo as it was when it was indexed.
+
+    Attributes
+    ----------
+    photo : str
+        Path as in the map.
+    bytes, mtime_ns : int
+        Size and time of the file: while both stay, the content is taken to be the same.
+    content : str
+        SHA-256 of the file; empty when it could not be read.
+    error : str
+        Why it has no features; empty when it has.
+    """
+
+    photo: str
+    bytes: int
+    mtime_ns: int
+    content: str
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentRecord:
+    """A segment: the hash that names it, and how much it holds."""
+
+    name: str
+    photos: int
+    descriptors: int
+    codes: str
+    """SHA-256 of its codes, first 16 characters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What an index consists of.
+
+    Attributes
+    ----------
+    detector, extractor : str
+    extract : ExtractSettings
+    codebook : str
+        Name of the codebook; empty while there is no descriptor at all.
+    trained_for : int
+        Descriptors the index had when the codebook was trained.
+    segments : tuple of SegmentRecord
+    photos : dict of int to PhotoRecord
+        By experience id.
+    build_seconds : float
+        Of all builds that changed it.
+    engine : {"ivf", "vlad"}
+        What the codebook and the codes are of.
+    """
+
+    detector: str
+    extractor: str
+    extract: ExtractSettings
+    codebook: str = ""
+    trained_for: int = 0
+    segments: tuple[SegmentRecord, ...] = ()
+    photos: dict[int, PhotoRecord] = field(default_factory=dict)
+    build_seconds: float = 0.0
+    engine: Engine = "ivf"
+
+
+_OURS = frozenset({".features", ".ivf", ".vlad", ".codebook", ".tmp"})
+
+
+class IndexFolder:
+    """The files of one index.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.spool = folder / "spool"
+        self.manifest_path = folder / "manifest.json"
+
+    def segment_path(self, name: str) -> Path:
+        """File of a segment's features."""
+        return self.folder / f"{name}.features"
+
+    def codes_path(self, name: str, *, codebook: str, engine: Engine) -> Path:
+        """File of a segment's codes."""
+        return self.folder / f"{name}-{codebook}.{engine}"
+
+    def codebook_path(self, name: str) -> Path:
+        """File of a codebook."""
+        return self.folder / f"{name}.codebook"
+
+    def spool_path(self, content: str) -> Path:
+        """File of one finished photo."""
+        return self.spool / f"{content}.features"
+
+    def make_spool(self) -> None:
+        """Make the folder for finished photos; that of the index is there.
+
+        Raises
+        ------
+        StorageError
+        """
+        try:
+            self.spool.mkdir(exist_ok=True)
+        except OSError as error:
+            raise StorageError(
+                f"the folder cannot be made: {error.strerror}", where=str(self.spool)
+            ) from error
+
+    def read_manifest(self) -> Manifest | None:
+        """Read the manifest; None when there is no index yet.
+
+        Raises
+        ------
+        IndexDamaged
+        """
+        try:
+            raw = json.loads(self.manifest_path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise self._damaged(f"cannot be read: {error.strerror or error}") from error
+        except ValueError as error:
+            raise self._damaged("is damaged") from error
+        try:
+            if raw["format"] != FORMAT:
+                raise self._damaged(f"has format {raw['format']}, this program reads format {FORMAT}")
+            engine = raw.get("engine", "ivf")  # which older programs did not tell
+            if engine not in get_args(Engine):
+                raise self._damaged(f"names the engine {engine!r}, which this program does not know")
+            return Manifest(
+                engine=engine,
+                detector=raw["detector"],
+                extractor=raw["extractor"],
+                extract=ExtractSettings(**raw["extract"]),
+                codebook=raw["codebook"],
+                trained_for=raw["trained_for"],
+                segments=tuple(SegmentRecord(**s) for s in raw["segments"]),
+                photos={int(i): PhotoRecord(**p) for i, p in raw["photos"].items()},
+                build_seconds=raw["build_seconds"],
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise self._damaged("lacks fields or has wrong ones") from error
+
+    def _damaged(self, what: str) -> IndexDamaged:
+        return IndexDamaged(f"the manifest {what}", where=str(self.manifest_path), hint=REPAIR)
+
+    def write_manifest(self, manifest: Manifest) -> None:
+        """Replace the manifest."""
+        text = json.dumps({"format": FORMAT, **asdict(manifest)}, sort_keys=True)
+        atomic.write_text(self.manifest_path, text)
+
+    def remove_unnamed(self, manifest: Manifest) -> None:
+        """Delete finished photos and files that the manifest does not name.
+
+        Raises
+        ------
+        StorageError
+        """
+        keep = {self.codebook_path(manifest.codebook)}
+        for segment in manifest.segments:
+            codes = self.codes_path(segment.name, codebook=manifest.codebook, engine=manifest.engine)
+            keep |= {self.segment_path(segment.name), codes}
+        try:
+            for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
+                if path.suffix in _OURS and path not in keep:
+                    with suppress(PermissionError):  # Windows keeps what a reader has open: next time then
+                        path.unlink(missing_ok=True)
+        except OSError as error:
+            raise StorageError(
+                f"the folder cannot be tidied: {error.strerror}", where=str(self.folder)
+            ) from error
+
+    def bytes_on_disk(self) -> int:
+        """Sum the sizes of all files of the index; what a build removes meanwhile does not count."""
+        total = 0
+        for path in self.folder.rglob("*"):
+            with suppress(FileNotFoundError):
+                total += path.stat().st_size if path.is_file() else 0
+        return total
+
+
+def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
+    """Name the folder of the index with these features and settings."""
+    own = [choice.weights] if choice.weights else []
+    parts = json.dumps([FORMAT, choice.detector, choice.extractor, asdict(extract), *own], sort_keys=True)
+    name = choice.name.replace("+", "-")
+    return f"{name}-{hashlib.sha256(parts.encode()).hexdigest()[:8]}"
+
+
+def remove_outdated(base: Path) -> None:
+    """Delete the indexes below a folder that an older program made and this one does not read."""
+    for path in base.glob("*/manifest.json"):
+        try:
+            form = json.loads(path.read_bytes())["format"]
+        except (ValueError, KeyError, TypeError, FileNotFoundError):
+            continue  # what is damaged may be of this program, which mends it when it builds its features
+        if isinstance(form, int) and form < FORMAT:
+            shutil.rmtree(path.parent, ignore_errors=True)  # what stays goes with the next build
+
+
+def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:
+    """Write a Faiss index, whole or not at all; `{hash}` in the name becomes its hash, which is returned."""
+    data = (
+        faiss.serialize_index_binary(index) if kind == "binary" else faiss.serialize_index(index)
+    ).tobytes()
+    digest = hashlib.sha256(data).hexdigest()[:16]
+    atomic.write_bytes(path.with_name(path.name.replace("{hash}", digest)), data)
+    return digest
+
+
+def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
+    """Open a Faiss index, by memory map unless it is to be changed.
+
+    Raises
+    ------
+    IndexDamaged
+    """
+    try:
+        if kind == "binary":
+            return faiss.read_index_binary(os.fspath(path), faiss.IO_FLAG_MMAP if mapped else 0)
+        in_place = mapped and not _is_copied(path)
+        return faiss.read_index(os.fspath(path), faiss.IO_FLAG_MMAP_IFC if in_place else 0)
+    except (RuntimeError, MemoryError) as error:
+        raise IndexDamaged("it is not a search index, or cut off", where=str(path), hint=REPAIR) from error
+
+
+def _is_copied(path: Path) -> bool:
+    """Tell whether Faiss copies the codes in any case: then a memory map would only hold them twice."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_BLOCKS)) == _BLOCKS
+    except OSError:
+        return False  # Faiss says better what is wrong with the file

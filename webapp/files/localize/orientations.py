@@ -1,0 +1,141 @@
+"""How a map's photos were held, how far away is what they see, and the pairs that tell it; in the index."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geometry.orientations import Depths, Orientations
+from webapp.core.reconstruction.pairs import Pairs
+from webapp.errors import IndexDamaged, StorageError
+from webapp.files.localize.arrays import read_arrays, write_arrays
+
+FORMAT = 2
+"""Another one where the arrays mean something else."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredPairs:
+    """Pairs of photos by content.
+
+    Attributes
+    ----------
+    pairs : Pairs
+        Their photos are numbers in `contents`.
+    contents : list of str
+        SHA-256 of the photo files.
+    done : int
+        The partners of the first so many have been looked for.
+    key : str
+        Of all else that the pairs depend on.
+    """
+
+    pairs: Pairs
+    contents: list[str]
+    done: int
+    key: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredOrientations:
+    """Orientations of p photos by content.
+
+    Attributes
+    ----------
+    orientations : Orientations
+    contents : list of str
+    position : (p, 2) float64
+        Where they were, map pixels.
+    key : str
+        Of all that they depend on.
+    """
+
+    orientations: Orientations
+    contents: list[str]
+    position: NDArray[np.float64]
+    key: str
+
+
+_PAIRS = (
+    "first",
+    "second",
+    "rotation",
+    "shift",
+    "trust",
+    "parallax",
+    "start",
+    "row_first",
+    "row_second",
+    "ray_first",
+    "ray_second",
+)
+
+
+_DEPTHS = ("photo", "row", "inverse", "spread")
+
+
+def write_pairs(path: Path, stored: StoredPairs) -> None:
+    """Replace the file.
+
+    Raises
+    ------
+    StorageError
+    """
+    arrays = {name: getattr(stored.pairs, name) for name in _PAIRS}
+    meta = {"format": FORMAT, "key": stored.key, "done": stored.done, "contents": stored.contents}
+    _make_folder(path)
+    write_arrays(path, arrays, meta=meta)
+
+
+def read_pairs(path: Path) -> StoredPairs | None:
+    """Read the file; None when there is none that this program can use, so that it is made anew."""
+    try:
+        arrays, meta = read_arrays(path, mapped=False)
+        if meta["format"] != FORMAT:
+            return None
+        pairs = Pairs(**{name: arrays[name] for name in _PAIRS})
+        return StoredPairs(pairs, list(meta["contents"]), int(meta["done"]), str(meta["key"]))
+    except (IndexDamaged, KeyError):
+        return None
+
+
+def write(path: Path, stored: StoredOrientations) -> None:
+    """Replace the file.
+
+    Raises
+    ------
+    StorageError
+    """
+    found = stored.orientations
+    arrays = {
+        "rotation": found.rotation,
+        "height": found.height,
+        "trust": found.trust,
+        "position": stored.position,
+        **{f"depth_{name}": getattr(found.depths, name) for name in _DEPTHS},
+    }
+    _make_folder(path)
+    write_arrays(path, arrays, meta={"format": FORMAT, "key": stored.key, "contents": stored.contents})
+
+
+def read(path: Path) -> StoredOrientations | None:
+    """Read the file; None when there is none that this program can use, so that it is made anew."""
+    try:
+        arrays, meta = read_arrays(path, mapped=False)
+        if meta["format"] != FORMAT:
+            return None
+        depths = Depths(**{name: arrays[f"depth_{name}"] for name in _DEPTHS})
+        found = Orientations(arrays["rotation"], arrays["height"], arrays["trust"], depths)
+        return StoredOrientations(found, list(meta["contents"]), arrays["position"], str(meta["key"]))
+    except (IndexDamaged, KeyError):
+        return None
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error

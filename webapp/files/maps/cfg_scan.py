@@ -1,0 +1,235 @@
+"""Takes a `.cfg` apart line by line and keeps every fault.
+
+The strict reader (`cfg`) refuses the file at the first fault, the linter (`webapp.tasks.maps.check_map`) lists
+them all: one grammar for both.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from webapp.core.mapmodel.findings import Code, Finding
+from webapp.core.mapmodel.lines import ImageLine, PhotoLine
+from webapp.files.maps.cfg_fields import FieldError, parse_coordinate, parse_id, parse_name, parse_size
+
+T = TypeVar("T")
+
+BOM = b"\xef\xbb\xbf"
+_CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
+_ESCAPED_BYTE = re.compile(r"[\udc80-\udcff]")
+_TWO_NUMBERS = re.compile(r"[0-9]+ *, *[0-9]+")
+_CONTROL_NAMES = {
+    "\0": ("a NUL byte", "delete it, or save the file as plain UTF-8 text"),
+    "\r": ("a carriage return inside the line", "end lines with LF or CRLF"),
+}
+_LEADING_ID = re.compile(rb"^ *([0-9]{1,9}) *;", re.MULTILINE)
+
+
+@dataclass(slots=True)
+class Scan:
+    """A `.cfg` in pieces; joining BOM, lines with their ends, and tail gives the file again.
+
+    Attributes
+    ----------
+    bom : bool
+        Whether it begins with a byte order mark.
+    lines, ends : list of str
+        Text of each line up to the last one that is not blank, and what ends it: LF, CRLF or nothing.
+    tail : str
+        The blank lines at the end.
+    image : ImageLine or None
+    photos : list of PhotoLine
+    unread : list of str
+        Lines that gave no `PhotoLine`.
+    faults : list of Finding
+        In the order of the file.
+    """
+
+    bom: bool = False
+    lines: list[str] = field(default_factory=list)
+    ends: list[str] = field(default_factory=list)
+    tail: str = ""
+    image: ImageLine | None = None
+    photos: list[PhotoLine] = field(default_factory=list)
+    unread: list[str] = field(default_factory=list)
+    faults: list[Finding] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One line and its cells, spaces around them left out."""
+
+    number: int
+    text: str
+    cells: tuple[str, ...]
+    columns: tuple[int, ...]
+
+    def finding(self, code: Code, column: int, *, message: str, fix: str) -> Finding:
+        return Finding(code, self.number, column, message, fix)
+
+    def corrected(self, cell: int, text: str) -> str:
+        """Write the line with another text in one cell."""
+        return ";".join([*self.cells[:cell], text, *self.cells[cell + 1 :]])
+
+
+def scan(data: bytes) -> Scan:
+    """Take a `.cfg` apart; never raises for what is in it.
+
+    Parameters
+    ----------
+    data : bytes
+
+    Returns
+    -------
+    Scan
+    """
+    result = Scan(bom=data.startswith(BOM))
+    starts = _split(data, result)
+    if not result.lines:
+        fix = "the first line is satellite.png;WIDTH;HEIGHT, then a line id;photo.jpg;x;y for each photo"
+        result.faults.append(Finding(Code.EMPTY_FILE, 1, 1, "the file is empty", fix))
+    free_ids = itertools.count(max((int(found) for found in _LEADING_ID.findall(data)), default=-1) + 1)
+    for number, (text, start) in enumerate(zip(result.lines, starts, strict=True), start=1):
+        row = _row(number, text)
+        unreadable = _character_fault(row, start)
+        fault = unreadable or _count_fault(row)
+        if fault:
+            result.faults.append(fault)
+        if unreadable or (fault and not _is_photo(row)):
+            result.unread.append(text)
+        elif _is_photo(row):
+            result.photos.append(_photo_line(row, free_ids, result.faults))
+        else:
+            result.image = _image_line(row, result.faults)
+    return result
+
+
+def _split(data: bytes, result: Scan) -> list[int]:
+    """Fill in lines, ends and tail; return the offset of each line's first byte."""
+    offset = len(BOM) if result.bom else 0
+    starts, pieces = [], data[offset:].split(b"\n")
+    for i, piece in enumerate(pieces):
+        last = i == len(pieces) - 1
+        carriage = piece.endswith(b"\r") and not last
+        if piece or not last:
+            line = piece[:-1] if carriage else piece
+            # bytes that are not UTF-8 become lone surrogates, which valid text never has
+            result.lines.append(line.decode("utf-8", "surrogateescape"))
+            result.ends.append("" if last else "\r\n" if carriage else "\n")
+            starts.append(offset)
+        offset += len(piece) + 1
+    while result.lines and not result.lines[-1].strip(" "):
+        result.tail = result.lines.pop() + result.ends.pop() + result.tail
+    return starts[: len(result.lines)]
+
+
+def _row(number: int, text: str) -> _Row:
+    cells, columns, at = [], [], 1
+    for cell in text.split(";"):
+        cells.append(cell.strip(" "))
+        columns.append(at + (len(cell) - len(cell.lstrip(" ")) if cells[-1] else 0))
+        at += len(cell) + 1
+    return _Row(number, text, tuple(cells), tuple(columns))
+
+
+def _character_fault(row: _Row, start: int) -> Finding | None:
+    """Find what keeps the cells of a line from being told apart; `start` is its offset in bytes."""
+    text = row.text
+    escaped = _ESCAPED_BYTE.search(text)
+    if escaped:
+        offset = start + len(text[: escaped.start()].encode("utf-8"))
+        message = f"the byte 0x{ord(escaped[0]) - 0xDC00:02X} at offset {offset} of the file is not UTF-8"
+        utf16 = start == 0 and text.startswith(("\udcff\udcfe", "\udcfe\udcff"))
+        fix = "save the file as UTF-8; it looks like " + ("UTF-16" if utf16 else "an older 8-bit encoding")
+        return row.finding(Code.NOT_UTF8, escaped.start() + 1, message=message, fix=fix)
+    if not text.strip(" "):
+        message = "the line is blank, and more lines follow"
+        return row.finding(Code.BLANK_LINE, 1, message=message, fix="delete the blank line")
+    control = _CONTROL.search(text)
+    if control:
+        name, fix = _CONTROL_NAMES.get(control[0], (f"the control character {control[0]!r}", "delete it"))
+        return row.finding(Code.CONTROL_CHARACTER, control.start() + 1, message=f"there is {name}", fix=fix)
+    if "\t" in text:
+        fix = f"separate the columns by ';' only: {text.replace(chr(9), ';')}"
+        return row.finding(
+            Code.WRONG_SEPARATOR, text.index("\t") + 1, message="there is a tab in the line", fix=fix
+        )
+    return None
+
+
+def _is_photo(row: _Row) -> bool:
+    """Tell whether a line can be read as a photo's; so can a first line that is none of the image."""
+    return len(row.cells) == 4 and (row.number > 1 or row.cells[0].isdecimal())
+
+
+def _count_fault(row: _Row) -> Finding | None:
+    """Find a wrong number of columns."""
+    grammar = "image;width;height" if row.number == 1 else "id;photo;x;y"
+    wanted, have = grammar.count(";") + 1, len(row.cells)
+    if have == wanted:
+        return None
+    if row.number == 1 and _is_photo(row):
+        message = "the first line must name the satellite image, but it looks like a photo's"
+        fix = "add a first line such as satellite.png;WIDTH;HEIGHT"
+        return row.finding(Code.WRONG_COLUMN_COUNT, 1, message=message, fix=fix)
+    if have == 1 and "," in row.text:
+        message, fix = "the columns are separated by ',', not ';'", f"write {row.text.replace(',', ';')}"
+        return row.finding(Code.WRONG_SEPARATOR, row.text.index(",") + 1, message=message, fix=fix)
+    if have > wanted and not any(row.cells[wanted:]):
+        fix = f"write {';'.join(row.cells[:wanted])}"
+    elif have > wanted:
+        fix = "a name must not contain ';': rename the file, or delete the columns that are too many"
+    elif have == wanted - 1 and _TWO_NUMBERS.fullmatch(row.cells[-1]):
+        fix = f"write {';'.join([*row.cells[:-1], row.cells[-1].replace(',', ';')])}"
+    else:
+        fix = f"complete the line to {grammar}, or delete it"
+    column = len(row.text) + 1 if have < wanted else row.columns[wanted]
+    message = f"{have} column{'s' * (have != 1)} instead of {wanted}: {grammar}"
+    return row.finding(Code.WRONG_COLUMN_COUNT, column, message=message, fix=fix)
+
+
+def _image_line(row: _Row, faults: list[Finding]) -> ImageLine:
+    return ImageLine(
+        image=_field(row, 0, parse=parse_name, faults=faults),
+        width=_field(row, 1, parse=lambda text: parse_size(text, "the width"), faults=faults),
+        height=_field(row, 2, parse=lambda text: parse_size(text, "the height"), faults=faults),
+        columns=(row.columns[0], row.columns[1], row.columns[2]),
+    )
+
+
+def _photo_line(row: _Row, free_ids: Iterator[int], faults: list[Finding]) -> PhotoLine:
+    return PhotoLine(
+        line=row.number,
+        id=_field(row, 0, parse=parse_id, faults=faults, instead=lambda: str(next(free_ids))),
+        photo=_field(row, 1, parse=parse_name, faults=faults),
+        x=_field(row, 2, parse=lambda text: parse_coordinate(text, "x"), faults=faults),
+        y=_field(row, 3, parse=lambda text: parse_coordinate(text, "y"), faults=faults),
+        columns=(row.columns[0], row.columns[1], row.columns[2], row.columns[3]),
+    )
+
+
+def _field(
+    row: _Row,
+    cell: int,
+    *,
+    parse: Callable[[str], T],
+    faults: list[Finding],
+    instead: Callable[[], str] | None = None,
+) -> T | None:
+    """Parse one cell, or report why it cannot be and what to write."""
+    try:
+        return parse(row.cells[cell])
+    except FieldError as error:
+        better = error.better or (instead() if instead else None)
+        if better is not None:
+            fix = f"write {row.corrected(cell, better)}"
+        elif error.code in (Code.PATH_LEAVES_FOLDER, Code.EMPTY_NAME):
+            fix = "put the file into the map's folder and write its path from there, such as photos/a.jpg"
+        else:
+            fix = "write a whole number of pixels, such as 20"
+        faults.append(row.finding(error.code, row.columns[cell], message=error.message, fix=fix))
+        return None

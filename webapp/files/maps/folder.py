@@ -1,0 +1,200 @@
+"""A map and its files: the `.cfg`, the JSON beside it, further placements, the photos below its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import Experience, Map, Placement
+from webapp.core.mapmodel.paths import name_problem
+from webapp.core.mapmodel.positions import inside, whole_pixel
+from webapp.errors import MapError
+from webapp.files.atomic import write_bytes
+from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg
+from webapp.files.maps.map_json import MapJson, PhotoRecord, format_map_json, parse_map_json
+
+
+def json_path(cfg_path: Path) -> Path:
+    """Name the JSON file of a `.cfg`: `map.json` of `map.cfg`, `NAME.map.json` of any other `NAME.cfg`."""
+    return cfg_path.with_name("map.json" if cfg_path.stem == "map" else f"{cfg_path.stem}.map.json")
+
+
+def placement_path(cfg_path: Path, name: str) -> Path:
+    """Name the `.cfg` of a further placement, beside the map's own."""
+    return cfg_path.with_name(f"{name}.cfg")
+
+
+def photo_path(cfg_path: Path, name: str) -> Path:
+    """Find a photo or the satellite image of a map, whether or not it exists.
+
+    Parameters
+    ----------
+    cfg_path : Path
+        The `.cfg`; photos are relative to its folder.
+    name : str
+        As it stands in the `.cfg`.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    MapError
+        The name, or a link on the way, leads out of the folder.
+    """
+    problem = name_problem(name)
+    if problem:
+        raise MapError(problem.message, where=str(cfg_path), hint="keep photos below the map's folder")
+    path = cfg_path.parent / name
+    try:
+        stays = path.resolve().is_relative_to(cfg_path.parent.resolve())
+    except (OSError, RuntimeError) as error:  # links in a circle
+        raise MapError(
+            f"{name!r} leads nowhere: {error}", where=str(cfg_path), hint="replace the link"
+        ) from error
+    if not stays:
+        hint = "replace the link by a copy of the file"
+        raise MapError(
+            f"{name!r} is a link that leads out of the map's folder", where=str(cfg_path), hint=hint
+        )
+    return path
+
+
+def read_map_json(cfg_path: Path) -> MapJson:
+    """Read the JSON beside a `.cfg`; where there is none, everything in it is unknown.
+
+    Raises
+    ------
+    MapJsonError
+        It breaks its schema.
+    MapError
+        It cannot be read.
+    """
+    path = json_path(cfg_path)
+    return parse_map_json(read_bytes(path), where=str(path)) if path.exists() else MapJson()
+
+
+def read_map(cfg_path: Path) -> Map:
+    """Read a map: the `.cfg`, and what stands beside it.
+
+    The `.cfg` is the truth. What `map.json` says about an id that is gone, about an id that now has another
+    photo, or a sub-pixel position that does not round to the `.cfg`'s, does not count (an edit from outside;
+    the linter tells).
+
+    Parameters
+    ----------
+    cfg_path : Path
+
+    Returns
+    -------
+    Map
+
+    Raises
+    ------
+    MapError
+        `CfgError` and `MapJsonError` with the place in the file; a placement that is missing or has other
+        photos.
+    """
+    base = read_cfg(cfg_path).map
+    beside = read_map_json(cfg_path)
+    experiences = tuple(_completed(e, beside.experiences.get(e.id), base) for e in base.experiences)
+    return replace(
+        base,
+        experiences=experiences,
+        georeference=beside.georeference,
+        placements=tuple(
+            _read_placement(cfg_path, base, name=n, exact=p) for n, p in beside.placements.items()
+        ),
+        next_id=max(base.next_id, beside.next_id),
+        revision=beside.revision,
+    )
+
+
+def write_map(cfg_path: Path, map_: Map) -> None:
+    """Write a map: placements, then the JSON, then the `.cfg`, each whole or not at all.
+
+    Stopped in between, the old `.cfg` stays the truth for ids, photos and whole pixels. A map that a lone
+    `.cfg` can hold gets no JSON, unless there is one already.
+
+    Parameters
+    ----------
+    cfg_path : Path
+        Its folder must exist.
+    map_ : Map
+
+    Raises
+    ------
+    MapError
+        Something in the map that the files cannot hold; nothing was written.
+    StorageError
+        The disk refused.
+    """
+    cfg, beside = format_cfg(map_), format_map_json(map_)
+    placed = [(placement_path(cfg_path, p.name), format_cfg(placed_map(map_, p))) for p in map_.placements]
+    names = [path.name.casefold() for path, _ in placed] + [cfg_path.name.casefold()]
+    if len(set(names)) < len(names):
+        raise MapError("two placements have one file name", where=str(cfg_path), hint="rename one of them")
+    for path, content in placed:
+        write_bytes(path, content)
+    if json_path(cfg_path).exists() or parse_cfg(cfg).map != map_:
+        write_bytes(json_path(cfg_path), beside)
+    write_bytes(cfg_path, cfg)
+
+
+def placed_map(map_: Map, placement: Placement) -> Map:
+    """Give the map of a placement's own `.cfg`.
+
+    Raises
+    ------
+    MapError
+        The placement has an id that the map has not.
+    """
+    at = placement.positions
+    unknown = sorted(set(at) - {e.id for e in map_.experiences})
+    if unknown:
+        raise MapError(f"the placement {placement.name} has the id {unknown[0]}, which the map has not")
+    return replace(
+        map_, experiences=tuple(replace(e, position=at[e.id]) for e in map_.experiences if e.id in at)
+    )
+
+
+def _completed(e: Experience, known: PhotoRecord | None, map_: Map) -> Experience:
+    if known is None or known.photo != e.photo:
+        return e
+    return replace(
+        e,
+        position=_exact(e.position, known.position, map_),
+        heading_deg=known.heading_deg,
+        fov_deg=known.fov_deg,
+        gps_accuracy_m=known.gps_accuracy_m,
+        taken_at=known.taken_at,
+    )
+
+
+def _exact(whole: MapPixel, exact: MapPixel | None, map_: Map) -> MapPixel:
+    """Take the sub-pixel position where it rounds to the `.cfg`'s and is on the image."""
+    image = map_.satellite
+    fits = exact is not None and inside(exact, width=image.width, height=image.height)
+    return exact if exact is not None and fits and whole_pixel(exact) == whole else whole
+
+
+def _read_placement(cfg_path: Path, map_: Map, *, name: str, exact: Mapping[int, MapPixel]) -> Placement:
+    path = placement_path(cfg_path, name)
+    placed = read_cfg(path).map
+    if placed.satellite != map_.satellite:
+        hint = f"its first line must be that of {cfg_path.name}"
+        raise MapError("the placement has another satellite image", where=str(path), hint=hint)
+    photos = {e.id: e.photo for e in map_.experiences}
+    positions = {}
+    for e in placed.experiences:
+        if photos.get(e.id, e.photo) != e.photo:
+            hint = f"the same id must have the same photo as in {cfg_path.name}: {photos[e.id]!r}"
+            raise MapError(
+                f"the experience {e.id} has another photo, {e.photo!r}", where=str(path), hint=hint
+            )
+        if e.id in photos:
+            positions[e.id] = _exact(e.position, exact.get(e.id), map_)
+    return Placement(name, positions)

@@ -1,0 +1,265 @@
+"""What a `.cfg` cannot hold, in JSON beside it: `maps/FORMAT.md` has the schema."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.model import Experience, Map, Placement
+from webapp.errors import GeoreferenceError, MapError, MapJsonError
+from webapp.files.json_fields import JsonField, by_id, finite, parse_json
+
+FORMAT = "experience-map"
+VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoRecord:
+    """What `map.json` says about one photo; None is unknown, and no position means the `.cfg`'s."""
+
+    photo: str
+    position: MapPixel | None = None
+    heading_deg: float | None = None
+    fov_deg: float | None = None
+    gps_accuracy_m: float | None = None
+    taken_at: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MapJson:
+    """The content of `map.json`.
+
+    Attributes
+    ----------
+    revision, next_id : int
+    georeference : Georeference or None
+    placements : mapping of str to mapping of int to MapPixel
+        Sub-pixel positions by id in each further placement, by its name.
+    experiences : mapping of int to PhotoRecord
+        By id.
+    """
+
+    revision: int = 0
+    next_id: int = 0
+    georeference: Georeference | None = None
+    placements: Mapping[str, Mapping[int, MapPixel]] = field(default_factory=dict)
+    experiences: Mapping[int, PhotoRecord] = field(default_factory=dict)
+
+
+def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
+    """Read `map.json` strictly: no field missing that must be there, none that is unknown.
+
+    Parameters
+    ----------
+    data : bytes
+        UTF-8.
+    where : str
+        Name of the file, for errors.
+
+    Returns
+    -------
+    MapJson
+
+    Raises
+    ------
+    MapJsonError
+        With the JSON path of the field, or line and column where it is no JSON at all.
+    """
+    top = parse_json(data, where=where).record(
+        required=("format", "version"),
+        optional=("revision", "next_id", "georeference", "placements", "experiences"),
+    )
+    if top["format"].value != FORMAT:
+        raise top["format"].error(f"must be {FORMAT!r}", hint="this is another program's file: rename it")
+    if top["version"].integer(smallest=1, largest=MAX_NUMBER) != VERSION:
+        raise top["version"].error(
+            f"must be {VERSION}", hint="this map was written by a newer version: update"
+        )
+    placements: dict[str, Mapping[int, MapPixel]] = {}
+    for item in top["placements"].items():
+        name, positions = _placement(item)
+        if name in placements:
+            raise item.error(f"names the placement {name!r} a second time")
+        placements[name] = positions
+    return MapJson(
+        revision=top["revision"].integer(default=0, largest=MAX_NUMBER),
+        next_id=top["next_id"].integer(default=0, largest=MAX_NUMBER + 1),
+        georeference=_georeference(top["georeference"]),
+        placements=placements,
+        experiences=by_id(top["experiences"], parse=_photo),
+    )
+
+
+def format_map_json(map_: Map) -> bytes:
+    """Write what a `.cfg` cannot hold of a map; the same map always gives the same bytes.
+
+    Parameters
+    ----------
+    map_ : Map
+
+    Returns
+    -------
+    bytes
+        UTF-8, indented, one final LF.
+
+    Raises
+    ------
+    MapJsonError
+        A value that the reader would refuse.
+    """
+    photos = [record for e in map_.experiences if len(record := _photo_fields(e)) > 2]
+    content: dict[str, object] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "revision": map_.revision,
+        "next_id": map_.next_id,
+        "georeference": georeference_fields(map_.georeference),
+        "placements": [_placement_fields(placement) for placement in map_.placements],
+        "experiences": photos,
+    }
+    text = json.dumps(content, indent=1, ensure_ascii=False)
+    data = f"{text}\n".encode("utf-8", "surrogatepass")
+    parse_map_json(data)
+    return data
+
+
+def parse_georeference(value: object, *, where: str = "georeference") -> Georeference | None:
+    """Read a georeference as `map.json` has it.
+
+    Parameters
+    ----------
+    value : object
+        Parsed JSON; None is no georeference.
+    where : str
+        Where it comes from, for errors.
+
+    Returns
+    -------
+    Georeference or None
+
+    Raises
+    ------
+    MapJsonError
+        With the JSON path of the field.
+    """
+    return _georeference(JsonField(value, where, "$"))
+
+
+def georeference_fields(georeference: Georeference | None) -> dict[str, object] | None:
+    """Give a georeference as `map.json` has it; None stays None."""
+    if georeference is None:
+        return None
+    m = georeference.plane_from_pixel
+    rows = [list(m[0:3]), list(m[3:6]), list(m[6:9])]
+    return {"plane": georeference.plane, "plane_from_pixel": rows, "method": georeference.method}
+
+
+def check_placement_name(name: str) -> str:
+    """Give back a placement's name, which also names its file.
+
+    Raises
+    ------
+    MapError
+        It is not made of letters, digits, `_` and `-`, with 1 to 60 of them.
+    """
+    plain = name.replace("-", "").replace("_", "")
+    if not (plain.isalnum() and len(name) <= 60):
+        raise MapError(
+            f"{name[:80]!r} cannot name a placement", hint="use letters, digits, _ and -, at most 60"
+        )
+    return name
+
+
+def _placement(item: JsonField) -> tuple[str, Mapping[int, MapPixel]]:
+    fields = item.record(required=("name",), optional=("experiences",))
+    try:
+        name = check_placement_name(fields["name"].text())
+    except MapJsonError:
+        raise
+    except MapError as error:
+        raise fields["name"].error(error.message, hint=error.hint) from error
+    return name, by_id(fields["experiences"], parse=_placed)
+
+
+def _placed(item: JsonField) -> tuple[int, MapPixel]:
+    fields = item.record(required=("id", "x_px", "y_px"))
+    return fields["id"].integer(largest=MAX_NUMBER), MapPixel(_pixel(fields["x_px"]), _pixel(fields["y_px"]))
+
+
+def _photo(item: JsonField) -> tuple[int, PhotoRecord]:
+    names = ("x_px", "y_px", "heading_deg", "fov_deg", "gps_accuracy_m", "taken_at")
+    fields = item.record(required=("id", "photo"), optional=names)
+    x, y, heading, fov, accuracy, taken_at = (fields[name] for name in names)
+    if x.missing != y.missing:
+        raise item.error("has only one of x_px and y_px", hint="give both or none")
+    if not taken_at.missing:
+        _check_time(taken_at)
+    return fields["id"].integer(largest=MAX_NUMBER), PhotoRecord(
+        photo=fields["photo"].text(),
+        position=None if x.missing else MapPixel(_pixel(x), _pixel(y)),
+        heading_deg=None if heading.missing else heading.number("from 0 to 360", valid=_is_heading),
+        fov_deg=None if fov.missing else fov.number("above 0 and at most 360", valid=lambda v: 0 < v <= 360),
+        gps_accuracy_m=None if accuracy.missing else accuracy.number("0 or more", valid=lambda v: v >= 0),
+        taken_at=None if taken_at.missing else taken_at.text(),
+    )
+
+
+def _pixel(field: JsonField) -> float:
+    return field.number("a finite number of pixels", valid=finite)
+
+
+def _is_heading(value: float) -> bool:
+    return 0 <= value <= 360
+
+
+def _check_time(taken_at: JsonField) -> None:
+    try:
+        datetime.fromisoformat(taken_at.text())
+    except ValueError as error:
+        raise taken_at.error(
+            "is not a time in ISO 8601", hint="write it like 2026-04-30T14:05:00+02:00"
+        ) from error
+
+
+def _georeference(field: JsonField) -> Georeference | None:
+    if field.missing:
+        return None
+    fields = field.record(required=("plane", "plane_from_pixel", "method"))
+    rows = [row.items() for row in fields["plane_from_pixel"].items()]
+    if [len(row) for row in rows] != [3, 3, 3]:
+        raise fields["plane_from_pixel"].error("must be three rows of three numbers")
+    matrix = tuple(cell.number("a finite number", valid=finite) for row in rows for cell in row)
+    try:
+        return Georeference(fields["plane"].text(), matrix, fields["method"].text())
+    except GeoreferenceError as error:
+        raise field.error(f"cannot be used: {error.message}", hint=error.hint) from error
+
+
+def _position_fields(position: MapPixel) -> dict[str, object]:
+    """Give x_px and y_px, or nothing for whole pixels: the `.cfg` holds those."""
+    if float(position.x).is_integer() and float(position.y).is_integer():
+        return {}
+    return {"x_px": position.x, "y_px": position.y}
+
+
+def _photo_fields(e: Experience) -> dict[str, object]:
+    known = {
+        "heading_deg": e.heading_deg,
+        "fov_deg": e.fov_deg,
+        "gps_accuracy_m": e.gps_accuracy_m,
+        "taken_at": e.taken_at,
+    }
+    told = {name: value for name, value in known.items() if value is not None}
+    return {"id": e.id, "photo": e.photo, **_position_fields(e.position), **told}
+
+
+def _placement_fields(placement: Placement) -> dict[str, object]:
+    fields = (
+        {"id": id, **_position_fields(position)} for id, position in sorted(placement.positions.items())
+    )
+    return {"name": check_placement_name(placement.name), "experiences": [f for f in fields if len(f) > 1]}

@@ -1,0 +1,1 @@
+"""Photos: pixels, EXIF, previews."""

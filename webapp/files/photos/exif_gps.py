@@ -1,0 +1,130 @@
+"""Where a photo says it was taken, or why it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from webapp.files.photos.exif import number, text
+
+METRES_PER_DOP = 5.0
+"""Metres of 68 % radius for each unit of dilution of precision: the usual range error of a civil receiver."""
+
+_LAT_REF, _LAT, _LON_REF, _LON, _ALT_REF, _ALT = 1, 2, 3, 4, 5, 6
+_STATUS, _DOP, _DIRECTION_REF, _DIRECTION, _DATUM, _ERROR = 9, 11, 16, 17, 18, 31
+_FAR_DATUMS = frozenset({"TOKYO", "NAD27", "ED50", "PULKOVO1942", "PULKOVO42"})
+"""Datums hundreds of metres from WGS 84."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gps:
+    """A position from EXIF.
+
+    Attributes
+    ----------
+    lat, lon : float
+        Degrees north and east, WGS 84.
+    accuracy_m : float or None
+        68 % radius: what the device states (GPSHPositioningError), else `dop` * `METRES_PER_DOP`.
+    dop : float or None
+        Dilution of precision.
+    altitude_m : float or None
+        Above the sea (below: negative), as the device says.
+    """
+
+    lat: float
+    lon: float
+    accuracy_m: float | None = None
+    dop: float | None = None
+    altitude_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NoGps:
+    """No position, and the reason in a sentence. Falsy."""
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        """Say that there is no position."""
+        return False
+
+
+ABSENT = NoGps("it has no GPS position")
+"""There is nothing about a position."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Where the camera looked: degrees clockwise from true (`T`) or magnetic (`M`) north; None: not told."""
+
+    deg: float
+    reference: Literal["T", "M"] | None
+
+
+def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
+    """Read the position from the tags of the GPS IFD."""
+    if not any(tag in tags for tag in (_LAT, _LON, _LAT_REF, _LON_REF)):
+        return ABSENT
+    if text(tags.get(_STATUS)).upper() == "V":
+        return NoGps("its GPS had no fix (status V)")
+    lat = _degrees(tags.get(_LAT), "latitude")
+    lon = _degrees(tags.get(_LON), "longitude")
+    for value in (lat, lon):
+        if isinstance(value, NoGps):
+            return value
+    assert not isinstance(lat, NoGps) and not isinstance(lon, NoGps)
+    if abs(lat) < 1e-9 and abs(lon) < 1e-9:
+        return NoGps("its GPS says 0 N 0 E, which devices write when they have no fix")
+    north = _sign(tags.get(_LAT_REF), "NS")
+    east = _sign(tags.get(_LON_REF), "EW")
+    if north is None or east is None:
+        missing = "N or S" if north is None else "E or W"
+        return NoGps(f"its GPS position does not say {missing}")
+    if lat > 90.0 or lon > 180.0:
+        return NoGps(f"its GPS position {lat:g} {lon:g} is out of range")
+    datum = "".join(c for c in text(tags.get(_DATUM)).upper() if c.isalnum())
+    if datum in _FAR_DATUMS:
+        return NoGps(f"its GPS position is in the datum {datum}, not in WGS 84")
+    return _with_precision(north * lat, east * lon, tags)
+
+
+def read_heading(tags: Mapping[int, object]) -> Heading | None:
+    """Read the direction of the image (GPSImgDirection); None when absent or no angle from 0 to 360."""
+    value = number(tags.get(_DIRECTION))
+    if value is None or not 0.0 <= value <= 360.0:
+        return None
+    reference = text(tags.get(_DIRECTION_REF)).upper()
+    return Heading(value % 360.0, "T" if reference == "T" else "M" if reference == "M" else None)
+
+
+def _with_precision(lat: float, lon: float, tags: Mapping[int, object]) -> Gps:
+    dop, error, altitude = number(tags.get(_DOP)), number(tags.get(_ERROR)), number(tags.get(_ALT))
+    dop = dop if dop is not None and dop > 0.0 else None
+    accuracy = error if error is not None and error > 0.0 else None
+    if accuracy is None and dop is not None:
+        accuracy = dop * METRES_PER_DOP
+    below = tags.get(_ALT_REF) in (1, b"\x01")
+    return Gps(lat, lon, accuracy, dop, -altitude if below and altitude is not None else altitude)
+
+
+def _degrees(value: object, name: str) -> float | NoGps:
+    """Sum degrees, minutes and seconds."""
+    parts = value if isinstance(value, tuple | list) else (value,)
+    numbers = [number(part) for part in parts]
+    if not any(n is not None for n in numbers):
+        return NoGps(f"its GPS {name} is empty")
+    if None in numbers or not 1 <= len(numbers) <= 3:
+        return NoGps(f"its GPS {name} is incomplete")
+    known = [n for n in numbers if n is not None]
+    if min(known) < 0.0 or any(n > 60.0 for n in known[1:]):
+        return NoGps(f"its GPS {name} is not in degrees, minutes and seconds")
+    return sum(n / 60.0**i for i, n in enumerate(known))
+
+
+def _sign(reference: object, letters: str) -> float | None:
+    letter = text(reference).upper()[:1]
+    if not letter or letter not in letters:
+        return None
+    return 1.0 if letter == letters[0] else -1.0

@@ -1,0 +1,236 @@
+"""A photo: what it says about itself, and its pixels, upright."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from webapp.errors import PhotoError
+from webapp.files.decode import Pixels, check_bytes, decode, opened
+from webapp.files.photos.exif import orientation, read_exif, text
+from webapp.files.photos.exif_camera import Fov, read_fov, read_time
+from webapp.files.photos.exif_gps import Gps, Heading, NoGps, read_gps, read_heading
+from webapp.settings import PhotoLimits
+
+_MAKER = 0x010F
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoFacts:
+    """What is known of a photo without decoding it.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the upright photo, pixels.
+    orientation : int
+        1 to 8: how the stored pixels are turned (EXIF). 1 where the decoder itself turns them (HEIC).
+    gps : Gps or NoGps
+    heading : Heading or None
+        With its reference, true or magnetic north.
+    taken_at : str or None
+        ISO 8601; local time where it has no offset.
+    fov : Fov or None
+        Horizontal field of view of the upright photo, and where it comes from.
+    notes : tuple of str
+        What was odd, in sentences.
+    format : str
+        By content, as Pillow names it: `JPEG`, `HEIF`, `PNG` ...
+    maker : str or None
+        Who made the camera; empty when EXIF does not say, None when there is no EXIF.
+    """
+
+    width: int
+    height: int
+    orientation: int
+    gps: Gps | NoGps
+    heading: Heading | None
+    taken_at: str | None
+    fov: Fov | None
+    notes: tuple[str, ...] = ()
+    format: str = ""
+    maker: str | None = None
+
+    @property
+    def heading_deg(self) -> float | None:
+        """Degrees clockwise from the north that `heading.reference` names."""
+        return None if self.heading is None else self.heading.deg
+
+    @property
+    def fov_deg(self) -> float | None:
+        """Horizontal field of view of the upright photo, degrees."""
+        return None if self.fov is None else self.fov.deg
+
+
+@dataclass(frozen=True, slots=True)
+class GrayPhoto:
+    """An upright grey photo, perhaps scaled down.
+
+    Attributes
+    ----------
+    pixels : (h, w) uint8
+    scale : float
+        At most 1; a length in the full-size upright photo is one in `pixels` divided by this.
+    full_size : tuple of int
+        Width and height of the full-size upright photo, pixels.
+    """
+
+    pixels: Pixels
+    scale: float
+    full_size: tuple[int, int]
+
+
+def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
+    """Read the whole file of a photo.
+
+    Raises
+    ------
+    PhotoError
+        It is missing, no file, empty, cannot be read, or is larger than the limit.
+    """
+    try:
+        check_bytes(path, limits)
+        return path.read_bytes()
+    except PhotoError as error:
+        raise PhotoError(error.message, where=str(path), hint=error.hint) from error
+    except OSError as error:
+        raise PhotoError(f"it cannot be read: {error.strerror or error}", where=str(path)) from error
+
+
+def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
+    """Read what a photo says about itself, from its header.
+
+    Damaged or odd EXIF is left out and noted. A file cut off behind its header is not noticed.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        A file, or its content.
+    limits : PhotoLimits
+
+    Returns
+    -------
+    PhotoFacts
+
+    Raises
+    ------
+    PhotoError
+        Missing, no image of a known format, a damaged header, or larger than the limits.
+    """
+    with opened(source, limits=limits) as image:
+        exif = read_exif(image)
+        turn, note = orientation(exif)
+        kind = image.format or ""
+        width, height = image.size if turn < 5 or _turned_by_decoder(image) else image.size[::-1]
+    return PhotoFacts(
+        width=width,
+        height=height,
+        orientation=turn,
+        gps=read_gps(exif.gps),
+        heading=read_heading(exif.gps),
+        taken_at=read_time(exif),
+        fov=read_fov(exif, width=width, height=height),
+        notes=(*exif.notes, note) if note else exif.notes,
+        format=kind,
+        maker=text(exif.image.get(_MAKER)) if exif.image else None,
+    )
+
+
+def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> Pixels:
+    """Read a photo in colour, upright.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        A file, or its content; of several frames or pages the first.
+    limits : PhotoLimits
+    max_side : int, optional
+        Scale down until the longer side has this many pixels; never up.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+        Blue, green, red.
+
+    Raises
+    ------
+    PhotoError
+        As `read_facts`, or the pixels are damaged or cut off.
+    """
+    pixels = _read(source, "RGB", limits=limits)
+    return _scaled(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), max_side)[0]
+
+
+def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> GrayPhoto:
+    """Read a photo in grey, upright; of a colour JPEG it is the stored luma.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        A file, or its content; of several frames or pages the first.
+    limits : PhotoLimits
+    max_side : int, optional
+        Scale down until the longer side has this many pixels; never up.
+
+    Returns
+    -------
+    GrayPhoto
+
+    Raises
+    ------
+    PhotoError
+        As `read_facts`, or the pixels are damaged or cut off.
+    """
+    full = _read(source, "L", limits=limits)
+    pixels, scale = _scaled(full, max_side)
+    return GrayPhoto(pixels, scale, (full.shape[1], full.shape[0]))
+
+
+def turn_upright(pixels: Pixels, orientation: int) -> Pixels:
+    """Turn and mirror stored pixels as an EXIF orientation of 1 to 8 says.
+
+    Parameters
+    ----------
+    pixels : (h, w) or (h, w, 3) uint8
+    orientation : int
+
+    Returns
+    -------
+    uint8 array, contiguous; h and w exchanged for 5 to 8.
+    """
+    if orientation >= 5:
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return np.ascontiguousarray(pixels)
+
+
+def _read(source: Path | bytes, mode: Literal["L", "RGB"], *, limits: PhotoLimits) -> Pixels:
+    with opened(source, limits=limits) as image:
+        turn, _ = orientation(read_exif(image))
+        by_decoder = _turned_by_decoder(image)
+        pixels = decode(image, mode)
+    return turn_upright(pixels, 1 if by_decoder else turn)
+
+
+def _turned_by_decoder(image: Image.Image) -> bool:
+    """Tell whether Pillow turns this format itself, as it does TIFF; HEIC comes without an orientation."""
+    return image.format == "TIFF"
+
+
+def _scaled(pixels: Pixels, max_side: int | None) -> tuple[Pixels, float]:
+    scale = 1.0 if max_side is None else min(1.0, max_side / max(pixels.shape[:2]))
+    if scale == 1.0:
+        return pixels, scale
+    if min(pixels.shape[:2]) * scale < 0.5:
+        size = tuple(max(1, round(side * scale)) for side in pixels.shape[1::-1])
+        return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), scale
+    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.uint8), scale

@@ -1,0 +1,1 @@
+"""Satellite images: raster formats, pyramids, and files with their georeference."""

@@ -1,0 +1,1 @@
+"""The commands `expmap mission` and `expmap robot`."""

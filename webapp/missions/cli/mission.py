@@ -1,0 +1,211 @@
+"""`expmap mission`: what robots and people did, in the library."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from webapp.cli.exitcodes import DONE, SOME_FAILED
+from webapp.cli.progressbar import terminal_progress
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.records import SOURCES
+from webapp.core.trajectory.robotframe import Start
+from webapp.errors import InputError, NotFound, UsageError
+from webapp.files.atomic import write_pieces
+from webapp.missions.store import listing as mission_list
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission
+from webapp.missions.tasks import export as export_mission
+from webapp.missions.tasks import import_file, read_track
+from webapp.missions.tasks.export import FORMATS
+from webapp.missions.tasks.import_file import Imported
+from webapp.missions.tasks.upload import order_of
+from webapp.settings import from_environment
+from webapp.store.accounts import accounts
+from webapp.store.library import Library, open_library
+from webapp.store.maps import maps
+from webapp.store.schema import Account
+
+
+def _library_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option(
+        "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+        help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+    )(command)  # fmt: skip
+
+
+def _start_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    return click.option(
+        "--start", callback=_start, metavar="LAT,LON,HEADING",
+        help="Where the robot was at first, and which way it looked: degrees clockwise from north.",
+    )(command)  # fmt: skip
+
+
+def _start(_context: click.Context, _option: click.Parameter, text: str | None) -> Start | None:
+    if text is None:
+        return None
+    try:
+        lat, lon, heading = map(float, text.split(","))
+    except ValueError as error:
+        raise click.BadParameter("write latitude, longitude and heading: 50.1,14.4,90") from error
+    if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
+        raise click.BadParameter("there is no such position or heading")
+    return Start(LatLon(lat, lon), heading)
+
+
+@click.command("list")
+@click.option("--map", "slug", metavar="SLUG", help="Only those on that map.")
+@_library_option
+def list_missions(slug: str | None, library: Path | None) -> None:
+    """Print all missions: number, name, poses, objects, and when they last changed."""
+    with _opened(library) as place, place.database.read() as session:
+        owner = _owner(place)
+        on = None if slug is None else maps.find(session, slug, account=owner).id
+        for entry in mission_list.listed(session, owner, map_id=on):
+            mission = entry.mission
+            told = (mission.id, mission.name, entry.poses, entry.objects)
+            click.echo("\t".join(map(str, [*told, f"{mission.changed_at:%Y-%m-%d %H:%M}"])))
+
+
+@click.command()
+@click.argument("name")
+@click.option("--map", "slug", metavar="SLUG", help="On that map.  [default: on the globe]")
+@_start_option
+@click.option("--note", default="", metavar="TEXT", help="For people.")
+@_library_option
+def new(name: str, slug: str | None, start: Start | None, note: str, library: Path | None) -> None:
+    """Make a mission and print its number."""
+    with _opened(library) as place:
+        owner = _owner(place)
+        with place.database.write() as session:
+            on = None if slug is None else maps.find(session, slug, account=owner).id
+            told = start and {**start.position._asdict(), "heading_deg": start.heading_deg}
+            made = missions.create(
+                session, name, account_id=owner.id, map_id=on, start=told or None, note=note
+            )
+            session.flush()
+            number = made.id
+    click.echo(number)
+
+
+@click.command("import")
+@click.argument("mission", type=int)
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--topic", "topics", multiple=True, metavar="NAME", help="Only this topic or line; repeatable.")
+@click.option("--list", "listing", is_flag=True, help="Print the topics of bags instead.")
+@click.option(
+    "--columns",
+    metavar="TEXT",
+    help="Of a CSV: time=stamp:ms, lat=Latitude, lon=3 ...  [default: by its header]",
+)
+@click.option(
+    "--source", type=click.Choice(SOURCES), help="Of all tracks.  [default: by the kind of the file]"
+)
+@click.option(
+    "--min-move", metavar="DISTANCE",
+    help="Leave out what moved less: 0.5m, 0.00001deg, or 0.  [default: 0.00001deg]",
+)  # fmt: skip
+@_start_option
+@_library_option
+def import_files(
+    mission: int, files: tuple[Path, ...], listing: bool, library: Path | None, **told: Any
+) -> int:
+    """Import FILES with tracks and objects into MISSION, a number.
+
+    Bags of ROS 1 and 2, MCAP, GPX, KML, KMZ, NMEA, TUM, KITTI and CSV are told by their content. A file that
+    was imported before stores nothing twice.
+    """
+    if listing:
+        for path in files:
+            _print_topics(path)
+        return DONE
+    failed = 0
+    with _opened(library) as place, terminal_progress("importing") as progress:
+        for path in files:
+            order = order_of(path, told | {"name": path.name, "topics": ",".join(told["topics"])})
+            order = replace(order, wishes=replace(order.wishes, start=told["start"]))
+            try:
+                done = import_file.run(
+                    place, mission, order=order, settings=from_environment(), progress=progress
+                )
+            except InputError as error:
+                click.echo(f"expmap: {error}", err=True)
+                failed += 1
+            else:
+                _print_import(path, done)
+    return SOME_FAILED if failed else DONE
+
+
+@click.command()
+@click.argument("mission", type=int)
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
+@click.option("--format", "form", type=click.Choice(FORMATS), help="[default: by the name of FILE]")
+@_library_option
+def export(mission: int, file: Path, form: str | None, library: Path | None) -> None:
+    """Write MISSION, a number, to FILE; `-` is standard output."""
+    form = form or _form_of(file)
+    with _opened(library) as place:
+        with place.database.read() as session:
+            _known(session.get(Mission, mission), mission)
+        download = export_mission.run(place, mission, form=form)
+        if str(file) == "-":
+            for piece in download.pieces:
+                sys.stdout.buffer.write(piece)
+        else:
+            write_pieces(file, download.pieces)
+
+
+def _form_of(file: Path) -> str:
+    fits = [form for form in FORMATS if file.name.lower().endswith((f".{form}", f"-{form}"))]
+    if not fits:
+        hint = f"say which: --format {'|'.join(FORMATS)}"
+        raise UsageError("the name of the file does not tell the format", where=str(file), hint=hint)
+    return max(fits, key=len)
+
+
+def _known(found: Mission | None, number: int) -> Mission:
+    if found is None:
+        raise NotFound("there is no such mission", where=f"mission {number}", hint="see: expmap mission list")
+    return found
+
+
+def _print_topics(path: Path) -> None:
+    for topic in read_track.topics(path):
+        used = "" if topic.readable else "\tnot used"
+        click.echo(f"{topic.name}\t{topic.type}\t{topic.messages}{used}")
+
+
+def _print_import(path: Path, done: Imported) -> None:
+    for track in done.tracks:
+        click.echo(
+            f"{path.name}: {track.source} {track.name!r}: {track.poses} poses, {track.skipped} that had not "
+            f"moved, {track.distance_m:.1f} m"
+        )
+    if done.objects:
+        click.echo(f"{path.name}: {done.objects} sightings of objects")
+    if not done.new:
+        click.echo(f"{path.name}: all of it was there already", err=True)
+    for one in done.skipped:
+        click.echo(f"{path.name}: {one.where}: left out {one.count} {one.reason}", err=True)
+    for note in done.notes:
+        click.echo(f"{path.name}: {note}", err=True)
+
+
+@contextmanager
+def _opened(folder: Path | None) -> Iterator[Library]:
+    library = open_library(folder or from_environment().library)
+    try:
+        yield library
+    finally:
+        library.database.close()
+
+
+def _owner(library: Library) -> Account:
+    with library.database.write() as session:
+        return accounts.ensure_owner(session)

@@ -1,0 +1,1 @@
+"""Formats of tracks and of detected objects: readers and writers."""

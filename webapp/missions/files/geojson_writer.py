@@ -1,0 +1,158 @@
+"""Writes a mission as GeoJSON (RFC 7946), piece by piece: a line for each track, a point for each object.
+
+The times of a line's positions are in its `coordinateProperties`, nested as its coordinates are. A track that
+goes over the 180th meridian is cut there into several lines, as the standard advises.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut
+from webapp.core.trajectory.records import Poses, join, make_poses
+from webapp.files.xml_text import utc
+
+_DIGITS = 9
+"""Of degrees: a tenth of a millimetre."""
+
+
+def format_mission_geojson(mission: MissionOut) -> Iterator[bytes]:
+    """Write a mission.
+
+    Yields
+    ------
+    bytes
+        UTF-8. What is unknown is null, or left out of a position.
+    """
+    for text in _pieces(mission):
+        yield text.encode("utf-8", "replace")
+
+
+def _pieces(mission: MissionOut) -> Iterator[str]:
+    yield f'{{"type":"FeatureCollection","name":{_json(mission.name)},"features":['
+    comma = ""
+    for track in mission.tracks:
+        yield f"{comma}\n"
+        yield from _track(track)
+        comma = ","
+    for found in mission.objects():
+        yield f"{comma}\n{_json(_object(found))}"
+        comma = ","
+    yield "\n]}\n"
+
+
+def _track(track: TrackOut) -> Iterator[str]:
+    facts = {
+        "source": track.source,
+        "name": track.name,
+        "poses": track.count,
+        "distance_m": round(track.distance_m, 3),
+    }
+    over = track.bounds is not None and track.bounds[3] - track.bounds[1] > 180.0
+    kind = "Point" if track.count == 1 else "MultiLineString" if over else "LineString"
+    yield f'{{"type":"Feature","id":"track-{track.id}","geometry":{{"type":"{kind}","coordinates":'
+    yield from _nested(track, _positions, kind=kind)
+    yield f'}},"properties":{_json(facts)[:-1]},"coordinateProperties":{{'
+    if track.timed:
+        yield '"times":'
+        yield from _nested(track, lambda poses: [f'"{time}"' for time in utc(poses.times_s)], kind=kind)
+        yield ","
+    yield '"headings_deg":'
+    yield from _nested(track, _headings, kind=kind)
+    yield "}}}"
+
+
+def _nested(track: TrackOut, written: Callable[[Poses], list[str]], *, kind: str) -> Iterator[str]:
+    """Write one thing of each pose, nested as the coordinates of the geometry are."""
+    if kind == "Point":
+        yield from (written(part)[0] for part in track.poses())
+        return
+    several = kind == "MultiLineString"
+    lines = _cut(track.poses()) if several else ((part, False) for part in track.poses())
+    yield "[[" if several else "["
+    comma = ""
+    for part, ends in lines:
+        yield comma + ",".join(written(part)) + ("],[" if ends else "")
+        comma = "" if ends else ","
+    yield "]]" if several else "]"
+
+
+def _cut(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
+    """Cut at the 180th meridian: a pose on it ends the one line, and another one begins the next.
+
+    Yields
+    ------
+    Poses
+        At least one.
+    bool
+        Whether a line ends with them.
+    """
+    last: list[Poses] = []
+    for part in parts:
+        joined, first = join([*last, part]), len(last)
+        for at in np.flatnonzero(np.abs(np.diff(joined.latlon[:, 1])) > 180.0).tolist():
+            end, begin = _on_the_meridian(joined.take(slice(at, at + 2)))
+            yield join([joined.take(slice(first, at + 1)), end]), True
+            yield begin, False
+            first = at + 1
+        yield joined.take(slice(first, None)), False
+        last = [joined.take(slice(-1, None))]
+
+
+def _on_the_meridian(two: Poses) -> tuple[Poses, Poses]:
+    """Give the pose between two where they go over the meridian, as seen from the west and from the east."""
+    a, b = two.latlon[:, 1].tolist()
+    side = math.copysign(180.0, a)
+    way = b + 2.0 * side - a
+    share = (side - a) / way if way else 0.0
+
+    def between(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (1.0 - share) * values[:1] + share * values[1:]
+
+    lat = between(two.latlon)[0, 0]
+    ends = [
+        make_poses(between(two.times_s), [(lat, lon)], height_m=between(two.height_m))
+        for lon in (side, -side)
+    ]
+    return ends[0], ends[1]
+
+
+def _positions(poses: Poses) -> list[str]:
+    table = np.column_stack([poses.latlon, poses.height_m]).tolist()
+    return [
+        f"[{lon:.9f},{lat:.9f}]" if height != height else f"[{lon:.9f},{lat:.9f},{height:.3f}]"
+        for lat, lon, height in table
+    ]
+
+
+def _headings(poses: Poses) -> list[str]:
+    return ["null" if heading != heading else f"{heading:.3f}" for heading in poses.heading_deg.tolist()]
+
+
+def _object(found: ObjectOut) -> dict[str, object]:
+    first, last = utc([found.first_time_s, found.last_time_s])
+    position = [round(found.latlon.lon, _DIGITS), round(found.latlon.lat, _DIGITS)]
+    if found.height_m is not None:
+        position.append(found.height_m)
+    return {
+        "type": "Feature",
+        "id": found.id,
+        "geometry": {"type": "Point", "coordinates": position},
+        "properties": {
+            "class": found.kind,
+            "confidence": found.confidence,
+            "sightings": found.sightings,
+            "first_time": first,
+            "last_time": last,
+            "photo": found.photo,
+        },
+    }
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)

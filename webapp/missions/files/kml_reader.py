@@ -1,0 +1,180 @@
+"""KML as missions take it: lines and gx:Track are tracks, points are objects.
+
+`gx:Track` has a time for each position (KML 2.2 with Google's extension, `Track` in OGC KML 2.3); a
+`LineString` has none. Network links are not followed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.records import Poses, Sighting, make_poses
+from webapp.errors import TrackError
+from webapp.missions.files.gpx_reader import number
+from webapp.missions.files.track_chunks import CHUNK, UNTIMED, Findings, Piece, WorldObjects, WorldPiece
+from webapp.missions.files.track_times import filled, unix_time
+from webapp.missions.files.xml_stream import child_text, local_name, walk
+
+MAX_LINES = 100
+"""A KML with more lines is a drawing, no record of a way."""
+
+_UNUSED = {
+    "Polygon": "areas, which are no tracks",
+    "Model": "3D models, which are no tracks",
+    "NetworkLink": "links to other files, which are not followed",
+    "GroundOverlay": "images on the ground, which are no tracks",
+}
+_GAP = re.compile(r"\s*,\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class _Mark:
+    """What a placemark says of all that is drawn in it."""
+
+    number: int
+    name: str
+    time_s: float
+
+
+def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) -> Iterator[Piece]:
+    """Read a KML file.
+
+    Parameters
+    ----------
+    file : binary file
+    findings : Findings
+    tracks : tuple of str
+        Only lines of these names; empty for all, if these are not more than `MAX_LINES`.
+
+    Yields
+    ------
+    Piece
+
+    Raises
+    ------
+    TrackError
+        It is damaged, declares a document type, or has more lines than a robot could have gone.
+    """
+    marks = lines = 0
+    for event, element in walk(file, whole={"Placemark"}):
+        name = local_name(element)
+        if event == "start" and name in _UNUSED:
+            findings.skip(_UNUSED[name], where=f"<{name}>")
+        if name != "Placemark":
+            continue
+        marks += 1
+        mark = _Mark(marks, " ".join(child_text(element, "name").split()), _time(element))
+        for part in element.iter():
+            kind = local_name(part)
+            if kind in _UNUSED:
+                findings.skip(_UNUSED[kind], where=mark.name or f"placemark {marks}")
+            elif kind == "Point":
+                yield from _object(part, mark, findings=findings)
+            elif kind in {"LineString", "Track"}:
+                if tracks and mark.name not in tracks:
+                    findings.skip("tracks that were not asked for", where=mark.name)
+                    continue
+                lines += 1
+                if lines > MAX_LINES:
+                    raise TrackError(
+                        f"the file has more than {MAX_LINES} lines: it is a drawing, no record of a way",
+                        hint="name the lines that are tracks",
+                    )
+                title = f"{mark.name or 'track'} {lines}"
+                yield from _line(part, title, mark, findings=findings)
+
+
+def _line(part: Element, title: str, mark: _Mark, *, findings: Findings) -> Iterator[Piece]:
+    if local_name(part) == "Track":
+        poses, timed = _track(part, findings=findings, where=title)
+    else:
+        timed = False
+        rows = _coordinates(child_text(part, "coordinates"), findings=findings, where=title)
+        poses = _poses(np.full(len(rows), math.nan), rows, np.full(len(rows), math.nan), begin_s=mark.time_s)
+    if not len(poses):
+        findings.skip("lines without a position", where=title)
+    elif not timed:
+        findings.note(UNTIMED)
+    for i in range(0, len(poses), CHUNK):
+        yield WorldPiece(title, "gps", poses.take(slice(i, i + CHUNK)), timed)
+
+
+def _track(part: Element, *, findings: Findings, where: str) -> tuple[Poses, bool]:
+    """Read a gx:Track, and whether it tells a time: times, positions and angles are paired by places."""
+    whens, coords, headings = [], [], []
+    for child in part:
+        text = (child.text or "").strip()
+        match local_name(child):
+            case "when":
+                whens.append(unix_time(text))
+            case "coord":
+                values = [number(word) for word in text.split()[:3]]
+                coords.append(values + [math.nan] * (3 - len(values)))
+            case "angles":
+                words = text.split()
+                headings.append(number(words[0]) if words else math.nan)
+    pairs = min(len(whens), len(coords)) if whens else len(coords)
+    findings.skip(
+        "times or positions of a track without their counterpart",
+        where=where,
+        count=max(len(whens), len(coords)) - pairs,
+    )
+    if len(headings) != len(coords):
+        headings = [math.nan] * len(coords)
+    times = whens[:pairs] if whens else [math.nan] * pairs
+    rows = np.array(coords[:pairs], dtype=np.float64).reshape(-1, 3)
+    timed = not all(map(math.isnan, times))
+    return _poses(np.array(times), rows, np.array(headings[:pairs]), begin_s=math.nan), timed
+
+
+def _poses(times: np.ndarray, rows: np.ndarray, headings: np.ndarray, *, begin_s: float) -> Poses:
+    begin = 0.0 if math.isnan(begin_s) else begin_s
+    times = filled(times.tolist(), begin_s=begin)
+    return make_poses(times, rows[:, [1, 0]], height_m=rows[:, 2], heading_deg=headings)
+
+
+def _object(part: Element, mark: _Mark, *, findings: Findings) -> Iterator[Piece]:
+    where = mark.name or f"placemark {mark.number}"
+    rows = _coordinates(child_text(part, "coordinates"), findings=findings, where=where)
+    if not len(rows):
+        findings.skip("points without a position", where=where)
+        return
+    lon, lat, height = rows[0].tolist()
+    name = f"placemark {mark.number} {mark.name}".strip()
+    time_s = 0.0 if math.isnan(mark.time_s) else mark.time_s
+    if math.isnan(mark.time_s):
+        findings.note("points without a time count as of 1970-01-01")
+    at = None if math.isnan(height) else height
+    yield WorldObjects((Sighting(name, "placemark", time_s, LatLon(lat, lon), at),))
+
+
+def _time(placemark: Element) -> float:
+    """When a placemark was: its time stamp, or the begin of its time span."""
+    for element in placemark.iter():
+        if local_name(element) in {"TimeStamp", "TimeSpan"}:
+            return unix_time(child_text(element, "when") or child_text(element, "begin"))
+    return math.nan
+
+
+def _coordinates(text: str, *, findings: Findings, where: str) -> np.ndarray:
+    """Read `lon,lat[,height]` positions: (n, 3) float64, NaN for what is no number.
+
+    Where blanks between positions are missing, all numbers in threes are taken, as Google Earth does.
+    """
+    rows = []
+    for word in _GAP.sub(",", text).split():
+        fields = [number(field) for field in word.split(",")]
+        if len(fields) > 3 and len(fields) % 3 == 0:
+            findings.note("positions without blanks between them were read as longitude, latitude, height")
+            rows += [fields[i : i + 3] for i in range(0, len(fields), 3)]
+        else:
+            rows.append((fields + [math.nan] * 3)[:3])
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,184 @@
+"""Writes a mission as KML 2.3, piece by piece: tracks with times, objects with their time spans.
+
+`gx:Track` is the element that KML 2.3 took over as `Track`, with the same content; the older name is the one
+that programs know. A track goes out as a `gx:MultiTrack` of parts, and a new part begins where time goes
+back: in one `gx:Track`, times ascend.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut, kind_colour
+from webapp.core.trajectory.records import Poses
+from webapp.files.xml_text import DECLARATION, element, quoted, utc
+
+_OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">\n'
+
+
+def format_mission_kml(
+    mission: MissionOut, *, icons: Mapping[str, str] | None = None, photos: Mapping[str, str] | None = None
+) -> Iterator[bytes]:
+    """Write a mission.
+
+    Parameters
+    ----------
+    mission : MissionOut
+    icons : mapping of str to str, optional
+        Path in the KMZ of the icon of each class of objects; without, objects are coloured pins.
+    photos : mapping of str to str, optional
+        Path in the KMZ of a picture of each photo, by its SHA-256.
+
+    Yields
+    ------
+    bytes
+        UTF-8. A height that is unknown is 0, which says nothing where tracks are laid on the ground.
+    """
+    for text in _pieces(mission, icons or {}, photos=photos or {}):
+        yield text.encode("utf-8", "replace")
+
+
+def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
+    """Write a KML that holds nothing but the address of another one, and how often to fetch it again.
+
+    Parameters
+    ----------
+    title : str
+    href : str
+        Absolute.
+    refresh_s : float
+        Seconds.
+
+    Returns
+    -------
+    bytes
+        UTF-8.
+    """
+    lines = (
+        f"<NetworkLink>{element('name', title)}<Link>{element('href', href)}",
+        f"<refreshMode>onInterval</refreshMode>{element('refreshInterval', f'{refresh_s:g}')}",
+        "</Link></NetworkLink>\n</kml>\n",
+    )
+    return (DECLARATION + _OPEN + "".join(lines)).encode("utf-8", "replace")
+
+
+def _pieces(mission: MissionOut, icons: Mapping[str, str], *, photos: Mapping[str, str]) -> Iterator[str]:
+    yield f"{DECLARATION}{_OPEN}<Document>{element('name', mission.name)}<open>1</open>\n"
+    styles = {kind: f"kind-{number}" for number, kind in enumerate(mission.kinds)}
+    for kind, style in styles.items():
+        yield _kind_style(kind, style, icons.get(kind))
+    for track in mission.tracks:
+        yield _track_style(track)
+    yield "<Folder><name>Tracks</name>\n"
+    for track in mission.tracks:
+        yield from _track(track)
+    yield "</Folder>\n<Folder><name>Objects</name>\n"
+    for found in mission.objects():
+        yield _object(found, styles.get(found.kind), picture=photos.get(found.photo or ""))
+    yield "</Folder>\n</Document>\n</kml>\n"
+
+
+def _kind_style(kind: str, style: str, icon: str | None) -> str:
+    if icon is None:
+        look = f"<color>{_colour(kind_colour(kind))}</color>"
+    else:
+        # the tip of the pin, in the middle of the lower edge, is the place
+        look = (
+            f"<Icon>{element('href', icon)}</Icon>"
+            '<hotSpot x="0.5" y="0" xunits="fraction" yunits="fraction"/>'
+        )
+    return f'<Style id="{style}"><IconStyle>{look}</IconStyle></Style>\n'
+
+
+def _track_style(track: TrackOut) -> str:
+    colour = _colour(track.colour)
+    return (
+        f'<Style id="track-{track.id}"><IconStyle><color>{colour}</color><scale>0.7</scale></IconStyle>'
+        f"<LineStyle><color>{colour}</color><width>3</width></LineStyle></Style>\n"
+    )
+
+
+def _track(track: TrackOut) -> Iterator[str]:
+    yield f'<Placemark id="t-{track.id}">{element("name", track.title)}'
+    yield f"<styleUrl>#track-{track.id}</styleUrl><ExtendedData>"
+    yield _data({"source": track.source, "poses": track.count, "distance_m": f"{track.distance_m:.2f}"})
+    yield "</ExtendedData>"
+    if track.timed:
+        yield from _timed(track)
+    else:
+        yield "<LineString><tessellate>1</tessellate><coordinates>\n"
+        for part in track.poses():
+            table = np.column_stack([part.latlon, np.nan_to_num(part.height_m, nan=0.0)]).tolist()
+            yield "".join(f"{lon:.9f},{lat:.9f},{height:.3f}\n" for lat, lon, height in table)
+        yield "</coordinates></LineString>"
+    yield "</Placemark>\n"
+
+
+def _timed(track: TrackOut) -> Iterator[str]:
+    yield "<gx:MultiTrack>"
+    yield "<altitudeMode>clampToGround</altitudeMode><gx:interpolate>1</gx:interpolate>\n"
+    for part in _ascending(track.poses()):
+        yield _part(part)
+    yield "</gx:MultiTrack>"
+
+
+def _ascending(parts: Iterable[Poses]) -> Iterator[Poses]:
+    """Cut where time does not go on."""
+    for part in parts:
+        cuts = [0, *(np.flatnonzero(np.diff(part.times_s) <= 0) + 1).tolist(), len(part)]
+        for first, end in pairwise(cuts):
+            yield part.take(slice(first, end))
+
+
+def _part(poses: Poses) -> str:
+    whens = "".join(f"<when>{time}</when>\n" for time in utc(poses.times_s))
+    table = np.column_stack([poses.latlon, np.nan_to_num(poses.height_m, nan=0.0)]).tolist()
+    coords = "".join(f"<gx:coord>{lon:.9f} {lat:.9f} {height:.3f}</gx:coord>\n" for lat, lon, height in table)
+    angles = ""
+    if np.isfinite(poses.heading_deg).all():
+        # the heading alone: KML 2.3 has tilt and roll for tracks with a model only
+        angles = "".join(f"<gx:angles>{heading:.3f}</gx:angles>\n" for heading in poses.heading_deg.tolist())
+    return f"<gx:Track><altitudeMode>clampToGround</altitudeMode>\n{whens}{coords}{angles}</gx:Track>\n"
+
+
+def _object(found: ObjectOut, style: str | None, *, picture: str | None) -> str:
+    first, last = utc([found.first_time_s, found.last_time_s])
+    facts = {
+        "id": found.id,
+        "class": found.kind,
+        "sightings": found.sightings,
+        "height_m": found.height_m,
+        "confidence": found.confidence,
+    }
+    # a description is HTML: escaped once for that, and once more as text of the XML
+    about = "" if picture is None else element("description", f'<img src="{html.escape(picture)}" alt="">')
+    return (
+        f"<Placemark>{element('name', f'{found.kind} {found.id}')}{about}"
+        f"<TimeSpan><begin>{first}</begin><end>{last}</end></TimeSpan>"
+        f"{f'<styleUrl>#{style}</styleUrl>' if style else ''}"
+        f"<ExtendedData>{_data(facts)}</ExtendedData>"
+        f"<Point><coordinates>{_coordinates(found.latlon, found.height_m)}</coordinates></Point>"
+        "</Placemark>\n"
+    )
+
+
+def _coordinates(at: LatLon, height_m: float | None) -> str:
+    return f"{at.lon:.9f},{at.lat:.9f}" + ("" if height_m is None else f",{height_m:.3f}")
+
+
+def _data(facts: Mapping[str, object]) -> str:
+    return "".join(
+        f"<Data name={quoted(name)}>{element('value', value)}</Data>"
+        for name, value in facts.items()
+        if value is not None
+    )
+
+
+def _colour(rgb: str) -> str:
+    """Turn `#rrggbb` into KML's order: opacity, blue, green, red."""
+    return f"ff{rgb[5:7]}{rgb[3:5]}{rgb[1:3]}"

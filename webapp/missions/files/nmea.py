@@ -1,0 +1,193 @@
+"""NMEA 0183 logs of GPS receivers.
+
+Sentences with the same time of day are one fix: RMC has the date, position, speed and course, GGA position
+and height, GLL position, GST the accuracy. A fix without a date has the one that is nearest to the last.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
+from typing import Any, BinaryIO
+
+from webapp.core.trajectory.records import make_poses
+from webapp.extras import extra
+from webapp.missions.files.text_lines import numbered_lines
+from webapp.missions.files.track_chunks import CHUNK, Findings, Piece, WorldPiece
+
+_USED = {"RMC", "GGA", "GLL", "GST", "ZDA"}
+_BROKEN = (ValueError, TypeError, AttributeError, IndexError, KeyError)
+"""What fields that are no numbers raise, beside the library's own errors (which are ValueErrors)."""
+
+
+@dataclass(slots=True)
+class _Fix:
+    """What the sentences of one time of day say."""
+
+    clock: time
+    lat: float = math.nan
+    lon: float = math.nan
+    height_m: float = math.nan
+    heading_deg: float = math.nan
+    var_e: float = math.nan
+    var_n: float = math.nan
+    valid: bool = True
+
+
+def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
+    """Read a log; other sentences than those of positions are passed over.
+
+    Parameters
+    ----------
+    file : binary file
+        At its begin; has to be seekable.
+    findings : Findings
+
+    Yields
+    ------
+    WorldPiece
+    """
+    rows: list[tuple[float, ...]] = []
+    for row in _fixes(file, findings=findings):
+        rows.append(row)
+        if len(rows) == CHUNK:
+            yield _piece(rows)
+            rows = []
+    if rows:
+        yield _piece(rows)
+
+
+def is_sentence(line: str) -> bool:
+    """Tell whether a line has an NMEA sentence, perhaps after a logger's own time stamp."""
+    _, dollar, body = line.partition("$")
+    return bool(dollar) and len(body) > 6 and body[:5].isalnum() and body[:5].isupper() and body[5] == ","
+
+
+def _fixes(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[float, ...]]:
+    calendar = _Calendar(_first_date(file))
+    file.seek(0)
+    if calendar.near is None:
+        findings.note("no sentence has a date: times count from 1970-01-01")
+    fix: _Fix | None = None
+    where = "line 1"
+    for where, message in _sentences(file, findings=findings):
+        clock = message.timestamp
+        if not isinstance(clock, time):
+            findings.skip("sentences without a time", where=where)
+            continue
+        if fix is not None and fix.clock != clock:
+            yield from _finished(fix, calendar, findings=findings, where=where)
+            fix = None
+        calendar.near = _dated(message) or calendar.near
+        if message.sentence_type != "ZDA":
+            fix = fix or _Fix(clock)
+            _take(fix, message)
+    if fix is not None:
+        yield from _finished(fix, calendar, findings=findings, where=where)
+
+
+@dataclass(slots=True)
+class _Calendar:
+    """Finds the days of times of day: each is less than half a day from the last known moment."""
+
+    near: datetime | None
+
+    def unix_time(self, clock: time) -> float:
+        near = self.near or datetime.combine(date(1970, 1, 1), clock, tzinfo=UTC)
+        days = [near.date() + timedelta(days=k) for k in (-1, 0, 1)]
+        moments = [datetime.combine(day, clock, tzinfo=UTC) for day in days]
+        self.near = min(moments, key=lambda moment: abs(moment - near))
+        return self.near.timestamp()
+
+
+def _finished(
+    fix: _Fix, calendar: _Calendar, *, findings: Findings, where: str
+) -> Iterator[tuple[float, ...]]:
+    when = calendar.unix_time(fix.clock)
+    if not fix.valid:
+        findings.skip("fixes that the receiver calls invalid", where=where)
+    elif math.isnan(fix.lat):
+        findings.skip("times without a position", where=where)
+    else:
+        yield (when, fix.lat, fix.lon, fix.height_m, fix.heading_deg, fix.var_e, fix.var_n)
+
+
+def _take(fix: _Fix, message: Any) -> None:
+    """Take what a sentence says into a fix."""
+    kind = message.sentence_type
+    if kind == "GST":
+        fix.var_e, fix.var_n = _squared(message.std_dev_longitude), _squared(message.std_dev_latitude)
+        return
+    fix.valid = fix.valid and (bool(message.gps_qual) if kind == "GGA" else message.status != "V")
+    if message.lat and message.lon:
+        fix.lat, fix.lon = float(message.latitude), float(message.longitude)
+    if kind == "GGA" and message.altitude is not None:
+        fix.height_m = float(message.altitude)
+    if kind == "RMC" and message.true_course is not None and (message.spd_over_grnd or 0.0) > 0.0:
+        fix.heading_deg = float(message.true_course)
+
+
+def _squared(deviation: float | None) -> float:
+    return math.nan if deviation is None else float(deviation) ** 2
+
+
+def _dated(message: Any) -> datetime | None:
+    """When a sentence was, if it has a date."""
+    clock: time = message.timestamp
+    if message.sentence_type == "RMC" and isinstance(message.datestamp, date):
+        return datetime.combine(message.datestamp, clock, tzinfo=UTC)
+    if message.sentence_type == "ZDA" and message.year:
+        return datetime.combine(date(message.year, message.month, message.day), clock, tzinfo=UTC)
+    return None
+
+
+def _sentences(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[str, Any]]:
+    with extra("missions"):
+        import pynmea2
+    for number, line in numbered_lines(file):
+        where = f"line {number}"
+        if not is_sentence(line):
+            findings.skip("lines that are no NMEA sentences", where=where, count=int(bool(line.strip())))
+            continue
+        sentence = line[line.index("$") :].strip()
+        if sentence[3:6] not in _USED:
+            continue
+        try:
+            message = pynmea2.parse(sentence, check="*" in sentence)
+            _understood(message)
+        except pynmea2.ChecksumError:
+            findings.skip("sentences with a wrong checksum", where=where)
+        except _BROKEN:
+            findings.skip("sentences that cannot be read", where=where)
+        else:
+            yield where, message
+
+
+def _understood(message: Any) -> None:
+    """Read every field that will be used: the library reads them when they are asked for, and raises then."""
+    if isinstance(message.timestamp, time):
+        _dated(message)
+    if message.sentence_type != "ZDA":
+        _take(_Fix(time()), message)
+
+
+def _first_date(file: BinaryIO) -> datetime | None:
+    """Find the first moment with a date, for the fixes before it."""
+    for _, message in _sentences(file, findings=Findings()):
+        found = _dated(message) if isinstance(message.timestamp, time) else None
+        if found is not None:
+            return found
+    return None
+
+
+def _piece(rows: list[tuple[float, ...]]) -> WorldPiece:
+    times, lat, lon, height, heading, var_e, var_n = (list(column) for column in zip(*rows, strict=True))
+    covariance = [(e, n, 0.0 if not math.isnan(e) else math.nan) for e, n in zip(var_e, var_n, strict=True)]
+    latlon = list(zip(lat, lon, strict=True))
+    return WorldPiece(
+        "",
+        "gps",
+        make_poses(times, latlon, height_m=height, heading_deg=heading, covariance_m2=covariance),
+    )

@@ -1,0 +1,183 @@
+"""What the messages of robots say: poses and objects of the types that are common in ROS 1 and ROS 2.
+
+Definitions come from the bag itself, so that fields are asked for by name: those of `vision_msgs` have
+changed between versions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from webapp.missions.files.track_chunks import LocalSighting
+from webapp.missions.files.trajectory_text import yaw_of
+
+_NAN = math.nan
+_UNKNOWN = (_NAN, _NAN, _NAN)
+_SHAPES = (
+    "arrow",
+    "cube",
+    "sphere",
+    "cylinder",
+    "line",
+    "lines",
+    "cubes",
+    "spheres",
+    "points",
+    "text",
+    "mesh",
+)
+_NO_FIX = -1
+_ADD = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A pose.
+
+    Attributes
+    ----------
+    values : tuple of float
+        Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
+        the two variances and the covariance of the first two, to the east first for a fix, square metres.
+    frame, body : str
+    stamped : bool
+        The time is the pose's own, not that when the message was recorded.
+    """
+
+    values: tuple[float, ...]
+    frame: str = ""
+    body: str = ""
+    stamped: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """An object in a frame; `sighting` is None for one without an id."""
+
+    frame: str
+    sighting: LocalSighting | None
+
+
+def _fix(message: Any, at_s: float) -> list[Row]:
+    if message.status.status <= _NO_FIX:
+        return []
+    known = message.position_covariance_type != 0
+    covariance = _covariance(message.position_covariance, side=3) if known else _UNKNOWN
+    place = (message.latitude, message.longitude, message.altitude)
+    return [Row((_time(message, at_s), *map(float, place), _NAN, *covariance), message.header.frame_id)]
+
+
+def _odometry(message: Any, at_s: float) -> list[Row]:
+    covariance = _covariance(message.pose.covariance, side=6)
+    values = (_time(message, at_s), *_place(message.pose.pose), *covariance)
+    return [Row(values, message.header.frame_id, message.child_frame_id)]
+
+
+def _pose(message: Any, at_s: float) -> list[Row]:
+    return [Row((at_s, *_place(message), *_UNKNOWN), stamped=False)]
+
+
+def _pose_stamped(message: Any, at_s: float) -> list[Row]:
+    time_s = _time(message, _NAN)
+    stamped = not math.isnan(time_s)
+    values = (time_s if stamped else at_s, *_place(message.pose), *_UNKNOWN)
+    return [Row(values, message.header.frame_id, stamped=stamped)]
+
+
+def _pose_with_covariance(message: Any, at_s: float) -> list[Row]:
+    covariance = _covariance(message.pose.covariance, side=6)
+    return [Row((_time(message, at_s), *_place(message.pose.pose), *covariance), message.header.frame_id)]
+
+
+def _path(message: Any, at_s: float) -> list[Row]:
+    rows = [row for pose in message.poses for row in _pose_stamped(pose, at_s)]
+    frame = message.header.frame_id
+    return [Row(row.values, row.frame or frame, stamped=row.stamped) for row in rows]
+
+
+def _detections(message: Any, at_s: float) -> Iterator[Seen]:
+    for detection in message.detections:
+        frame = detection.header.frame_id or message.header.frame_id
+        name = getattr(detection, "id", "") or getattr(detection, "tracking_id", "")
+        best = max(detection.results, key=_score, default=None)
+        kind = (
+            "object" if best is None else str(getattr(_hypothesis(best), "class_id", getattr(best, "id", "")))
+        )
+        time_s = _time(detection, _time(message, at_s))
+        at = detection.bbox.center.position
+        score = None if best is None else _score(best)
+        yield _seen(frame, str(name), kind, time_s=time_s, at=at, confidence=score)
+
+
+def _markers(message: Any, at_s: float) -> Iterator[Seen]:
+    for marker in message.markers:
+        if marker.action != _ADD:
+            continue
+        shape = _SHAPES[marker.type] if 0 <= marker.type < len(_SHAPES) else "marker"
+        name = f"{marker.ns}/{marker.id}" if marker.ns else str(marker.id)
+        kind = marker.ns or marker.text or shape
+        at = marker.pose.position
+        yield _seen(marker.header.frame_id, name, kind, time_s=_time(marker, at_s), at=at, confidence=None)
+
+
+POSES: dict[str, Callable[[Any, float], list[Row]]] = {
+    "sensor_msgs/msg/NavSatFix": _fix,
+    "nav_msgs/msg/Odometry": _odometry,
+    "nav_msgs/msg/Path": _path,
+    "geometry_msgs/msg/Pose": _pose,
+    "geometry_msgs/msg/PoseStamped": _pose_stamped,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
+}
+"""Type to what reads a message of it: (message, time of recording in seconds) -> the poses in it."""
+
+OBJECTS: dict[str, Callable[[Any, float], Iterator[Seen]]] = {
+    "vision_msgs/msg/Detection3DArray": _detections,
+    "visualization_msgs/msg/MarkerArray": _markers,
+}
+"""... and the objects in it."""
+
+WORLD = "sensor_msgs/msg/NavSatFix"
+"""The type whose poses are on the Earth."""
+
+PATH = "nav_msgs/msg/Path"
+"""The type whose messages repeat the poses of those before."""
+
+
+def _time(message: Any, otherwise_s: float) -> float:
+    """When something was, by its header; a stamp of zero means that nobody knew."""
+    stamp = message.header.stamp
+    return stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else otherwise_s
+
+
+def _place(pose: Any) -> tuple[float, float, float, float]:
+    at, turn = pose.position, pose.orientation
+    yaw = float(yaw_of(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0])
+    return float(at.x), float(at.y), float(at.z), yaw
+
+
+def _covariance(matrix: Any, *, side: int) -> tuple[float, float, float]:
+    """Take the part of the first two axes; zeros, negative and endless variances say nothing."""
+    var_x, var_y, cov = float(matrix[0]), float(matrix[side + 1]), float(matrix[1])
+    good = 0.0 < var_x < math.inf and 0.0 < var_y < math.inf and cov * cov <= var_x * var_y
+    return (var_x, var_y, cov) if good else _UNKNOWN
+
+
+def _seen(frame: str, name: str, kind: str, *, time_s: float, at: Any, confidence: float | None) -> Seen:
+    if not name:
+        return Seen(frame, None)
+    xyz = (float(at.x), float(at.y), float(at.z))
+    return Seen(frame, LocalSighting(name, kind or "object", time_s, xyz, confidence))
+
+
+def _hypothesis(result: Any) -> Any:
+    """Since ROS 2 Galactic class and score are in a message of their own."""
+    return getattr(result, "hypothesis", result)
+
+
+def _score(result: Any) -> float:
+    return float(_hypothesis(result).score)

@@ -1,0 +1,245 @@
+"""Bags of ROS 1 and ROS 2 (SQLite and MCAP), read without ROS.
+
+Each topic with poses is a track; objects come from detections and markers. Topics of other types are left
+out. Frames are taken by their names (`header.frame_id`, `child_frame_id`): there is no transform tree.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from webapp.core.trajectory.records import make_poses
+from webapp.core.trajectory.robotframe import LocalPoses
+from webapp.errors import ExpMapError, TrackError
+from webapp.extras import extra
+from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, WORLD, Row
+from webapp.missions.files.track_chunks import (
+    CHUNK,
+    NO_ID,
+    Findings,
+    LocalSighting,
+    Piece,
+    RobotObjects,
+    RobotPiece,
+    WorldPiece,
+)
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name : str
+    type : str
+        Of its messages: `nav_msgs/msg/Odometry`.
+    messages : int
+    readable : bool
+        Whether poses or objects can be taken from it.
+    """
+
+    name: str
+    type: str
+    messages: int
+    readable: bool
+
+
+def topics(path: Path, *, suffix: str) -> list[Topic]:
+    """List the topics of a bag; parameters and errors as `read`."""
+    with _opened(path, suffix) as bag:
+        found = sorted({(c.topic, c.msgtype, c.msgcount) for c in bag.connections})
+    return [Topic(name, kind, count, kind in POSES or kind in OBJECTS) for name, kind, count in found]
+
+
+def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Findings) -> Iterator[Piece]:
+    """Read the poses and objects of a bag in the order of its messages.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or the folder of a ROS 2 bag.
+    suffix : {".bag", ".db3", ".mcap", ""}
+        What it is, whatever it is called; empty for a folder.
+    wanted : collection of str
+        Topics; empty for all that can be read.
+    findings : Findings
+
+    Yields
+    ------
+    Piece
+
+    Raises
+    ------
+    TrackError
+        It is damaged or not finished, has no such topic, or none that can be read.
+    MissingPart
+        rosbags is not installed.
+    """
+    with _opened(path, suffix) as bag:
+        chosen = _chosen(bag.connections, wanted, findings=findings)
+        logs: dict[str, _Log] = {}
+        for topic, kind, at_ns, message in _messages(bag, chosen):
+            at_s = at_ns * 1e-9
+            if kind in OBJECTS:
+                for log in logs.values():  # the poses from which they were seen
+                    yield from log.pieces()
+                yield from _objects(message, kind, at_s, topic=topic, findings=findings)
+                continue
+            log = logs.setdefault(topic, _Log(topic, kind))
+            yield from log.add(message, at_s, findings=findings)
+        for log in logs.values():
+            yield from log.pieces()
+
+
+@dataclass(slots=True)
+class _Log:
+    """The poses of a topic that are not given out yet."""
+
+    topic: str
+    kind: str
+    rows: list[Row] = field(default_factory=list)
+    last_s: float = -math.inf
+    count: int = 0
+
+    def add(self, message: Any, at_s: float, *, findings: Findings) -> Iterator[Piece]:
+        with _reading():
+            rows = POSES[self.kind](message, at_s)
+        if self.kind == PATH:
+            rows = self.fresh(rows)
+        elif not rows:
+            findings.skip("fixes that the receiver calls invalid", where=self.topic)
+        for row in rows:
+            if not all(map(math.isfinite, row.values[:4])):
+                findings.skip("poses with a time or a position that is no number", where=self.topic)
+                continue
+            if self.rows and (row.frame, row.body) != (self.rows[-1].frame, self.rows[-1].body):
+                yield from self.pieces()
+            self.rows.append(row)
+            if len(self.rows) == CHUNK:
+                yield from self.pieces()
+
+    def fresh(self, rows: list[Row]) -> list[Row]:
+        """Leave out what the path before had already: by its times, or without times by its length."""
+        stamped = bool(rows) and all(row.stamped for row in rows)
+        new = [row for row in rows if row.values[0] > self.last_s] if stamped else rows[self.count :]
+        self.last_s = max([self.last_s, *(row.values[0] for row in new)])
+        self.count = max(self.count, len(rows))
+        return new
+
+    def pieces(self) -> Iterator[Piece]:
+        if not self.rows:
+            return
+        table = np.array([row.values for row in self.rows])
+        frame, body = self.rows[0].frame, self.rows[0].body
+        self.rows = []
+        times, place, yaw, covariance = table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:8]
+        if self.kind == WORLD:
+            poses = make_poses(times, place[:, :2], height_m=place[:, 2], covariance_m2=covariance)
+            yield WorldPiece(self.topic, "gps", poses)
+        else:
+            local = LocalPoses(times, place, yaw, covariance)
+            yield RobotPiece(self.topic, "odometry", frame, body, local)
+
+
+def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Findings) -> Iterator[Piece]:
+    with _reading():
+        seen = list(OBJECTS[kind](message, at_s))
+    by_frame: dict[str, list[LocalSighting]] = {}
+    for one in seen:
+        if one.sighting is None:
+            findings.skip(NO_ID, where=topic)
+        elif not all(map(math.isfinite, (one.sighting.time_s, *one.sighting.xyz_m))):
+            findings.skip("objects with a time or a position that is no number", where=topic)
+        else:
+            by_frame.setdefault(one.frame, []).append(one.sighting)
+    for frame, sightings in by_frame.items():
+        yield RobotObjects(frame, tuple(sightings))
+
+
+def _chosen(
+    connections: list[Connection], wanted: Collection[str], *, findings: Findings
+) -> list[Connection]:
+    there = {c.topic for c in connections}
+    unknown = [name for name in wanted if name not in there]
+    if unknown:
+        raise TrackError(
+            f"the bag has no topic {unknown[0]!r}", hint=f"it has {', '.join(sorted(there))[:300]}"
+        )
+    chosen = []
+    for c in connections:
+        readable = c.msgtype in POSES or c.msgtype in OBJECTS
+        if readable and (not wanted or c.topic in wanted):
+            chosen.append(c)
+        elif c.topic in wanted:
+            raise TrackError(f"messages of {c.msgtype} have no poses that are understood", where=c.topic)
+        else:
+            reason = "that was not asked for" if readable else f"of type {c.msgtype}, which is not used"
+            findings.skip(f"messages of a topic {reason}", where=c.topic, count=c.msgcount)
+    if not chosen:
+        raise TrackError(
+            "the bag has no topic with poses or objects",
+            hint=f"understood are {', '.join([*POSES, *OBJECTS])}",
+        )
+    return chosen
+
+
+def _messages(bag: AnyReader, chosen: list[Connection]) -> Iterator[tuple[str, str, int, Any]]:
+    with _reading():
+        messages = bag.messages(connections=chosen)
+    while True:
+        with _reading():
+            found = next(messages, None)
+            if found is None:
+                return
+            connection, at_ns, raw = found
+            message = bag.deserialize(raw, connection.msgtype)
+        yield connection.topic, connection.msgtype, at_ns, message
+
+
+@contextmanager
+def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
+    with extra("missions"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    with _reading():
+        # definitions are in the bag, but for ROS 2 bags in SQLite from before 2023
+        bag = AnyReader([_called(path, suffix)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        bag.open()
+    try:
+        yield bag
+    finally:
+        bag.close()
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    """Raise what the library raises for a bad bag as a `TrackError`."""
+    try:
+        yield
+    except (ExpMapError, MemoryError):
+        raise
+    except Exception as error:  # what its parsers raise for damaged bags is no list
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        hint = "was its recording cut off? Then reindex it with ROS's own tools"
+        raise TrackError(f"the bag cannot be read: {said}", hint=hint) from error
+
+
+def _called(path: Path, suffix: str) -> Path:
+    """Give a path that says it has a suffix: the library takes the kind of a bag from it."""
+    if path.suffix == suffix or not suffix:
+        return path
+
+    named: Path = type("Named", (type(path),), {"suffix": suffix})(path)
+    return named

@@ -1,0 +1,114 @@
+"""Tells by its content what kind of track a file holds."""
+
+from __future__ import annotations
+
+import itertools
+import zipfile
+from pathlib import Path
+from typing import Literal
+
+from webapp.errors import TrackError
+from webapp.missions.files.kmz import opened_kml
+from webapp.missions.files.nmea import is_sentence
+from webapp.missions.files.text_lines import numbered_lines
+from webapp.missions.files.trajectory_text import layout_of
+from webapp.missions.files.xml_stream import local_name, walk
+
+Kind = Literal[
+    "ros1", "ros2-sqlite", "ros2-mcap", "ros2-folder", "gpx", "kml", "kmz", "nmea", "tum", "kitti", "csv"
+]
+
+TITLES: dict[Kind, str] = {
+    "ros1": "ROS 1 bag",
+    "ros2-sqlite": "ROS 2 bag (SQLite)",
+    "ros2-mcap": "ROS 2 bag (MCAP)",
+    "ros2-folder": "ROS 2 bag",
+    "gpx": "GPX",
+    "kml": "KML",
+    "kmz": "KMZ",
+    "nmea": "NMEA 0183",
+    "tum": "TUM trajectory",
+    "kitti": "KITTI trajectory",
+    "csv": "table",
+}
+"""Kinds, as people call them."""
+
+_HEAD = 4096
+_LINES = 50
+_KML_ROOTS = {"kml", "Document", "Folder", "Placemark", "NetworkLink"}
+_HINT = "known are ROS bags, MCAP, GPX, KML, KMZ, NMEA, TUM, KITTI and CSV"
+
+
+def kind_of(path: Path, *, table: bool = False) -> Kind:
+    """Tell the kind of a file, or of the folder of a ROS 2 bag.
+
+    Parameters
+    ----------
+    path : Path
+    table : bool
+        A text is a table, whatever it looks like.
+
+    Raises
+    ------
+    TrackError
+        It is none, cannot be read, or is XML that declares a document type.
+    """
+    try:
+        if path.is_dir():
+            if (path / "metadata.yaml").is_file():
+                return "ros2-folder"
+            raise TrackError("the folder is no ROS 2 bag", hint="it would have a metadata.yaml")
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError as error:
+        message = f"the file cannot be read: {error.strerror or error}"
+        raise TrackError(message, hint="check its path") from error
+    if not head:
+        raise TrackError("the file is empty")
+    kind = _binary(path, head)
+    if kind is not None:
+        return kind
+    if head.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<"):
+        return _xml(path)
+    if b"\0" in head:
+        raise TrackError("this is no file with a track", hint=_HINT)
+    return "csv" if table else _text(path)
+
+
+def _binary(path: Path, head: bytes) -> Kind | None:
+    if head.startswith(b"#ROSBAG V"):
+        return "ros1"
+    if head.startswith(b"\x89MCAP0\r\n"):
+        return "ros2-mcap"
+    if head.startswith(b"SQLite format 3\0"):
+        return "ros2-sqlite"
+    if not head.startswith(b"PK\x03\x04"):
+        return None
+    if zipfile.is_zipfile(path):
+        with opened_kml(path):
+            return "kmz"
+    raise TrackError("the zip is damaged or cut off")
+
+
+def _xml(path: Path) -> Kind:
+    with path.open("rb") as file:
+        _, root = next(walk(file, whole=()))
+    name = local_name(root)
+    if name == "gpx":
+        return "gpx"
+    if name in _KML_ROOTS:
+        return "kml"
+    raise TrackError(f"the XML is neither GPX nor KML: it begins with <{name[:40]}>", hint=_HINT)
+
+
+def _text(path: Path) -> Kind:
+    with path.open("rb") as file:
+        lines = [line for _, line in itertools.islice(numbered_lines(file), _LINES)]
+    if any(is_sentence(line) for line in lines):
+        return "nmea"
+    told = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if told and (layout := layout_of(told[0])):
+        return layout
+    if told and any(mark in told[0] for mark in ",;\t|"):
+        return "csv"
+    raise TrackError("the text is of no kind that is known", hint=_HINT)

@@ -1,0 +1,1 @@
+"""Long work on missions outside a request."""

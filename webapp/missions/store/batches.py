@@ -1,0 +1,216 @@
+"""Batches of records that robots send: each record is stored exactly once, however often it comes.
+
+A program that numbers its records names itself and the number of a batch's first one: what is stored already
+is passed over, and a gap is refused. One that numbers nothing gives each batch a key: the same key again gets
+the first answer again. Either way it is one transaction with the records themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import timedelta
+from typing import Any
+
+from sqlalchemy import delete, insert, select
+from sqlalchemy.orm import Session
+
+from webapp.core.trajectory.batch import Batch
+from webapp.core.trajectory.records import Sighting
+from webapp.errors import Conflict
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission, MissionBatch, MissionObject, MissionSender, ObjectSighting
+from webapp.store.clock import now
+
+_MOST_PARAMETERS = 500
+
+FILE = "import:"
+"""Of files, the keys and the names as senders begin so; clients have no such ones."""
+
+
+class OutOfOrder(Conflict):
+    """Records are missing before these.
+
+    Parameters
+    ----------
+    next_seq : int
+        Number of the record that has to come next.
+    """
+
+    def __init__(self, next_seq: int) -> None:
+        super().__init__(
+            "records before these are missing",
+            where="first",
+            hint=f"send from record {next_seq} on; is the sender's name one that no other program uses?",
+        )
+        self.next_seq = next_seq
+
+
+def locked(session: Session, mission_id: int) -> Mission:
+    """Find a mission for writing to it; others who write to it wait.
+
+    Raises
+    ------
+    NotFound
+        It was deleted in the meantime.
+    """
+    return session.get_one(Mission, mission_id, with_for_update=True)
+
+
+def advance(session: Session, mission_id: int, sender: str, *, first: int, count: int) -> tuple[int, int]:
+    """Note that records of a sender are stored with this session.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission_id : int
+    sender : str
+    first : int
+        Number of the first record.
+    count : int
+
+    Returns
+    -------
+    int
+        So many of them are stored already.
+    int
+        Number of the record that has to come next.
+
+    Raises
+    ------
+    OutOfOrder
+        Some are missing before them.
+    """
+    row = session.get(MissionSender, (mission_id, sender))
+    known = 0 if row is None else row.next_seq
+    if first > known:
+        raise OutOfOrder(known)
+    next_seq = max(known, first + count)
+    if row is None and count:
+        session.add(MissionSender(mission_id=mission_id, sender=sender, next_seq=next_seq))
+    if row is not None:
+        row.next_seq, row.seen_at = next_seq, now()
+    return min(known - first, count), next_seq
+
+
+def answered(session: Session, mission_id: int, key: str) -> dict[str, Any] | None:
+    """Find the answer to a batch that came before with the same key; None for a new one."""
+    found = session.get(MissionBatch, (mission_id, key))
+    return None if found is None else found.answer
+
+
+def remember(
+    session: Session, mission_id: int, key: str, *, answer: dict[str, Any], keep: timedelta | None = None
+) -> None:
+    """Keep the answer to a batch for when it comes again.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission_id : int
+    key : str
+    answer : dict
+    keep : timedelta or None
+        What clients were answered longer ago is forgotten; what became of files, whose keys begin with
+        `FILE`, never is: somebody may find them again at any time.
+    """
+    if keep is not None:
+        old = (MissionBatch.mission_id == mission_id, MissionBatch.at < now() - keep)
+        session.execute(delete(MissionBatch).where(*old, ~MissionBatch.key.startswith(FILE)))
+    session.add(MissionBatch(mission_id=mission_id, key=key, answer=answer))
+
+
+def store(session: Session, mission: Mission, batch: Batch) -> None:
+    """Store what a batch holds; it is one change of the mission.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission : Mission
+    batch : Batch
+    """
+    missions.changed(mission)
+    for (source, name), part in batch.tracks.items():
+        track = tracks.get_or_create(session, mission.id, source=source, name=name)
+        tracks.append(session, track, part.poses, skipped=part.skipped)
+        if part.travelled_m > track.distance_m:  # NaN is not
+            track.distance_m = part.travelled_m
+    add_sightings(session, mission, batch.sightings)
+    if batch.ends:
+        missions.end(mission)
+
+
+def add_sightings(session: Session, mission: Mission, seen: Sequence[Sighting]) -> None:
+    """Add sightings of new and known objects; an object is where it was seen at the latest time.
+
+    Who calls it counts the change with `missions.changed` before.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission : Mission
+    seen : sequence of Sighting
+    """
+    known = _known(session, mission.id, sorted({sighting.object_id for sighting in seen}))
+    rows = []
+    for sighting in seen:
+        found = known.get(sighting.object_id)
+        if found is None:
+            found = known[sighting.object_id] = _new(mission, sighting)
+            session.add(found)
+        rows.append(_row(mission.id, found.sightings, sighting))
+        _update(found, sighting, revision=mission.revision)
+    if rows:
+        session.flush()
+        session.connection().execute(insert(ObjectSighting.__table__), rows)  # type: ignore[arg-type]
+
+
+def _known(session: Session, mission_id: int, ids: list[str]) -> dict[str, MissionObject]:
+    found: dict[str, MissionObject] = {}
+    for begin in range(0, len(ids), _MOST_PARAMETERS):
+        some = MissionObject.object_id.in_(ids[begin : begin + _MOST_PARAMETERS])
+        rows = session.scalars(select(MissionObject).where(MissionObject.mission_id == mission_id, some))
+        found.update({row.object_id: row for row in rows})
+    return found
+
+
+def _new(mission: Mission, seen: Sighting) -> MissionObject:
+    return MissionObject(
+        mission_id=mission.id,
+        object_id=seen.object_id,
+        kind=seen.kind,
+        first_time_s=seen.time_s,
+        last_time_s=seen.time_s,
+        lat=seen.latlon.lat,
+        lon=seen.latlon.lon,
+        sightings=0,
+    )
+
+
+def _update(known: MissionObject, seen: Sighting, *, revision: int) -> None:
+    known.sightings += 1
+    known.revision = revision
+    known.first_time_s = min(known.first_time_s, seen.time_s)
+    if seen.time_s >= known.last_time_s:
+        known.kind = seen.kind
+        known.last_time_s = seen.time_s
+        known.lat, known.lon = seen.latlon
+        known.height_m, known.confidence = seen.height_m, seen.confidence
+        known.photo_sha = seen.photo or known.photo_sha
+
+
+def _row(mission_id: int, number: int, seen: Sighting) -> dict[str, Any]:
+    return {
+        "mission_id": mission_id,
+        "object_id": seen.object_id,
+        "number": number,
+        "time_s": seen.time_s,
+        "lat": seen.latlon.lat,
+        "lon": seen.latlon.lon,
+        "height_m": seen.height_m,
+        "confidence": seen.confidence,
+        "photo_sha": seen.photo,
+    }

@@ -1,0 +1,228 @@
+"""Missions of the library, and who may do what with them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Select, func, or_, select
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotAllowed, NotFound, UsageError
+from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
+from webapp.store.clock import now
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.maps.maps import ROLES, Role
+from webapp.store.operate import jobs
+from webapp.store.schema import Account, Job, MapRecord, Member
+
+FOLDER = ".missions"
+"""Of the library: has one folder a mission, of what came as files."""
+
+DELETE_JOB = "mission-delete"
+"""Kind of the job that deletes the mission whose id is its key; until it has ended, nobody finds it."""
+
+MOST_SIGHTINGS = 5000
+"""Of one object, in one answer; the query and the exports have all."""
+
+_MAX_NAME = 120
+_MAX_NOTE = 10_000
+
+
+def folder(library: Library, mission_id: int) -> Path:
+    """Name the folder of a mission; it is made when its first file comes."""
+    return library.folder / FOLDER / str(mission_id)
+
+
+def create(
+    session: Session,
+    name: str,
+    *,
+    account_id: int,
+    map_id: int | None = None,
+    start: dict[str, Any] | None = None,
+    note: str = "",
+) -> Mission:
+    """Make a mission without tracks.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    name : str
+    account_id : int
+        Who makes it.
+    map_id : int or None
+        Whose roles hold for it; None for one on the globe, of the account alone.
+    start : dict or None
+        `lat`, `lon` and `heading_deg` of the robot's own frame.
+    note : str
+
+    Raises
+    ------
+    UsageError
+        The name or the note is no such thing.
+    """
+    mission = Mission(
+        name=checked_name(name), account_id=account_id, map_id=map_id, start=start, note=checked_note(note)
+    )
+    session.add(mission)
+    session.flush()
+    return mission
+
+
+def checked_name(name: str) -> str:
+    """Give a mission's name without outer spaces.
+
+    Raises
+    ------
+    UsageError
+    """
+    tidy = " ".join(name.split())
+    if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
+        raise UsageError(
+            "this is no name for a mission", where="name", hint=f"give 1 to {_MAX_NAME} printable characters"
+        )
+    return tidy
+
+
+def checked_note(note: str) -> str:
+    """Give a note as it is kept.
+
+    Raises
+    ------
+    UsageError
+    """
+    if len(note) > _MAX_NOTE or not re.sub(r"[\n\r\t]", "", note).isprintable():
+        raise UsageError(
+            "this is no note for a mission",
+            where="note",
+            hint=f"give at most {_MAX_NOTE} printable characters",
+        )
+    return note
+
+
+def find(session: Session, id: int, *, account: Account, role: Role = "viewer") -> Mission:
+    """Find a mission that an account may use in a role; missions in the bin count too.
+
+    Raises
+    ------
+    NotFound
+        There is none, or it is not shared with the account.
+    NotAllowed
+        The account may see it, but not do this.
+    """
+    mission = session.get(Mission, id)
+    own = None if mission is None else role_of(session, mission, account=account)
+    if mission is None or own is None or (mission.binned_at and id in _going(session)):
+        raise NotFound("there is no such mission, or it is not shared with you", where=f"mission {id}")
+    if ROLES.index(own) < ROLES.index(role):
+        raise NotAllowed(f"this needs the role {role}, and yours is {own}", hint="ask an owner of the map")
+    return mission
+
+
+def role_of(session: Session, mission: Mission, *, account: Account) -> Role | None:
+    """Tell the role of an account on a mission: that on its map, or else who made it owns it.
+
+    Who owns the library owns every mission.
+    """
+    record = None if mission.map_id is None else session.get(MapRecord, mission.map_id)
+    if record is not None:
+        return maps.role_of(session, record, account=account)
+    return "owner" if account.is_owner or mission.account_id == account.id else None
+
+
+def visible(session: Session, account: Account, *, binned: bool = False) -> Select[Any]:
+    """Select the ids of the missions that an account may see: those in use, or those in the bin."""
+    found = select(Mission.id).where(Mission.binned_at.is_not(None) == binned)
+    if binned:
+        found = found.where(Mission.id.not_in(_going(session)))
+    if not account.is_owner:
+        mine = select(Member.map_id).where(Member.account_id == account.id)
+        alone = (Mission.account_id == account.id) & Mission.map_id.is_(None)
+        found = found.where(or_(Mission.map_id.in_(mine), alone))
+    return found
+
+
+def count_binned(session: Session, account: Account) -> int:
+    """Count the missions in the bin that an account may see."""
+    ids = visible(session, account, binned=True).subquery()
+    return session.scalar(select(func.count()).select_from(ids)) or 0
+
+
+def _going(session: Session) -> set[int]:
+    """Tell which missions are being deleted."""
+    wanted = select(Job.key).where(Job.kind == DELETE_JOB, Job.state.not_in(jobs.ENDED))
+    return {int(key) for key in session.scalars(wanted)}
+
+
+def changed(mission: Mission) -> None:
+    """Count a change, so that open pages hear of it."""
+    mission.revision += 1
+    mission.changed_at = now()
+
+
+def end(mission: Mission) -> None:
+    """Note that a mission is over; one that was over already stays as it is."""
+    if mission.ended_at is None:
+        mission.ended_at = now()
+
+
+def put_into_bin(mission: Mission) -> None:
+    """Take a mission out of the list; nothing is deleted."""
+    mission.binned_at = now()
+
+
+def take_from_bin(mission: Mission) -> None:
+    """Bring a mission back into the list."""
+    mission.binned_at = None
+
+
+def counts(session: Session, mission_id: int) -> tuple[int, int, int]:
+    """Count the poses, the objects and the photos of a mission."""
+    poses = select(func.coalesce(func.sum(Track.poses), 0)).where(Track.mission_id == mission_id)
+    objects = select(func.count()).where(MissionObject.mission_id == mission_id)
+    photos = select(func.count()).where(MissionPhoto.mission_id == mission_id)
+    return tuple(session.scalar(found) or 0 for found in (poses, objects, photos))  # type: ignore[return-value]
+
+
+def find_object(session: Session, mission_id: int, object_id: str) -> MissionObject:
+    """Find an object of a mission.
+
+    Raises
+    ------
+    NotFound
+    """
+    found = session.get(MissionObject, (mission_id, object_id))
+    if found is None:
+        raise NotFound("the mission has no such object", where=object_id)
+    return found
+
+
+def sightings(session: Session, mission_id: int, object_id: str) -> list[ObjectSighting]:
+    """List the last `MOST_SIGHTINGS` sightings of an object in the order in which they came."""
+    mine = (ObjectSighting.mission_id == mission_id, ObjectSighting.object_id == object_id)
+    found = select(ObjectSighting).where(*mine).order_by(ObjectSighting.number.desc()).limit(MOST_SIGHTINGS)
+    return list(session.scalars(found))[::-1]
+
+
+def photos(session: Session, mission_id: int) -> list[MissionPhoto]:
+    """List the photos of a mission by their time; those without one are last."""
+    found = select(MissionPhoto).where(MissionPhoto.mission_id == mission_id)
+    by_time = (MissionPhoto.time_s.is_(None), MissionPhoto.time_s, MissionPhoto.sha256)
+    return list(session.scalars(found.order_by(*by_time)))
+
+
+def find_photo(session: Session, mission_id: int, sha256: str) -> MissionPhoto:
+    """Find a photo of a mission.
+
+    Raises
+    ------
+    NotFound
+    """
+    found = session.get(MissionPhoto, (mission_id, sha256))
+    if found is None:
+        raise NotFound("the mission has no such photo", where=sha256)
+    return found

@@ -1,0 +1,91 @@
+"""Lists of what was seen on a mission: in parts, sorted, by class."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from webapp.missions.store.schema import MissionObject
+
+SORTS: dict[str, InstrumentedAttribute[str] | InstrumentedAttribute[float] | InstrumentedAttribute[int]] = {
+    "id": MissionObject.object_id,
+    "kind": MissionObject.kind,
+    "first_time_s": MissionObject.first_time_s,
+    "last_time_s": MissionObject.last_time_s,
+    "count": MissionObject.sightings,
+}
+"""What objects can be sorted by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A part of a list.
+
+    Attributes
+    ----------
+    kind : str or None
+        Only objects of that class.
+    sort : str
+        One of `SORTS`.
+    descending : bool
+    limit, offset : int
+    """
+
+    kind: str | None = None
+    sort: str = "id"
+    descending: bool = False
+    limit: int = 1000
+    offset: int = 0
+
+
+def page(session: Session, mission_id: int, wanted: Page) -> tuple[list[MissionObject], int]:
+    """Read a page of the objects of a mission, and how many fit in all."""
+    fitting = [MissionObject.mission_id == mission_id]
+    if wanted.kind is not None:
+        fitting.append(MissionObject.kind == wanted.kind)
+    by = SORTS[wanted.sort]
+    order = by.desc() if wanted.descending else by
+    found = select(MissionObject).where(*fitting).order_by(order, MissionObject.object_id)
+    rows = session.scalars(found.limit(wanted.limit).offset(wanted.offset))
+    return list(rows), session.scalar(select(func.count()).where(*fitting)) or 0
+
+
+def changed(
+    session: Session, mission_id: int, *, since: int, most: int
+) -> tuple[list[MissionObject], int | None]:
+    """List objects that changed after a revision of the mission, the longest unchanged first.
+
+    Parameters
+    ----------
+    session : Session
+    mission_id : int
+    since : int
+    most : int
+        Of more, those of the first revisions come; what changed in one revision comes whole.
+
+    Returns
+    -------
+    list of MissionObject
+    int or None
+        The revision up to which these are all; None for the last one.
+    """
+    mine = select(MissionObject).where(MissionObject.mission_id == mission_id)
+    later = mine.where(MissionObject.revision > since).order_by(
+        MissionObject.revision, MissionObject.object_id
+    )
+    rows = list(session.scalars(later.limit(most + 1)))
+    if len(rows) <= most:
+        return rows, None
+    until = rows[-1].revision
+    if rows[0].revision == until:
+        return list(session.scalars(mine.where(MissionObject.revision == until))), until
+    return [row for row in rows if row.revision < until], until - 1
+
+
+def kinds(session: Session, mission_id: int) -> list[tuple[str, int]]:
+    """Count the objects of a mission by their class."""
+    of_mission = select(MissionObject.kind, func.count()).where(MissionObject.mission_id == mission_id)
+    found = session.execute(of_mission.group_by(MissionObject.kind).order_by(MissionObject.kind))
+    return [(kind, count) for kind, count in found]

@@ -1,0 +1,229 @@
+"""Answers questions about the rows of a mission, written as conditions (`webapp.core.filters`).
+
+Of what is asked, only names of columns from the lists here, operators of a fixed set, and bound values reach
+the database.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from operator import eq, ge, gt, le, lt, ne
+from typing import Any, Literal, get_args
+
+from sqlalchemy import ColumnElement, Select, and_, not_, or_, select, text
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from webapp.core.filters.nodes import (
+    AllOf,
+    Among,
+    AnyOf,
+    Between,
+    Compared,
+    Condition,
+    Kind,
+    Like,
+    Not,
+    Unknown,
+)
+from webapp.core.filters.parser import parse_columns, parse_condition, parse_order
+from webapp.errors import UsageError
+from webapp.missions.store.schema import MissionObject, ObjectSighting, Pose, Track
+
+Table = Literal["poses", "objects", "sightings"]
+TABLES: tuple[Table, ...] = get_args(Table)
+
+MAX_ROWS = 100_000
+MAX_SECONDS = 5.0
+"""That the database may work on one question."""
+
+_STEPS = 20_000
+"""Of SQLite's machine between two looks at the clock: some milliseconds."""
+
+_COMPARE = {"=": eq, "!=": ne, "<": lt, "<=": le, ">": gt, ">=": ge}
+
+_POSES: dict[str, tuple[Kind, Any]] = {
+    "source": ("text", Track.source),
+    "track": ("text", Track.name),
+    "number": ("number", Pose.number),
+    "time": ("time", Pose.time_s),
+    "lat": ("number", Pose.lat),
+    "lon": ("number", Pose.lon),
+    "height_m": ("number", Pose.height_m),
+    "heading_deg": ("number", Pose.heading_deg),
+    "var_e": ("number", Pose.var_e),
+    "var_n": ("number", Pose.var_n),
+    "cov_en": ("number", Pose.cov_en),
+    "travelled_m": ("number", Pose.travelled_m),
+}
+_OBJECTS: dict[str, tuple[Kind, Any]] = {
+    "id": ("text", MissionObject.object_id),
+    "class": ("text", MissionObject.kind),
+    "lat": ("number", MissionObject.lat),
+    "lon": ("number", MissionObject.lon),
+    "height_m": ("number", MissionObject.height_m),
+    "confidence": ("number", MissionObject.confidence),
+    "sightings": ("number", MissionObject.sightings),
+    "first_time": ("time", MissionObject.first_time_s),
+    "last_time": ("time", MissionObject.last_time_s),
+    "photo": ("text", MissionObject.photo_sha),
+}
+_SIGHTINGS: dict[str, tuple[Kind, Any]] = {
+    "id": ("text", ObjectSighting.object_id),
+    "class": ("text", MissionObject.kind),
+    "number": ("number", ObjectSighting.number),
+    "time": ("time", ObjectSighting.time_s),
+    "lat": ("number", ObjectSighting.lat),
+    "lon": ("number", ObjectSighting.lon),
+    "height_m": ("number", ObjectSighting.height_m),
+    "confidence": ("number", ObjectSighting.confidence),
+    "photo": ("text", ObjectSighting.photo_sha),
+}
+_TABLES = {"poses": _POSES, "objects": _OBJECTS, "sightings": _SIGHTINGS}
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is asked, as it came.
+
+    Attributes
+    ----------
+    table : str
+        One of `TABLES`.
+    select, where, order : str
+        Columns, condition, what to sort by; nothing is all columns, all rows, no order.
+    limit : int
+        Rows, at most `MAX_ROWS`.
+    """
+
+    table: str
+    select: str = ""
+    where: str = ""
+    order: str = ""
+    limit: int = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A question that is understood.
+
+    Attributes
+    ----------
+    columns : tuple of str
+    rows : Select
+        One row more than the limit: it tells whether there are more.
+    """
+
+    columns: tuple[str, ...]
+    rows: Select[Any]
+
+
+def understand(mission_id: int, question: Question) -> Asked:
+    """Read a question about a mission.
+
+    Raises
+    ------
+    UsageError
+        It has a mistake; `where` names the field and the character.
+    """
+    if question.table not in _TABLES:
+        raise UsageError(
+            f"there is no table {question.table!r}", where="from", hint=f"use {', '.join(TABLES)}"
+        )
+    if not 0 <= question.limit <= MAX_ROWS:
+        raise UsageError(f"{question.limit} rows cannot be given", where="limit", hint=f"at most {MAX_ROWS}")
+    table = _TABLES[question.table]
+    kinds: Mapping[str, Kind] = {name: kind for name, (kind, _) in table.items()}
+    chosen = parse_columns(question.select, kinds)
+    condition = parse_condition(question.where, kinds)
+    order = parse_order(question.order, kinds)
+    rows = _rows(question.table, mission_id, [table[name][1] for name in chosen])
+    if condition is not None:
+        rows = rows.where(_expression(condition, table))
+    if order:
+        by = (table[one.column][1] for one in order)
+        rows = rows.order_by(
+            *(column.desc() if one.descending else column for one, column in zip(order, by, strict=True))
+        )
+    return Asked(tuple(chosen), rows.limit(question.limit + 1))
+
+
+def answer(session: Session, asked: Asked) -> Iterator[tuple[Any, ...]]:
+    """Give the rows, one after the other.
+
+    Raises
+    ------
+    UsageError
+        It takes too long.
+    """
+    with _limited(session):
+        for row in session.execute(asked.rows, execution_options={"yield_per": 500}):
+            yield tuple(row)
+
+
+def _rows(table: str, mission_id: int, columns: Sequence[Any]) -> Select[Any]:
+    if table == "poses":
+        joined = select(*columns).select_from(Track).join(Pose, Pose.track_id == Track.id)
+        return joined.where(Track.mission_id == mission_id)
+    if table == "objects":
+        return select(*columns).where(MissionObject.mission_id == mission_id)
+    seen = and_(
+        ObjectSighting.mission_id == MissionObject.mission_id,
+        ObjectSighting.object_id == MissionObject.object_id,
+    )
+    joined = select(*columns).select_from(MissionObject).join(ObjectSighting, seen)
+    return joined.where(MissionObject.mission_id == mission_id)
+
+
+def _expression(condition: Condition, table: Mapping[str, tuple[Kind, Any]]) -> ColumnElement[bool]:
+    """Turn a condition into an expression whose values are bound parameters."""
+    made: Any
+    match condition:
+        case AllOf(parts):
+            made = and_(*(_expression(part, table) for part in parts))
+        case AnyOf(parts):
+            made = or_(*(_expression(part, table) for part in parts))
+        case Not(part):
+            made = not_(_expression(part, table))
+        case Compared(column, operator, value):
+            made = _COMPARE[operator](table[column][1], value)
+        case Between(column, low, high):
+            made = table[column][1].between(low, high)
+        case Among(column, values):
+            made = table[column][1].in_(values)
+        case Like(column, pattern):
+            made = table[column][1].ilike(pattern.replace("\\", "\\\\"), escape="\\")
+        case Unknown(column):
+            made = table[column][1].is_(None)
+    expression: ColumnElement[bool] = made
+    return expression
+
+
+@contextmanager
+def _limited(session: Session) -> Iterator[None]:
+    """Have the database give up after `MAX_SECONDS`."""
+    until = time.monotonic() + MAX_SECONDS
+    connection = session.connection()
+    driver = connection.connection.driver_connection
+    lite = isinstance(driver, sqlite3.Connection)
+    if isinstance(driver, sqlite3.Connection):
+        driver.set_progress_handler(lambda: time.monotonic() > until, _STEPS)
+    else:
+        session.execute(text(f"SET LOCAL statement_timeout = {int(MAX_SECONDS * 1000)}"))
+    try:
+        yield
+    except OperationalError as error:
+        if time.monotonic() < until and lite:
+            raise
+        raise UsageError(
+            f"the question takes more than {MAX_SECONDS:g} seconds",
+            where="where",
+            hint="ask about fewer rows: numbers or times between two values, and no order",
+        ) from error
+    finally:
+        if isinstance(driver, sqlite3.Connection):
+            driver.set_progress_handler(None, 0)

@@ -1,0 +1,162 @@
+"""Reads a mission for those who take it away: in parts, so that its size is no matter.
+
+Each part has a session of its own, because who takes a file away may do so slowly, and an open one keeps the
+database from tidying up. What is there at the start is what comes: later poses are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut
+from webapp.core.trajectory.records import Poses
+from webapp.errors import Conflict, NotFound
+from webapp.missions.store import tracks
+from webapp.missions.store.schema import Mission, MissionObject, Track
+from webapp.store.database import Database
+
+_PART = 4096
+_AT_ONCE = 500
+"""Numbers of poses in one statement."""
+
+MOST_KINDS = 200
+"""Classes of objects that have looks of their own."""
+
+
+def read(database: Database, mission_id: int, *, most: int | None = None) -> MissionOut:
+    """Read a mission.
+
+    Parameters
+    ----------
+    database : Database
+    mission_id : int
+    most : int, optional
+        At most so many poses of each track, evenly spread, with its first and its last.
+
+    Returns
+    -------
+    MissionOut
+        Its functions read from the database when they are called; they raise `Conflict` where a track was
+        written anew in the meantime, so that no file ends early and looks whole.
+
+    Raises
+    ------
+    NotFound
+        There is no such mission.
+    """
+    with database.read() as session:
+        mission = session.get(Mission, mission_id)
+        if mission is None:
+            raise NotFound("there is no such mission", hint="it may have been deleted: reload the page")
+        found = [track for track in tracks.listed(session, mission_id) if track.poses]
+        return MissionOut(
+            name=mission.name,
+            tracks=tuple(_track(database, track, most=most) for track in found),
+            kinds=_kinds(session, mission_id),
+            objects=partial(_objects, database, mission_id),
+        )
+
+
+def some_objects(
+    session: Session, mission_id: int, *, since: int = -1, limit: int, offset: int = 0
+) -> list[MissionObject]:
+    """Read some objects of a mission in the order of their ids.
+
+    Parameters
+    ----------
+    session : Session
+    mission_id : int
+    since : int
+        Only those that changed after that revision of the mission.
+    limit, offset : int
+        At most so many, after so many.
+    """
+    found = select(MissionObject).where(
+        MissionObject.mission_id == mission_id, MissionObject.revision > since
+    )
+    return list(session.scalars(found.order_by(MissionObject.object_id).limit(limit).offset(offset)))
+
+
+def _track(database: Database, track: Track, *, most: int | None) -> TrackOut:
+    bounds = None
+    south, west, north, east = track.min_lat, track.min_lon, track.max_lat, track.max_lon
+    if south is not None and west is not None and north is not None and east is not None:
+        bounds = (south, west, north, east)
+    numbers = None
+    if most is not None and track.poses > most:
+        numbers = np.unique(np.linspace(0, track.poses - 1, most).round().astype(np.int64))
+    return TrackOut(
+        id=track.id,
+        source=track.source,
+        name=track.name,
+        count=track.poses if numbers is None else len(numbers),
+        distance_m=track.distance_m,
+        bounds=bounds,
+        poses=partial(_all, database, track)
+        if numbers is None
+        else partial(_some, database, track, numbers=numbers),
+        timed=track.timed,
+    )
+
+
+def _all(database: Database, track: Track) -> Iterator[Poses]:
+    for first in range(0, track.poses, _PART):
+        stop = min(first + _PART, track.poses)
+        with database.read() as session:
+            part = tracks.read(session, track, first=first, stop=stop)
+        yield _complete(part, stop - first)
+
+
+def _some(database: Database, track: Track, *, numbers: NDArray[np.int64]) -> Iterator[Poses]:
+    """Read poses by their numbers: the key finds each of them, however long the track is."""
+    for first in range(0, len(numbers), _AT_ONCE):
+        wanted = numbers[first : first + _AT_ONCE].tolist()
+        with database.read() as session:
+            part = tracks.at(session, track, wanted)
+        yield _complete(part, len(wanted))
+
+
+def _complete(part: Poses, count: int) -> Poses:
+    if len(part) != count:
+        raise Conflict("the track was written anew while it was read", hint="start again")
+    return part
+
+
+def _kinds(session: Session, mission_id: int) -> tuple[str, ...]:
+    kinds = select(MissionObject.kind).where(MissionObject.mission_id == mission_id).distinct()
+    return tuple(session.scalars(kinds.order_by(MissionObject.kind).limit(MOST_KINDS)))
+
+
+def _objects(database: Database, mission_id: int) -> Iterator[ObjectOut]:
+    after = None
+    while True:
+        wanted = select(MissionObject).where(MissionObject.mission_id == mission_id)
+        if after is not None:
+            wanted = wanted.where(MissionObject.object_id > after)
+        with database.read() as session:
+            part = list(session.scalars(wanted.order_by(MissionObject.object_id).limit(_PART)))
+        yield from map(_object, part)
+        if len(part) < _PART:
+            return
+        after = part[-1].object_id
+
+
+def _object(row: MissionObject) -> ObjectOut:
+    return ObjectOut(
+        id=row.object_id,
+        kind=row.kind,
+        latlon=LatLon(row.lat, row.lon),
+        first_time_s=row.first_time_s,
+        last_time_s=row.last_time_s,
+        height_m=row.height_m,
+        confidence=row.confidence,
+        sightings=row.sightings,
+        photo=row.photo_sha,
+    )

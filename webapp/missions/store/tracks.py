@@ -1,0 +1,190 @@
+"""Tracks of missions, and their poses: in and out by columns, as fast as the database can."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Select, delete, select
+from sqlalchemy.orm import Session
+
+from webapp.core.trajectory.records import Poses, join, make_poses
+from webapp.core.trajectory.travelled import filled
+from webapp.errors import NotFound
+from webapp.missions.store.schema import Pose, Track, TrackPiece, TrackProfile
+from webapp.store.operate import jobs
+
+_COLUMNS = tuple(column.name for column in Pose.__table__.columns)
+_READ = tuple(column for column in Pose.__table__.columns if column.name != "track_id")
+_BLOCK = 20_000
+_MOST_PARAMETERS = 500
+
+PIECES_JOB = "mission-pieces"
+PIECE = 4096
+"""Poses of the smallest piece; so many new ones are worth a job that makes pieces of them."""
+
+
+def listed(session: Session, mission_id: int) -> list[Track]:
+    """List the tracks of a mission, the first made first."""
+    return list(session.scalars(select(Track).where(Track.mission_id == mission_id).order_by(Track.id)))
+
+
+def find(session: Session, mission_id: int, track_id: int) -> Track:
+    """Find a track of a mission.
+
+    Raises
+    ------
+    NotFound
+    """
+    track = session.get(Track, track_id)
+    if track is None or track.mission_id != mission_id:
+        raise NotFound(f"the mission has no track {track_id}", hint="reload the page")
+    return track
+
+
+def get_or_create(session: Session, mission_id: int, *, source: str, name: str = "") -> Track:
+    """Find the track of a source and name, or make it.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission_id : int
+    source : str
+        As in `webapp.core.trajectory.records.SOURCES`.
+    name : str
+        Tells several tracks of one source apart.
+    """
+    same = (Track.mission_id == mission_id, Track.source == source, Track.name == name)
+    track = session.scalars(select(Track).where(*same)).first()
+    if track is None:
+        track = Track(mission_id=mission_id, source=source, name=name)
+        session.add(track)
+        session.flush()
+    return track
+
+
+def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) -> None:
+    """Put poses at the end of a track, and keep what is known of all of them up to date.
+
+    Where there are many new ones, the job that prepares them for display is queued with them.
+
+    Who has appended to a mission calls `missions.changed` in the same session.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    track : Track
+    poses : Poses
+        Where `travelled_m` is NaN, it is measured from the pose before.
+    skipped : int
+        Poses that were left out between them.
+    """
+    track.skipped += skipped
+    if not len(poses):
+        return
+    travelled = filled(poses.latlon, poses.travelled_m, before=_end(session, track))
+    numbers = range(track.poses, track.poses + len(poses))
+    columns = (
+        poses.times_s.tolist(),
+        *poses.latlon.T.tolist(),
+        *(_or_none(column) for column in (poses.height_m, poses.heading_deg, *poses.covariance_m2.T)),
+        travelled.tolist(),
+    )
+    rows = [(track.id, *row) for row in zip(numbers, *columns, strict=True)]
+    connection = session.connection()
+    mark = "?" if connection.dialect.paramstyle == "qmark" else "%s"
+    marks = ", ".join([mark] * len(_COLUMNS))
+    # In the driver's own way: SQLAlchemy takes three times as long to prepare as many rows.
+    connection.exec_driver_sql(f"INSERT INTO pose ({', '.join(_COLUMNS)}) VALUES ({marks})", rows)
+    _count(track, poses, way_m=float(travelled[-1]))
+    if track.poses - track.built_to >= PIECE:
+        jobs.enqueue(session, PIECES_JOB, key=str(track.mission_id), arguments={"mission": track.mission_id})
+
+
+def clear(session: Session, track: Track) -> None:
+    """Take all poses out of a track."""
+    for table in (Pose, TrackPiece, TrackProfile):
+        session.execute(delete(table).where(table.track_id == track.id))
+    track.poses = track.skipped = track.built_to = 0
+    track.distance_m = 0.0
+    track.first_time_s = track.last_time_s = None
+    track.min_lat = track.max_lat = track.min_lon = track.max_lon = None
+
+
+def read(session: Session, track: Track, *, first: int = 0, stop: int | None = None) -> Poses:
+    """Read poses of a track by their numbers.
+
+    Parameters
+    ----------
+    session : Session
+    track : Track
+    first : int
+        Number of the first.
+    stop : int or None
+        Number after the last; None for the end of the track.
+    """
+    stop = track.poses if stop is None else min(stop, track.poses)
+    found = select(*_READ).where(Pose.track_id == track.id, Pose.number >= first, Pose.number < stop)
+    return _poses(session, found.order_by(Pose.number))
+
+
+def blocks(session: Session, track: Track, *, first: int = 0, size: int = _BLOCK) -> Iterator[Poses]:
+    """Read a track of any length, a block of poses after the other."""
+    for begin in range(first, track.poses, size):
+        yield read(session, track, first=begin, stop=begin + size)
+
+
+def at(session: Session, track: Track, numbers: list[int]) -> Poses:
+    """Read the poses of some numbers, which ascend."""
+    mine = select(*_READ).where(Pose.track_id == track.id).order_by(Pose.number)
+    parts = (numbers[begin : begin + _MOST_PARAMETERS] for begin in range(0, len(numbers), _MOST_PARAMETERS))
+    return join([_poses(session, mine.where(Pose.number.in_(part))) for part in parts])
+
+
+def fetched(session: Session, found: Select[tuple[object, ...]]) -> NDArray[np.float64]:
+    """Read a table of numbers, (n, columns) float64; NaN stands for what is not there."""
+    result = session.connection().execute(found)
+    assert result.cursor is not None
+    rows = result.cursor.fetchall()  # of the driver: there is nothing to convert, and a million rows of it
+    result.close()
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(found.selected_columns))
+
+
+def _poses(session: Session, found: Select[tuple[object, ...]]) -> Poses:
+    table = fetched(session, found)
+    return make_poses(
+        table[:, 1],
+        table[:, 2:4],
+        height_m=table[:, 4],
+        heading_deg=table[:, 5],
+        covariance_m2=table[:, 6:9],
+        travelled_m=table[:, 9],
+    )
+
+
+def _end(session: Session, track: Track) -> tuple[float, float, float] | None:
+    if not track.poses:
+        return None
+    last = at(session, track, [track.poses - 1])
+    return float(last.latlon[0, 0]), float(last.latlon[0, 1]), float(last.travelled_m[0])
+
+
+def _or_none(column: NDArray[np.float64]) -> list[float | None]:
+    return [None if value != value else value for value in column.tolist()]  # NaN is unlike itself
+
+
+def _count(track: Track, poses: Poses, *, way_m: float) -> None:
+    track.poses += len(poses)
+    track.distance_m = way_m
+    south, west = poses.latlon.min(axis=0).tolist()
+    north, east = poses.latlon.max(axis=0).tolist()
+    begin, end = float(poses.times_s.min()), float(poses.times_s.max())
+    track.first_time_s = begin if track.first_time_s is None else min(begin, track.first_time_s)
+    track.last_time_s = end if track.last_time_s is None else max(end, track.last_time_s)
+    track.min_lat = south if track.min_lat is None else min(south, track.min_lat)
+    track.max_lat = north if track.max_lat is None else max(north, track.max_lat)
+    track.min_lon = west if track.min_lon is None else min(west, track.min_lon)
+    track.max_lon = east if track.max_lon is None else max(east, track.max_lon)

@@ -1,0 +1,159 @@
+"""Takes a photo into a mission: checked, kept, its previews made."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import unicodedata
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path, PurePosixPath
+
+from webapp.errors import NotFound
+from webapp.files.part_file import move_in, told_as
+from webapp.files.photos import preview
+from webapp.files.photos.photo import PhotoFacts, read_facts
+from webapp.files.photos.preview import Kind
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.tasks.maps.add_photo import suffix_of, tidy_name
+
+PHOTOS = "photos"
+"""Folder of a mission that its photos are in."""
+
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
+_MAX_STEM = 40
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What the sender says of a photo.
+
+    Attributes
+    ----------
+    time_s : float or None
+        When it was taken, Unix seconds; by default what its EXIF says, where that names a time zone.
+    object_id : str or None
+        Which object of the mission it shows.
+    """
+
+    time_s: float | None = None
+    object_id: str | None = None
+
+
+def run(
+    library: Library, mission_id: int, *, source: Path, name: str, about: About, settings: Settings
+) -> MissionPhoto:
+    """Take a photo into a mission; of one whose content is there already, only what is said of it changes.
+
+    When this returns, photo and record are on the disk.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    source : Path
+        Complete, on the same disk as the library; is moved or deleted.
+    name : str
+        Of the file as it came; any text.
+    about : About
+    settings : Settings
+
+    Raises
+    ------
+    PhotoError
+        It is no photo of a known format, damaged, cut off, or larger than the limits. `source` is as it was.
+    NotFound
+        The mission is gone.
+    DiskFull, StorageError
+        The disk refused.
+    """
+    name = tidy_name(name)
+    with told_as(name, source):
+        facts = read_facts(source, limits=settings.photo)
+        previews = preview.make_previews(source, limits=settings.photo)
+    with source.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    row = MissionPhoto(
+        mission_id=mission_id,
+        sha256=sha256,
+        name=name,
+        path=_path(name, sha256, suffix=suffix_of(facts)),
+        width=facts.width,
+        height=facts.height,
+        size_bytes=source.stat().st_size,
+        time_s=about.time_s if about.time_s is not None else _taken(facts),
+        object_id=about.object_id,
+    )
+    folder = missions.folder(library, mission_id)
+    with library.database.write() as session:
+        mission = session.get_one(Mission, mission_id, with_for_update=True)
+        known = session.get(MissionPhoto, (mission_id, sha256))
+        if known is None:
+            session.add(row)
+        kept = known or row
+        kept.time_s = about.time_s if about.time_s is not None else kept.time_s
+        kept.object_id = about.object_id or kept.object_id
+        _keep(source, folder / kept.path)
+        missions.changed(mission)
+        shown = session.get(MissionObject, (mission_id, kept.object_id)) if kept.object_id else None
+        if shown is not None and shown.photo_sha is None:
+            shown.photo_sha, shown.revision = sha256, mission.revision
+    preview.write_previews(folder, sha256, previews=previews)
+    return kept
+
+
+def original(library: Library, photo: MissionPhoto) -> Path:
+    """Find the file of a photo, as it came.
+
+    Raises
+    ------
+    NotFound
+        It is missing on the disk.
+    """
+    path = missions.folder(library, photo.mission_id) / photo.path
+    if not path.is_file():
+        raise NotFound("the file of this photo is missing", where=photo.name, hint="send it again")
+    return path
+
+
+def preview_of(library: Library, photo: MissionPhoto, *, kind: Kind, settings: Settings) -> Path:
+    """Find a preview of a photo, and make it where it is missing.
+
+    Raises
+    ------
+    NotFound, PhotoError
+        The photo is missing or damaged.
+    StorageError
+        The disk refused.
+    """
+    folder = missions.folder(library, photo.mission_id)
+    path = preview.preview_path(folder, photo.sha256, kind=kind)
+    if not path.exists():
+        source = original(library, photo)
+        with told_as(photo.name, source):
+            made = preview.make_previews(source, limits=settings.photo)
+        preview.write_previews(folder, photo.sha256, previews=made)
+    return path
+
+
+def _path(name: str, sha256: str, *, suffix: str) -> str:
+    """Choose the path of a photo: the beginning of its hash keeps it apart from all others."""
+    stem = PurePosixPath(name.replace("\\", "/")).stem
+    plain = unicodedata.normalize("NFKD", stem).encode("ascii", "ignore").decode()
+    return f"{PHOTOS}/{sha256[:16]}-{_NOT_PLAIN.sub('-', plain)[:_MAX_STEM].strip('-') or 'photo'}.{suffix}"
+
+
+def _taken(facts: PhotoFacts) -> float | None:
+    """Tell when a photo was taken, where it says so with a time zone."""
+    taken = None if facts.taken_at is None else datetime.fromisoformat(facts.taken_at)
+    return None if taken is None or taken.tzinfo is None else taken.timestamp()
+
+
+def _keep(source: Path, target: Path) -> None:
+    if target.exists():
+        source.unlink()
+    else:
+        move_in(source, target)

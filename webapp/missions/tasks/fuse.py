@@ -1,0 +1,232 @@
+"""Writes the fused track of a mission: its odometry corrected by its fixes."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from filelock import FileLock, Timeout
+from numpy.typing import NDArray
+from sqlalchemy.orm import Session
+
+from webapp.core.trajectory.alignment import GATE
+from webapp.core.trajectory.fusion import MOST_POSES, Fusion, NoFusion, fuse
+from webapp.core.trajectory.records import Poses, Source, join
+from webapp.core.trajectory.smoother import mean_distance_bounds
+from webapp.errors import NotFound, UsageError
+from webapp.files.atomic import write_text
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission, Track
+from webapp.progress import Progress
+from webapp.store.library import Library
+from webapp.store.operate import jobs
+from webapp.store.schema import Job
+
+JOB = "mission-fuse"
+
+REPORT = "fusion.json"
+"""In the folder of the mission: what was thought of each fix."""
+
+LOCK = "fusion.lock"
+"""In the inner folder of the library: held while a fused track is committed and its report written."""
+
+MOST_TOLD = 1000
+"""Fixes that were left out, told one by one."""
+
+_FIXES: tuple[Source, ...] = ("gps", "visual", "manual")
+
+Write = Callable[[], AbstractContextManager[Session]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fixed:
+    """All fixes of a source, and where each is kept: id of its track and number in it, (m, 2) int64."""
+
+    poses: Poses
+    kept: NDArray[np.int64]
+
+
+def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
+    """Have the fused track written in the background; `session` is one that writes."""
+    return jobs.enqueue(
+        session,
+        JOB,
+        map_id=mission.map_id,
+        account_id=account_id,
+        arguments={"mission": mission.id},
+        key=str(mission.id),
+    )
+
+
+def run(library: Library, mission_id: int, *, write: Write, progress: Progress) -> dict[str, Any]:
+    """Put all tracks of a mission together; the fused one is replaced as a whole, or stays as it is.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    write : callable
+        Gives a session that writes.
+    progress : Progress
+
+    Returns
+    -------
+    dict
+        The report, which is kept in the mission's folder too.
+
+    Raises
+    ------
+    UsageError
+        There is nothing to correct a track by.
+    NotFound
+        The mission is gone.
+    Cancelled
+    """
+    with library.database.read() as session:
+        session.get_one(Mission, mission_id)
+        found = [track for track in tracks.listed(session, mission_id) if track.timed]
+        reckoned = max((t for t in found if t.source == "odometry"), key=lambda t: t.distance_m, default=None)
+        odometry = None if reckoned is None else _read(session, reckoned)[0]
+        fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}
+    progress.size(3)
+    progress.note("weighing the fixes")
+    fusion = fuse(odometry, {s: f.poses for s, f in fixed.items()}, check=lambda _: progress.check())
+    if isinstance(fusion, NoFusion):
+        raise UsageError(
+            fusion.reason, where=f"mission {mission_id}", hint="send GPS positions, or photos to be localized"
+        )
+    progress.advance(2)
+    gated = [one for source, fixes in fixed.items() for one in _gated(fusion, source, fixes)]
+    report = _report(fusion, fixed, odometry=reckoned)
+    report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
+    while not _kept(library, mission_id, write=write, poses=fusion.poses, gated=gated, report=report):
+        with FileLock(library.inner / LOCK):
+            pass  # waited for here, where no writer waits for us
+    progress.advance()
+    return report
+
+
+def read_report(library: Library, mission_id: int) -> dict[str, Any]:
+    """Read what was thought of the fixes the last time.
+
+    Raises
+    ------
+    NotFound
+        The tracks were never put together.
+    """
+    path = missions.folder(library, mission_id) / REPORT
+    if not path.is_file():
+        raise NotFound("the tracks of this mission were not fused yet", where=f"mission {mission_id}")
+    return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
+
+
+def _kept(
+    library: Library,
+    mission_id: int,
+    *,
+    write: Write,
+    poses: Poses,
+    gated: list[dict[str, Any]],
+    report: dict[str, Any],
+) -> bool:
+    """Replace the fused track and complete its report; False, with nothing done, where a backup is made."""
+    with ExitStack() as held:
+        try:
+            with write() as session:
+                mission = session.get_one(Mission, mission_id, with_for_update=True)
+                track = tracks.get_or_create(session, mission_id, source="fused")
+                tracks.clear(session, track)
+                tracks.append(session, track, poses)
+                _mark_photos(session, mission_id, gated)
+                missions.changed(mission)
+                report |= {"track": track.id, "revision": mission.revision}
+                held.enter_context(FileLock(library.inner / LOCK, timeout=0))
+        except Timeout:
+            return False
+        folder = missions.folder(library, mission_id)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / REPORT, json.dumps(report))
+    return True
+
+
+def _read(session: Session, track: Track) -> tuple[Poses, NDArray[np.int64]]:
+    """Read a track, of a long one some poses; with their numbers."""
+    if track.poses <= MOST_POSES:
+        return tracks.read(session, track), np.arange(track.poses)
+    numbers = np.linspace(0, track.poses - 1, MOST_POSES).astype(np.int64)
+    return tracks.at(session, track, numbers.tolist()), numbers
+
+
+def _fixes(session: Session, found: list[Track], source: Source) -> Fixed | None:
+    parts = [(track.id, *_read(session, track)) for track in found if track.source == source and track.poses]
+    if not parts:
+        return None
+    kept = [np.column_stack([np.full(len(numbers), id), numbers]) for id, _, numbers in parts]
+    return Fixed(join([poses for _, poses, _ in parts]), np.vstack(kept))
+
+
+def _report(fusion: Fusion, fixed: Mapping[Source, Fixed], *, odometry: Track | None) -> dict[str, Any]:
+    return {
+        "odometry": None if odometry is None else odometry.id,
+        "poses": len(fusion.poses),
+        "errors": {"odometry": fusion.fit.odometry, "receiver": fusion.fit.receiver},
+        "pieces": list(fusion.begins_s),
+        "fixes": [_statistics(fusion, source) for source in fixed],
+    }
+
+
+def _statistics(fusion: Fusion, source: Source) -> dict[str, Any]:
+    judged = fusion.judged[source]
+    used = int((~judged.gated).sum())
+    return {
+        "source": source,
+        "used": used,
+        "gated": int(judged.gated.sum()),
+        "mean_distance": judged.mean_distance if used else None,
+        "expected_between": list(mean_distance_bounds(used)) if used else None,
+    }
+
+
+def _gated(fusion: Fusion, source: Source, fixes: Fixed) -> list[dict[str, Any]]:
+    judged = fusion.judged[source]
+    told = []
+    for at in np.flatnonzero(judged.gated).tolist():
+        number = int(judged.number[at])
+        track_id, kept = fixes.kept[number].tolist()
+        off, distance = float(judged.off_m[at]), float(judged.distance[at])
+        most = off * math.sqrt(GATE / distance)
+        lat, lon = fixes.poses.latlon[number].tolist()
+        expected_lat, expected_lon = judged.expected[at].tolist()
+        told.append(
+            {
+                "source": source,
+                "track": track_id,
+                "number": kept,
+                "time_s": float(fixes.poses.times_s[number]),
+                "lat": lat,
+                "lon": lon,
+                "expected": {"lat": expected_lat, "lon": expected_lon},
+                "off_m": off,
+                "most_m": most,
+                "distance": distance,
+                "reason": f"{off:.1f} m from where it was expected; only one good fix in a thousand is more "
+                f"than {most:.1f} m off",
+            }
+        )
+    return told
+
+
+def _mark_photos(session: Session, mission_id: int, gated: list[dict[str, Any]]) -> None:
+    """Tell with each photo whether its fix was left out."""
+    left_out = {
+        (one["time_s"], one["lat"], one["lon"]): one["reason"] for one in gated if one["source"] == "visual"
+    }
+    for photo in missions.photos(session, mission_id):
+        if photo.fix is not None and photo.fix.get("lat") is not None:
+            reason = left_out.get((photo.fix["time"], photo.fix["lat"], photo.fix["lon"]))
+            photo.fix = {**photo.fix, "gated": reason is not None, "gated_why": reason}

@@ -1,0 +1,326 @@
+"""Takes a file with tracks and objects into a mission, each pose once, however often it is begun.
+
+The file is read twice: first all of it is checked and nothing is stored; then its parts, which are the same
+each time that it is read, are stored a few at a time, in one transaction with how many of them are there.
+Who is killed goes on after the last of them; who imports a file again finds all of them there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.records import Sighting, Source
+from webapp.core.trajectory.robotframe import Start
+from webapp.errors import NotFound, TrackError
+from webapp.missions.files.track_chunks import Findings, Skipped
+from webapp.missions.files.track_format import TITLES, Kind, kind_of
+from webapp.missions.store import batches, missions, tracks
+from webapp.missions.store.schema import Mission, MissionSender, Track
+from webapp.missions.tasks import read_track
+from webapp.missions.tasks.read_track import TrackPart, Wishes
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.tasks.satellite.apply import Writes
+
+_AT_ONCE = 8192
+"""Poses and objects in one transaction, and some."""
+
+_MAX_NAME = 200
+_BLOCK = 1 << 20
+_NUMBERED: tuple[Kind, ...] = ("gpx", "kml", "kmz")
+"""Kinds whose objects are numbered: the file's name tells those of several files apart."""
+
+Part = TrackPart | tuple[Sighting, ...]
+Key = tuple[Source, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What is to be imported.
+
+    Attributes
+    ----------
+    path : Path
+        A file, or the folder of a ROS 2 bag.
+    name : str
+        What its sender calls it: tracks are named after it.
+    wishes : Wishes
+        Without a start, the mission's own counts.
+    """
+
+    path: Path
+    name: str
+    wishes: Wishes
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedTrack:
+    """A track that came of the file; the attributes are those of the track in the mission."""
+
+    id: int
+    source: str
+    name: str
+    poses: int
+    skipped: int
+    distance_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What came of a file.
+
+    Attributes
+    ----------
+    kind : str
+        What the file is, for people.
+    tracks : tuple of ImportedTrack
+    objects : int
+        Sightings of objects in the file.
+    new : bool
+        Whether anything of it was not there before.
+    skipped : tuple of Skipped
+        What could not be used, and why.
+    notes : tuple of str
+        How the file was understood.
+    """
+
+    kind: str
+    tracks: tuple[ImportedTrack, ...]
+    objects: int
+    new: bool
+    skipped: tuple[Skipped, ...]
+    notes: tuple[str, ...]
+
+
+def run(
+    library: Library,
+    mission_id: int,
+    *,
+    order: Order,
+    settings: Settings,
+    progress: Progress | None = None,
+    writes: Writes | None = None,
+) -> Imported:
+    """Import a file.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    order : Order
+    settings : Settings
+    progress : Progress, optional
+        One step a pose or object.
+    writes : callable, optional
+        Opens the session that writes: that of a job that holds its lease.
+
+    Returns
+    -------
+    Imported
+
+    Raises
+    ------
+    NotFound
+        The mission is gone, or in the bin.
+    TrackError, UsageError
+        The file cannot be read, or has nothing that can be used: nothing was stored.
+    Cancelled
+        What was stored stays; the same import goes on.
+    """
+    progress, write = progress or Progress(), writes or library.database.write
+    order = _with_start(library, mission_id, order)
+    key = _key(order, progress)
+    findings = Findings()
+    with _called(order):
+        survey = _survey(order, findings, progress)
+    with write() as session:
+        mission = _mission(session, mission_id)
+        ids = _tracks(session, mission, survey.tracks, key=key, name=order.name)
+        stored = _stored(session, mission_id, key)
+    progress.size(survey.records)
+    progress.note("storing")
+    for first, group in _groups(_parts(order, progress), stored):
+        with write() as session:
+            mission = _mission(session, mission_id)
+            missing = group[max(_stored(session, mission_id, key) - first, 0) :]
+            batches.advance(session, mission_id, sender=key, first=first, count=len(group))
+            if missing:
+                missions.changed(mission)
+                _store(session, mission, parts=missing, ids=ids)
+    with library.database.read() as session:
+        found = [session.get_one(Track, id) for id in ids.values()]
+        made = tuple(ImportedTrack(t.id, t.source, t.name, t.poses, t.skipped, t.distance_m) for t in found)
+    kind = TITLES[survey.kind]
+    new = stored < survey.parts
+    return Imported(kind, made, survey.objects, new, findings.skipped(), tuple(findings.notes))
+
+
+@dataclass(frozen=True, slots=True)
+class _Survey:
+    """What a file has."""
+
+    kind: Kind
+    tracks: dict[Key, bool]
+    """And whether their times are told."""
+    parts: int
+    records: int
+    objects: int
+
+
+def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
+    progress.note("reading")
+    seen: dict[Key, bool] = {}
+    parts = records = objects = 0
+    for part in read_track.stream(
+        order.path, wishes=order.wishes, findings=findings, progress=_Silent(progress)
+    ):
+        parts += 1
+        if isinstance(part, TrackPart):
+            key = (part.source, part.track)
+            seen[key] = seen.get(key, False) or part.timed
+            records += len(part.poses) + part.skipped
+        else:
+            objects += len(part)
+    kind = kind_of(order.path, table=order.wishes.columns is not None)
+    return _Survey(kind, seen, parts, records + objects, objects)
+
+
+def _parts(order: Order, progress: Progress) -> Iterator[Part]:
+    """Read the file once more, with objects that are called after it where they have only numbers."""
+    numbered = kind_of(order.path, table=order.wishes.columns is not None) in _NUMBERED
+    stem = PurePath(order.name).stem
+    for part in read_track.stream(order.path, wishes=order.wishes, findings=Findings(), progress=progress):
+        if numbered and not isinstance(part, TrackPart):
+            yield tuple(replace(one, object_id=f"{stem}: {one.object_id}"[:_MAX_NAME]) for one in part)
+        else:
+            yield part
+
+
+def _groups(parts: Iterator[Part], stored: int) -> Iterator[tuple[int, list[Part]]]:
+    """Give the parts that are not stored yet, a few at a time, with the number of the first."""
+    group: list[Part] = []
+    size = first = 0
+    for number, part in enumerate(parts):
+        if number < stored:
+            continue
+        if not group:
+            first = number
+        group.append(part)
+        size += len(part.poses) if isinstance(part, TrackPart) else len(part)
+        if size >= _AT_ONCE:
+            yield first, group
+            group, size = [], 0
+    if group:
+        yield first, group
+
+
+def _stored(session: Session, mission_id: int, key: str) -> int:
+    """Count the parts that are stored, also by somebody who imports the same at the same time."""
+    sender = session.get(MissionSender, (mission_id, key))
+    return 0 if sender is None else sender.next_seq
+
+
+def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[Key, int]) -> None:
+    for part in parts:
+        if isinstance(part, TrackPart):
+            track = session.get_one(Track, ids[(part.source, part.track)])
+            tracks.append(session, track, poses=part.poses, skipped=part.skipped)
+            track.distance_m = (
+                part.travelled_m
+            )  # to the end of the file, not only to the last pose that is kept
+        else:
+            batches.add_sightings(session, mission, seen=part)
+
+
+def _tracks(
+    session: Session, mission: Mission, found: dict[Key, bool], *, key: str, name: str
+) -> dict[Key, int]:
+    """Find the tracks that this import has made before, or make new ones; no other program's are used."""
+    known = batches.answered(session, mission.id, key=key)
+    if known is not None:
+        return {(source, track): id for source, track, id in known["tracks"]}
+    made = {}
+    for (source, track), timed in found.items():
+        free = _free(session, mission, source, title=read_track.title(name, track))
+        row = tracks.get_or_create(session, mission.id, source=source, name=free)
+        row.timed, made[(source, track)] = timed, row.id
+    told = [[source, track, id] for (source, track), id in made.items()]
+    batches.remember(session, mission.id, key, answer={"tracks": told})
+    return made
+
+
+def _free(session: Session, mission: Mission, source: Source, *, title: str) -> str:
+    same = select(Track.name).where(Track.mission_id == mission.id, Track.source == source)
+    taken = set(session.scalars(same))
+    number, name = 1, title
+    while name in taken:
+        number += 1
+        name = f"{title} ({number})"
+    return name
+
+
+def _mission(session: Session, mission_id: int) -> Mission:
+    mission = session.get(Mission, mission_id, with_for_update=True)
+    if mission is None or mission.binned_at is not None:
+        raise NotFound("the mission is gone, or in the bin", where=f"mission {mission_id}")
+    return mission
+
+
+def _with_start(library: Library, mission_id: int, order: Order) -> Order:
+    if order.wishes.start is not None:
+        return order
+    with library.database.read() as session:
+        mission = session.get(Mission, mission_id)
+        known: dict[str, Any] | None = None if mission is None else mission.start
+    if known is None:
+        return order
+    start = Start(LatLon(known["lat"], known["lon"]), known["heading_deg"])
+    return replace(order, wishes=replace(order.wishes, start=start))
+
+
+def _key(order: Order, progress: Progress) -> str:
+    """Name an import after what is in the file and how it is read."""
+    files = [order.path]
+    if order.path.is_dir():
+        files = sorted(path for path in order.path.iterdir() if path.is_file())
+    digest = hashlib.sha256(repr(order.wishes).encode())
+    try:
+        for path in files:
+            with path.open("rb") as file:
+                while block := file.read(_BLOCK):
+                    progress.check()
+                    digest.update(block)
+    except OSError as error:
+        message = f"the file cannot be read: {error.strerror or error}"
+        raise TrackError(message, where=order.name, hint="check its path") from error
+    return f"{batches.FILE}{digest.hexdigest()[:32]}"
+
+
+@contextmanager
+def _called(order: Order) -> Iterator[None]:
+    """Call a file in errors as its sender does."""
+    try:
+        yield
+    except TrackError as error:
+        error.where = (error.where or order.name).replace(order.path.name, order.name)
+        raise
+
+
+class _Silent(Progress):
+    """Shows nothing, and can be cancelled where another can."""
+
+    def __init__(self, other: Progress) -> None:
+        self._other = other
+
+    def cancelled(self) -> bool:
+        return self._other.cancelled()

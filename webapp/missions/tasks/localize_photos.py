@@ -1,0 +1,245 @@
+"""Localizes photos of a mission on its map, and keeps where they were taken as poses of a track."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.hypotheses.model import NoPose
+from webapp.core.trajectory.records import Poses, join, make_poses
+from webapp.core.trajectory.visual import visual_fix
+from webapp.errors import InputError, NotFound, PhotoError
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission, MissionPhoto
+from webapp.missions.tasks import add_photo
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.operate import jobs
+from webapp.store.schema import Job
+from webapp.tasks.localize import upload
+from webapp.tasks.localize.open_maps import ReadyMaps
+from webapp.tasks.localize.upload import Asked, Question, Sent
+
+JOB = "mission-fix"
+
+TRACK = "photos"
+"""Name of the track of source `visual` that the fixes go to: robots may have visual tracks of their own."""
+
+Write = Callable[[], AbstractContextManager[Session]]
+
+
+def fix_json(asked: Asked, *, time_s: float | None) -> dict[str, Any]:
+    """Make what a robot is told, and what is kept with the photo.
+
+    Parameters
+    ----------
+    asked : Asked
+    time_s : float or None
+        When the photo was taken, Unix seconds.
+
+    Returns
+    -------
+    dict
+        The object of `localize --json`, and `time`, `lat`, `lon`, `heading_deg`, `position_covariance_m2`,
+        and `no_pose`, which says why those are None where they are.
+    """
+    found = visual_fix(asked.form, asked.ready.localizer.map.georeference)
+    if isinstance(found, NoPose):
+        nothing = dict.fromkeys(("lat", "lon", "heading_deg", "position_covariance_m2"))
+        return {**asked.form, "time": time_s, **nothing, "no_pose": found.reason}
+    east, north, both = found.covariance_m2
+    return {
+        **asked.form,
+        "time": time_s,
+        "lat": found.latlon.lat,
+        "lon": found.latlon.lon,
+        "heading_deg": found.heading_deg,
+        "position_covariance_m2": [[east, both], [both, north]],
+        "no_pose": None,
+    }
+
+
+def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, Any]) -> None:
+    """Keep a fix with its photo, and as a pose; asked again, the new answer takes the place of the old one.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission_id : int
+    sha256 : str
+        Of the photo.
+    fix : mapping
+        As `fix_json` makes it.
+
+    Raises
+    ------
+    NotFound
+        Mission or photo are gone.
+    """
+    mission = session.get_one(Mission, mission_id, with_for_update=True)
+    photo = missions.find_photo(session, mission_id, sha256)
+    again = photo.fix is not None and _is_pose(photo.fix)
+    photo.fix, photo.fix_state = dict(fix), "done"
+    if again:
+        session.flush()
+        _rebuild(session, mission_id)
+    elif _is_pose(fix):
+        track = tracks.get_or_create(session, mission_id, source="visual", name=TRACK)
+        tracks.append(session, track, _pose(fix))
+    missions.changed(mission)
+
+
+def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], account_id: int) -> Job:
+    """Have photos of a mission localized in the background.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    mission : Mission
+    photos : list of MissionPhoto
+    account_id : int
+        Who wants it.
+
+    Raises
+    ------
+    NotFound
+        The mission is on no map.
+    """
+    map_of(mission)
+    for photo in photos:
+        photo.fix_state = "queued"
+    missions.changed(mission)
+    return jobs.enqueue(
+        session,
+        JOB,
+        map_id=mission.map_id,
+        account_id=account_id,
+        arguments={"mission": mission.id},
+        key=str(mission.id),
+    )
+
+
+def map_of(mission: Mission) -> int:
+    """Give the id of the map that a mission is on.
+
+    Raises
+    ------
+    NotFound
+        It is on none.
+    """
+    if mission.map_id is None:
+        raise NotFound(
+            "this mission is on no map: its photos cannot be localized",
+            where=f"mission {mission.id}",
+            hint="choose a map for the mission first",
+        )
+    return mission.map_id
+
+
+def run(
+    library: Library,
+    mission_id: int,
+    *,
+    ready_maps: ReadyMaps,
+    settings: Settings,
+    write: Write,
+    progress: Progress,
+) -> dict[str, int]:
+    """Localize the photos of a mission that wait for it, a transaction each.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    ready_maps : ReadyMaps
+    settings : Settings
+    write : callable
+        Gives a session that writes.
+    progress : Progress
+        One step a photo.
+
+    Returns
+    -------
+    dict
+        How many are `localized`, have `no_pose`, and have `failed`.
+
+    Raises
+    ------
+    NotFound
+        The mission is gone, or on no map.
+    NotReady, MapError, IndexDamaged
+        The map cannot answer.
+    Cancelled
+    """
+    with library.database.read() as session:
+        map_id = map_of(session.get_one(Mission, mission_id))
+        waiting = [p for p in missions.photos(session, mission_id) if p.fix_state == "queued"]
+    progress.size(len(waiting))
+    counted = {"localized": 0, "no_pose": 0, "failed": 0}
+    for photo in waiting:
+        progress.check()
+        try:
+            question = Question((Sent(_file(library, photo), photo.name),))
+            asked = upload.run(ready_maps, map_id, question=question, settings=settings)
+        except InputError as error:
+            outcome, fix = "failed", {"error": str(error)}
+        else:
+            fix = fix_json(asked, time_s=photo.time_s)
+            outcome = "localized" if fix["no_pose"] is None else "no_pose"
+        counted[outcome] += _kept(photo, fix, write)
+        progress.advance()
+    return counted
+
+
+def _file(library: Library, photo: MissionPhoto) -> Path:
+    try:
+        return add_photo.original(library, photo)
+    except NotFound as error:
+        raise PhotoError(error.message, where=error.where, hint=error.hint) from error
+
+
+def _kept(asked: MissionPhoto, fix: dict[str, Any], write: Write) -> int:
+    """Keep what came of a photo; 0 where the photo is gone."""
+    with write() as session:
+        photo = session.get(MissionPhoto, (asked.mission_id, asked.sha256))
+        if photo is None:
+            return 0
+        if "error" in fix:
+            photo.fix, photo.fix_state = fix, "failed"
+            missions.changed(session.get_one(Mission, asked.mission_id))
+        else:
+            keep(session, asked.mission_id, sha256=asked.sha256, fix=fix)
+    return 1
+
+
+def _is_pose(fix: Mapping[str, Any]) -> bool:
+    return fix.get("lat") is not None and fix.get("time") is not None
+
+
+def _pose(fix: Mapping[str, Any]) -> Poses:
+    (east, both), (_, north) = fix["position_covariance_m2"]
+    heading = np.nan if fix["heading_deg"] is None else fix["heading_deg"]
+    return make_poses(
+        [fix["time"]], [(fix["lat"], fix["lon"])], heading_deg=[heading], covariance_m2=[(east, north, both)]
+    )
+
+
+def _rebuild(session: Session, mission_id: int) -> None:
+    """Write the track anew from the fixes of all photos."""
+    track = tracks.get_or_create(session, mission_id, source="visual", name=TRACK)
+    tracks.clear(session, track)
+    of_mission = select(MissionPhoto.fix).where(MissionPhoto.mission_id == mission_id)
+    fixes = [
+        fix for fix in session.scalars(of_mission.order_by(MissionPhoto.time_s)) if fix and _is_pose(fix)
+    ]
+    if fixes:
+        tracks.append(session, track, join([_pose(fix) for fix in fixes]))

@@ -1,0 +1,139 @@
+"""Turns a file with tracks into the records that a robot would have sent on the way."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from webapp.core.trajectory.records import Sighting
+from webapp.core.trajectory.robotframe import Start
+from webapp.core.trajectory.thinning import MinMove, Thinner
+from webapp.missions.files.track_chunks import Skipped
+from webapp.missions.tasks import read_track
+from webapp.missions.tasks.read_track import ReadTrack, Wishes
+from webapp.progress import Progress
+
+
+class Event(NamedTuple):
+    """Something that a robot would have sent.
+
+    Attributes
+    ----------
+    time_s : float
+        Seconds since 1970, UTC.
+    record : dict
+        As batches have them.
+    """
+
+    time_s: float
+    record: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What a file gives.
+
+    Attributes
+    ----------
+    events : list of Event
+        In the order of their times, and each track in its own order.
+    left_out : tuple of Skipped
+        What of the file could not be used, and why.
+    skipped : int
+        Poses left out because they had not moved.
+    rest : list of dict
+        Of tracks whose last poses are among these, as the record of the end tells it: `source`, `track`,
+        `skipped`, `travelled_m`.
+    """
+
+    events: list[Event]
+    left_out: tuple[Skipped, ...]
+    skipped: int
+    rest: list[dict[str, Any]]
+
+
+def run(
+    path: Path,
+    *,
+    min_move: MinMove,
+    topics: tuple[str, ...] = (),
+    start: Start | None = None,
+    progress: Progress | None = None,
+) -> Replay:
+    """Read a file; the same file with the same wishes gives the same events.
+
+    Parameters
+    ----------
+    path : Path
+        Of any kind that `read_track` reads.
+    min_move : MinMove
+        Poses that moved no more are left out, after the way has been measured.
+    topics : tuple of str
+        Only these of a bag; empty for all.
+    start : Start, optional
+        Where the robot was at first; poses in its own frame are left out without it.
+    progress : Progress, optional
+
+    Raises
+    ------
+    TrackError
+        The file is damaged, of no kind that is known, or has nothing that can be used.
+    """
+    wishes = Wishes(start=start, min_move=MinMove(0.0), topics=topics)
+    found = read_track.run(path, wishes=wishes, progress=progress)
+    kept = {id(track): Thinner(min_move).keep(track.poses.latlon) for track in found.tracks}
+    parts = [_poses(track, kept[id(track)], file=path.name) for track in found.tracks]
+    events = list(heapq.merge(*parts, _objects(found.sightings), key=lambda event: event.time_s))
+    skipped = sum(int(np.count_nonzero(~mask)) for mask in kept.values())
+    return Replay(events, found.skipped, skipped, [*_rests(found.tracks, kept, file=path.name)])
+
+
+def _poses(track: ReadTrack, kept: np.ndarray, *, file: str) -> Iterator[Event]:
+    """Make a record of each pose that is kept (n,) bool, with the number of those left out before it."""
+    usual = {"type": "pose", "source": track.source, "track": read_track.title(file, track.name)}
+    poses, before = track.poses, -1
+    for place in np.flatnonzero(kept).tolist():
+        lat, lon = poses.latlon[place].tolist()
+        time_s = float(poses.times_s[place])
+        record = usual | {"time": time_s, "lat": lat, "lon": lon}
+        for name in ("height_m", "heading_deg", "travelled_m"):
+            value = float(getattr(poses, name)[place])
+            if math.isfinite(value):
+                record[name] = value
+        covariance = poses.covariance_m2[place].tolist()
+        if all(map(math.isfinite, covariance)):
+            record["covariance"] = covariance
+        if place - before > 1:
+            record["skipped"] = place - before - 1
+        before = place
+        yield Event(time_s, record)
+
+
+def _rests(
+    found: Sequence[ReadTrack], kept: Mapping[int, np.ndarray], *, file: str
+) -> Iterator[dict[str, Any]]:
+    for track in found:
+        skipped = len(track.poses) - 1 - int(np.flatnonzero(kept[id(track)])[-1])
+        if skipped:
+            told = {"source": track.source, "track": read_track.title(file, track.name)}
+            yield {**told, "skipped": skipped, "travelled_m": track.distance_m}
+
+
+def _objects(sightings: tuple[Sighting, ...]) -> Iterator[Event]:
+    for seen in sightings:
+        record: dict[str, Any] = {
+            "type": "object",
+            "id": seen.object_id,
+            "class": seen.kind,
+            "time": seen.time_s,
+            "lat": seen.latlon.lat,
+            "lon": seen.latlon.lon,
+        }
+        more = {"height_m": seen.height_m, "confidence": seen.confidence, "photo": seen.photo}
+        yield Event(seen.time_s, record | {name: value for name, value in more.items() if value is not None})

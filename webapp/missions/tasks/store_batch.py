@@ -1,0 +1,124 @@
+"""Takes a batch of records of a robot into a mission: all of it or nothing, and each record once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import Any
+
+from webapp.core.trajectory.batch import parse
+from webapp.errors import Conflict
+from webapp.missions.store import batches
+from webapp.store.library import Library
+
+
+@dataclass(frozen=True, slots=True)
+class Numbered:
+    """The number of a batch's first record.
+
+    Attributes
+    ----------
+    sender : str
+        Whose numbers these are: no other program may use the name for this mission.
+    first : int
+        From 0.
+    """
+
+    sender: str
+    first: int
+
+
+def run(library: Library, mission_id: int, *, records: Sequence[object], place: Numbered) -> dict[str, Any]:
+    """Store the records of a sender that numbers them; when this returns, they are on the disk.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    records : sequence
+        As `webapp.core.trajectory.batch.parse` reads them; none asks what is stored.
+    place : Numbered
+
+    Returns
+    -------
+    dict
+        `next`, `stored`, `already` and `revision`.
+
+    Raises
+    ------
+    InputError
+        A record cannot be used; none was stored.
+    OutOfOrder
+        Records before these are missing.
+    NotFound
+        The mission was deleted in the meantime.
+    StorageError, DiskFull
+        The disk refused.
+    """
+    batch = parse(records)
+    with library.database.write() as session, session.no_autoflush:  # one flush, at the end
+        mission = batches.locked(session, mission_id)
+        first, count = place.first, len(records)
+        already, next_seq = batches.advance(session, mission_id, place.sender, first=first, count=count)
+        if already < count:
+            batches.store(session, mission, parse(records[already:]) if already else batch)
+        return {
+            "next": next_seq,
+            "stored": count - already,
+            "already": already,
+            "revision": mission.revision,
+        }
+
+
+def run_keyed(
+    library: Library, mission_id: int, *, records: Sequence[object], key: str, keep: timedelta
+) -> dict[str, Any]:
+    """Store the records of a program that numbers nothing; when this returns, they are on the disk.
+
+    Parameters
+    ----------
+    library : Library
+    mission_id : int
+    records : sequence
+        As for `run`.
+    key : str
+        Of this batch and no other one of the mission: what came with it before is not stored again.
+    keep : timedelta
+        So long keys are known.
+
+    Returns
+    -------
+    dict
+        As for `run`; `next` is None.
+
+    Raises
+    ------
+    Conflict
+        Other records came with the key before.
+    InputError, NotFound, StorageError, DiskFull
+        As for `run`.
+    """
+    batch, digest = parse(records), _digest(records)
+    with library.database.write() as session:
+        mission = batches.locked(session, mission_id)
+        before = batches.answered(session, mission_id, key)
+        if before is not None and before["digest"] != digest:
+            raise Conflict(
+                "other records came with this key before",
+                where="Idempotency-Key",
+                hint="give each batch a key of its own",
+            )
+        if before is None and records:
+            batches.store(session, mission, batch)
+        answer = {"next": None, "stored": len(records), "already": 0, "revision": mission.revision}
+        if before is None:
+            batches.remember(session, mission_id, key, answer={**answer, "digest": digest}, keep=keep)
+            return answer
+        return {**answer, "stored": 0, "already": before["stored"], "revision": before["revision"]}
+
+
+def _digest(records: Sequence[object]) -> str:
+    return hashlib.sha256(json.dumps(records, sort_keys=True).encode()).hexdigest()

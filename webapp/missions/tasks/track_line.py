@@ -1,0 +1,225 @@
+"""A track as a line for display: as fine as is asked for, and of a few thousand points at most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy.orm import Session
+
+from webapp.core.trajectory.simplify import simplified
+from webapp.missions.store import track_pieces, tracks
+from webapp.missions.store.schema import Track
+from webapp.missions.store.track_pieces import POINT, Piece
+from webapp.missions.tasks.build_pieces import FINEST_M, LEVELS, table_of, tolerance_of
+
+MOST = 5000
+"""Points of a line."""
+
+AS_IT_IS = -1
+"""The level of poses that are not simplified."""
+
+_MOST_TAIL = 20_000
+"""Of more poses that are not prepared yet, only some are read."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What of a track is asked for.
+
+    Attributes
+    ----------
+    tolerance_m : float
+        So far from the line a pose may lie.
+    box : (float, float, float, float) or None
+        South, west, north, east, degrees: only what is in it; where west > east, across the 180th meridian.
+    since : int
+        Only poses with greater numbers.
+    """
+
+    tolerance_m: float = 0.0
+    box: tuple[float, float, float, float] | None = None
+    since: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """The line.
+
+    Attributes
+    ----------
+    level : int
+        As which it was read; -1: poses as they are.
+    points : (n, 5) float64
+        number, time_s, lat, lon, heading_deg.
+    gaps : (m,) intp
+        Places in `points` of those that no line joins to the one before: it leaves the box in between.
+    complete : bool
+        Whether it is as fine as was asked for.
+    """
+
+    level: int
+    points: NDArray[np.float64]
+    gaps: NDArray[np.intp]
+    complete: bool
+
+
+def run(session: Session, track: Track, view: View) -> Line:
+    """Read the line of a track.
+
+    Parameters
+    ----------
+    session : Session
+    track : Track
+    view : View
+    """
+    wanted = _level_of(view.tolerance_m)
+    tail, all_read = _tail(session, track, view)
+    level = wanted
+    while True:
+        pieces = _chosen(session, track, level=level, view=view)
+        size = sum(_size(piece, level) for _, piece in pieces)
+        if size <= MOST or level == LEVELS - 1:
+            break
+        level += 1
+    points, joined = _read(session, track, pieces, tail=tail, as_it_is=level == AS_IT_IS)
+    if level != AS_IT_IS:
+        begin = len(points) - len(tail)
+        keep = np.ones(len(points), dtype=np.bool_)
+        keep[begin:] = simplified(tail[:, 2:4], tolerance_of(level))
+        points, joined = points[keep], joined[keep]
+    points, gaps = _inside(points, joined, view)
+    points, gaps, coarser = _thinned(points, gaps, tolerance_of(max(level, 0)))
+    return Line(level, points, gaps, complete=level == wanted and all_read and not coarser)
+
+
+def _level_of(tolerance_m: float) -> int:
+    return max((k for k in range(LEVELS) if tolerance_of(k) <= tolerance_m), default=AS_IT_IS)
+
+
+def _tail(session: Session, track: Track, view: View) -> tuple[NDArray[np.float64], bool]:
+    """Read the poses that are in no piece; whether these are all of them."""
+    first = max(track.built_to, view.since + 1)
+    count = track.poses - first
+    if count <= 0:
+        return np.empty((0, POINT)), True
+    if count <= _MOST_TAIL:
+        return table_of(tracks.read(session, track, first=first), first=first), True
+    numbers = np.linspace(first, track.poses - 1, MOST).astype(np.int64)
+    points = table_of(tracks.at(session, track, numbers.tolist()), first=0)
+    points[:, 0] = numbers
+    return points, False
+
+
+def _chosen(session: Session, track: Track, *, level: int, view: View) -> list[tuple[int, Piece]]:
+    """List the pieces that show a track at a level, with the finer ones where that level is not there yet."""
+    found: list[tuple[int, Piece]] = []
+    covered = 0
+    for below in range(max(level, 0), -1, -1):
+        pieces = [p for p in track_pieces.listed(session, track, level=below) if p.first_number >= covered]
+        if pieces:
+            covered = pieces[-1].first_number + pieces[-1].count
+        found += [(below, piece) for piece in pieces if _is_seen(piece, view)]
+    return found
+
+
+def _size(piece: Piece, level: int) -> int:
+    return piece.count if level == AS_IT_IS else piece.points
+
+
+def _is_seen(piece: Piece, view: View) -> bool:
+    if piece.first_number + piece.count <= view.since + 1:
+        return False
+    if view.box is None:
+        return True
+    south, west, north, east = piece.bounds
+    low, left, high, right = view.box
+    beside = east < left or west > right if left <= right else west > right and east < left
+    return not (north < low or south > high or beside)
+
+
+def _read(
+    session: Session,
+    track: Track,
+    pieces: list[tuple[int, Piece]],
+    *,
+    tail: NDArray[np.float64],
+    as_it_is: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Read the points of pieces, and tell of each whether it goes on from the one before."""
+    tables = _poses(session, track, pieces) if as_it_is else _points(session, track, pieces)
+    points = np.concatenate([*tables, tail])
+    joined = np.ones(len(points), dtype=np.bool_)
+    ends = [piece.first_number + piece.count for _, piece in pieces]
+    begins = [*(piece.first_number for _, piece in pieces[1:]), *([track.built_to] if len(tail) else [])]
+    places = np.cumsum([len(table) for table in tables])
+    for place, end, begin in zip(places, ends, begins, strict=False):
+        joined[place] = end == begin
+    return points, joined
+
+
+def _points(session: Session, track: Track, pieces: list[tuple[int, Piece]]) -> list[NDArray[np.float64]]:
+    tables: list[NDArray[np.float64]] = []
+    for level in sorted({level for level, _ in pieces}, reverse=True):
+        chunks = [piece.chunk for own, piece in pieces if own == level]
+        tables += track_pieces.points(session, track, level=level, chunks=chunks)
+    return tables
+
+
+def _poses(session: Session, track: Track, pieces: list[tuple[int, Piece]]) -> list[NDArray[np.float64]]:
+    return [
+        table_of(
+            tracks.read(session, track, first=piece.first_number, stop=piece.first_number + piece.count),
+            first=piece.first_number,
+        )
+        for _, piece in pieces
+    ]
+
+
+def _inside(
+    points: NDArray[np.float64], joined: NDArray[np.bool_], view: View
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Keep the ends of all parts of the line that touch what is asked for."""
+    joined = joined & (np.arange(len(points)) > 0)
+    new = points[:, 0] > view.since
+    seen = new & joined & np.roll(new, 1)
+    alone = new.copy()
+    if view.box is not None and len(points):
+        seen &= _touches(np.roll(points[:, 2:4], 1, axis=0), points[:, 2:4], view.box)
+        alone &= _touches(points[:, 2:4], points[:, 2:4], view.box)
+    kept = np.flatnonzero(seen | np.append(seen[1:], False) | alone)
+    follows = np.diff(kept, prepend=-2) == 1
+    gaps = np.flatnonzero(~(follows & seen[kept]))
+    return points[kept], gaps[gaps > 0]
+
+
+def _touches(
+    a: NDArray[np.float64], b: NDArray[np.float64], box: tuple[float, float, float, float]
+) -> NDArray[np.bool_]:
+    """Tell of straight parts from a to b whether the boxes around them meet a box."""
+    south, west, north, east = box
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    beside = (high[:, 1] < west) | (low[:, 1] > east)
+    if west > east:
+        beside = (low[:, 1] > east) & (high[:, 1] < west)
+    return np.asarray(~((high[:, 0] < south) | (low[:, 0] > north) | beside))
+
+
+def _thinned(
+    points: NDArray[np.float64], gaps: NDArray[np.intp], tolerance_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp], bool]:
+    """Leave out more points where there are too many; whether any were."""
+    tolerance = max(tolerance_m, FINEST_M)
+    coarser = False
+    while len(points) > MOST:
+        coarser = True
+        keep = simplified(points[:, 2:4], tolerance)
+        keep[gaps] = keep[gaps - 1] = True
+        if keep.all() or len(gaps) * 2 >= MOST:
+            step = -(-len(points) // MOST)
+            return points[::step], np.unique(gaps // step), coarser
+        gaps = np.cumsum(keep)[gaps] - 1
+        points = points[keep]
+        tolerance *= 2
+    return points, gaps, coarser

@@ -1,0 +1,185 @@
+"""What robots send: poses and objects, in batches of which each record is stored exactly once."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Integer, List, Raw, String
+from apiflask.validators import Length, Predicate, Range, Regexp
+from flask import Response, jsonify, request
+
+from webapp.core.trajectory.records import SOURCES
+from webapp.errors import UsageError
+from webapp.missions.store.batches import FILE, OutOfOrder
+from webapp.missions.tasks import store_batch
+from webapp.missions.tasks.store_batch import Numbered
+from webapp.web.context import library, open_mission, settings
+from webapp.web.errors import as_json
+from webapp.web.turns import Turns
+
+blueprint = APIBlueprint("api_batches", __name__, url_prefix="/api/v1/missions", tag="Missions")
+
+_HEADER = "Idempotency-Key"
+_MAX_NAME = 200
+_NAME = [
+    Length(1, _MAX_NAME),
+    Predicate("isprintable"),
+    Regexp(f"(?!{FILE})", error=f"Names that begin with {FILE} are those of imported files."),
+]
+_SHARE = 0.75
+
+_turns = Turns("batches", share=_SHARE)
+blueprint.record(_turns.set_up)
+
+_NUMBER = {"type": "number"}
+_LATLON = {
+    "time": {"type": "number", "description": "Unix seconds."},
+    "lat": {"type": "number", "minimum": -90, "maximum": 90},
+    "lon": {"type": "number", "minimum": -180, "maximum": 180},
+    "height_m": _NUMBER,
+}
+_RECORD: dict[str, Any] = {
+    "oneOf": [
+        {
+            "type": "object",
+            "required": ["type", "time", "lat", "lon"],
+            "properties": {
+                "type": {"const": "pose"},
+                **_LATLON,
+                "heading_deg": {"type": "number", "description": "Clockwise from north."},
+                "covariance": {
+                    "type": "array",
+                    "items": _NUMBER,
+                    "minItems": 3,
+                    "maxItems": 3,
+                    "description": "Variance east, variance north, covariance; square metres.",
+                },
+                "source": {"enum": list(SOURCES), "default": "gps"},
+                "track": {"type": "string", "description": "Tells tracks of one source apart."},
+                "travelled_m": {"type": "number", "minimum": 0, "description": "Measured if not told."},
+                "skipped": {"type": "integer", "minimum": 0, "description": "Poses left out before it."},
+            },
+        },
+        {
+            "type": "object",
+            "required": ["type", "id", "class", "time", "lat", "lon"],
+            "properties": {
+                "type": {"const": "object"},
+                "id": {"type": "string"},
+                "class": {"type": "string"},
+                **_LATLON,
+                "confidence": {"type": "number", "minimum": 0, "maximum": 1},
+                "photo": {"type": "string", "description": "SHA-256 of a photo of the mission."},
+            },
+        },
+        {
+            "type": "object",
+            "required": ["type"],
+            "properties": {
+                "type": {"const": "end"},
+                "left_out": {
+                    "type": "array",
+                    "description": "Of tracks whose last poses were left out.",
+                    "items": {
+                        "type": "object",
+                        "properties": {
+                            "source": {"enum": list(SOURCES), "default": "gps"},
+                            "track": {"type": "string"},
+                            "skipped": {"type": "integer", "minimum": 0},
+                            "travelled_m": {"type": "number", "minimum": 0},
+                        },
+                    },
+                },
+            },
+        },
+    ]
+}
+
+
+class BatchIn(Schema):
+    """Records; with `sender` and `first`, or else with the header `Idempotency-Key`."""
+
+    sender = String(
+        validate=_NAME,
+        metadata={"description": "Whose numbers these are; no other program may use the name."},
+    )
+    first = Integer(
+        strict=True,
+        validate=Range(min=0),
+        metadata={"description": "Number of the first record, counted from 0 by the sender."},
+    )
+    records = List(Raw(metadata=_RECORD), required=True)
+
+
+class KeyIn(Schema):
+    """By what a batch is known when it is sent once more."""
+
+    key = String(
+        load_default=None,
+        data_key=_HEADER,
+        validate=_NAME,
+        metadata={"description": "Another one for each batch; instead of `sender` and `first`."},
+    )
+
+
+class BatchOut(Schema):
+    """What became of a batch: it is on the disk."""
+
+    next = Integer(allow_none=True, metadata={"description": "Number of the record that comes next."})
+    stored = Integer(metadata={"description": "Records that are new."})
+    already = Integer(metadata={"description": "Records that were stored before."})
+    revision = Integer(metadata={"description": "Of the mission."})
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse batches that are too large while they are read."""
+    request.max_content_length = int(settings().missions.batch_mb * 1e6)
+
+
+@blueprint.errorhandler(OutOfOrder)
+def tell_next(error: OutOfOrder) -> Response:
+    """Tell where to go on."""
+    response = jsonify(error=as_json(error) | {"code": "conflict", "next": error.next_seq})
+    response.status_code = 409
+    return response
+
+
+@blueprint.post("/<int(max=2147483647):mission_id>/batches")
+@blueprint.input(BatchIn, arg_name="given")
+@blueprint.input(KeyIn, location="headers", arg_name="sent")
+@blueprint.output(BatchOut)
+@blueprint.doc(
+    description="All records of a batch are stored, or none. The answer comes when they are on the disk; who "
+    "lost it sends the same again, and no record is stored twice. A batch without records asks what comes "
+    "next. A batch after a gap is answered by 409 with `error.next`. When the server is busy it answers 429: "
+    "wait for as long as `Retry-After` says."
+)
+def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
+    """Send poses and objects of a mission."""
+    mission, records = open_mission(mission_id, "editor"), given["records"]
+    most = settings().missions.batch_records
+    if len(records) > most:
+        raise UsageError(
+            f"{len(records)} records in one batch", where="records", hint=f"send at most {most} at once"
+        )
+    numbered, key = _numbered(given), sent["key"]
+    if (numbered is None) == (key is None):
+        raise UsageError(
+            "the batch does not tell how to know it again",
+            where="sender",
+            hint=f"send either sender and first, or the header {_HEADER}",
+        )
+    with _turns.one():
+        if numbered is not None:
+            return store_batch.run(library(), mission.id, records=records, place=numbered)
+        keep = timedelta(days=settings().missions.keep_keys_days)
+        return store_batch.run_keyed(library(), mission.id, records=records, key=key or "", keep=keep)
+
+
+def _numbered(given: dict[str, Any]) -> Numbered | None:
+    if "sender" in given and "first" in given:
+        return Numbered(given["sender"], given["first"])
+    return None

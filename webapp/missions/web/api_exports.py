@@ -1,0 +1,112 @@
+"""Missions on their way out, for whoever may see them; and questions about their rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Integer, List, Raw, String
+from apiflask.validators import Length, OneOf, Range
+from flask import Response
+
+from webapp.core.filters.tokens import MAX_CHARACTERS
+from webapp.errors import UsageError
+from webapp.missions.store import shares
+from webapp.missions.store.query import MAX_ROWS, TABLES, Question
+from webapp.missions.tasks import query as query_mission
+from webapp.missions.web.download import ExportQuery, LinkQuery, export, link, sent, turns
+from webapp.web.context import library, open_mission
+from webapp.web.openapi import Responses, file_answer
+
+blueprint = APIBlueprint(
+    "api_mission_exports",
+    __name__,
+    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>",
+    tag="Missions",
+)
+blueprint.record(turns.set_up)
+
+_TEXT = Length(max=MAX_CHARACTERS)
+
+
+class QuestionIn(Schema):
+    """A question about the rows of a mission, in the manner of SQL."""
+
+    table = String(data_key="from", load_default="poses", validate=OneOf(TABLES))
+    select = String(
+        load_default="", validate=_TEXT, metadata={"description": "Columns, with commas; by default all."}
+    )
+    where = String(
+        load_default="",
+        validate=_TEXT,
+        metadata={
+            "description": "Condition of =, !=, <, <=, >, >=, BETWEEN, IN, LIKE, IS NULL, AND, OR, NOT and "
+            "brackets; texts and times are in single quotes.",
+            "example": "class = 'car' AND confidence > 0.5",
+        },
+    )
+    order = String(
+        load_default="",
+        validate=_TEXT,
+        metadata={"description": "Columns to sort by, each with ASC or DESC."},
+    )
+    limit = Integer(load_default=1000, validate=Range(0, MAX_ROWS))
+    format = String(load_default="json", validate=OneOf(("json", "csv")))
+
+
+class RowsOut(Schema):
+    """The rows that fit."""
+
+    columns = List(String())
+    rows = List(List(Raw()), metadata={"description": "Times are seconds since 1970, UTC."})
+    complete = Boolean(metadata={"description": "false: the limit cut some off."})
+
+
+_ROWS: Responses = {
+    200: {
+        "description": "The rows that fit; or a table of them.",
+        "content": {"application/json": {"schema": RowsOut}, "text/csv": {"schema": {}}},
+    }
+}
+
+
+@blueprint.get("/export.<string(maxlength=20):ending>")
+@blueprint.input(ExportQuery, location="query", arg_name="query")
+@blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
+def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Response:
+    """Take a mission away as `kml`, `kmz`, `gpx`, `geojson`, `csv`, or `html` that opens offline."""
+    return export(open_mission(mission_id).id, ending=ending, query=query, photos=True)
+
+
+@blueprint.get("/objects.csv")
+@blueprint.doc(responses=file_answer("The file, made while it is sent.", "text/csv"))
+def objects(mission_id: int) -> Response:
+    """Take the objects of a mission away, where they were seen last."""
+    return export(open_mission(mission_id).id, ending="objects.csv", query={"points": None})
+
+
+@blueprint.get("/link.kml")
+@blueprint.input(LinkQuery, location="query", arg_name="query")
+@blueprint.doc(responses=file_answer("The link.", "application/vnd.google-earth.kml+xml"))
+def network_link(mission_id: int, query: dict[str, Any]) -> Response:
+    """Take a KML link away that keeps itself up to date; programs open it by the mission's public link."""
+    mission = open_mission(mission_id)
+    with library().database.read() as session:
+        tokens = [share.public_token for share in shares.listed(session, mission)]
+    token = next((token for token in tokens if token is not None), None)
+    if token is None:
+        raise UsageError(
+            "the mission has no public link, and other programs cannot sign in",
+            hint="share the mission: with each link comes the address of its KML",
+        )
+    return link(mission.name, token=token, every=query["every"])
+
+
+@blueprint.get("/query")
+@blueprint.input(QuestionIn, location="query", arg_name="asked")
+@blueprint.doc(responses=_ROWS)
+def query(mission_id: int, asked: dict[str, Any]) -> Response:
+    """Ask about poses, objects or sightings; a mistake is told with the place of its character."""
+    mission, form = open_mission(mission_id), asked.pop("format")
+    place = library()
+    return sent(lambda: query_mission.run(place, mission.id, question=Question(**asked), form=form))

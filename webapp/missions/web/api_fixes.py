@@ -1,0 +1,231 @@
+"""Robots that ask where they are, and tracks corrected by what they were told."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
+from apiflask.validators import Range
+from flask import Response, request, send_file
+from werkzeug.datastructures import FileStorage
+
+from webapp.core.geo.types import LatLon
+from webapp.core.hypotheses.near import Near
+from webapp.errors import UsageError
+from webapp.missions.render import track_picture
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission
+from webapp.missions.tasks import add_photo, localize_photos
+from webapp.missions.tasks import fuse as fuse_mission
+from webapp.missions.tasks.add_photo import About
+from webapp.store.schema import MapRecord
+from webapp.tasks.localize.open_maps import Way
+from webapp.tasks.localize.upload import Question, Sent
+from webapp.tasks.maps.library_map import georeference
+from webapp.web.context import account, library, open_mission, settings
+from webapp.web.localize.answer_schemas import Located
+from webapp.web.localize.api_localize import ask, received
+from webapp.web.openapi import file_answer
+
+blueprint = APIBlueprint(
+    "api_mission_fixes",
+    __name__,
+    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>",
+    tag="Missions",
+)
+
+_OTHER_BYTES = 100_000
+_FAR = 1e12
+
+
+class AskIn(Schema):
+    """A photo, and what the robot knows."""
+
+    file = File(required=True)  # type: ignore[no-untyped-call]
+    time = Float(
+        validate=Range(-_FAR, _FAR),
+        metadata={"description": "When it was taken, Unix seconds; by default what EXIF tells."},
+    )
+    fov = Float(
+        validate=Range(1, 179),
+        metadata={"description": "Horizontal field of view of the upright photo, degrees."},
+    )
+    heading_deg = Float(
+        metadata={"description": "About where the camera looked, clockwise from north, by a compass."}
+    )
+    hint_lat = Float(
+        validate=Range(-90, 90),
+        metadata={"description": "About where it was: places in this circle gain, and none is left out."},
+    )
+    hint_lon = Float(validate=Range(-180, 180))
+    hint_radius_m = Float(validate=Range(0, min_inclusive=False))
+
+
+class WhereOut(Located):
+    """The answer; what is not known is null."""
+
+    photo = String(metadata={"description": "SHA-256 of the photo, which the mission keeps."})
+    time = Float(allow_none=True, metadata={"description": "When it was taken, Unix seconds."})
+    lat = Float(allow_none=True)
+    lon = Float(allow_none=True)
+    heading_deg = Float(allow_none=True, metadata={"description": "Where the camera looked."})
+    position_covariance_m2 = List(
+        List(Float()),
+        allow_none=True,
+        metadata={"description": "Square metres: rows and columns are east and north."},
+    )
+    no_pose = String(
+        allow_none=True, metadata={"description": "Why there is no position; null where there is one."}
+    )
+
+
+class QueuedOut(Schema):
+    """Work in the background."""
+
+    job = Integer(metadata={"description": "Id of the job."})
+
+
+class StatisticsOfFixesOut(Schema):
+    """What was thought of the fixes of a source."""
+
+    source = String()
+    used = Integer()
+    gated = Integer(metadata={"description": "So many were left out."})
+    mean_distance = Float(
+        allow_none=True,
+        metadata={"description": "Mean squared Mahalanobis distance; 2 when all covariances are right."},
+    )
+    expected_between = List(
+        Float(),
+        allow_none=True,
+        metadata={"description": "In 95 % of the cases, were all fixes independent."},
+    )
+
+
+class FusionOut(Schema):
+    """How the corrected track came about."""
+
+    track = Integer(metadata={"description": "Id of the corrected track."})
+    revision = Integer(metadata={"description": "Of the mission, when it was written."})
+    odometry = Integer(allow_none=True, metadata={"description": "Id of the track that was corrected."})
+    poses = Integer()
+    errors = Dict(
+        metadata={"description": "`odometry`, `receiver`: how many times as wrong as usual, or as told."}
+    )
+    pieces = List(
+        Float(), metadata={"description": "When each piece begins; the robot was carried in between."}
+    )
+    fixes = List(Nested(StatisticsOfFixesOut))
+    gated = List(Dict(), metadata={"description": "The fixes that were left out, each with its `reason`."})
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse what is too large while it is read."""
+    request.max_content_length = int(settings().photo.max_mb * 1e6) + _OTHER_BYTES
+
+
+@blueprint.post("/fixes")
+@blueprint.input(AskIn, location="form_and_files", arg_name="given")
+@blueprint.output(WhereOut)
+def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
+    """Tell a robot where it is by a photo; photo and position are kept with the mission."""
+    mission = open_mission(mission_id, "editor")
+    record = _map(mission)
+    files = [file for file in [given["file"]] if isinstance(file, FileStorage)]
+    near = _near(record, given)
+    with received(record, files, again=None) as sent:
+        photo = add_photo.run(
+            library(),
+            mission.id,
+            source=sent[0].path,
+            name=sent[0].name,
+            about=About(time_s=given.get("time")),
+            settings=settings(),
+        )
+    question = Question(
+        (Sent(add_photo.original(library(), photo), photo.name),),
+        Way(),
+        fov_deg=given.get("fov"),
+        near=near,
+        heading_deg=given.get("heading_deg"),
+    )
+    try:
+        asked = ask(record, question)
+    except UsageError as error:
+        if error.where == "hint_radius_px":
+            error.where = "hint_radius_m"  # as it is called here
+        raise
+    told = localize_photos.fix_json(asked, time_s=photo.time_s)
+    with library().database.write() as session:
+        localize_photos.keep(session, mission.id, sha256=photo.sha256, fix=told)
+    return {"photo": photo.sha256, **told}
+
+
+@blueprint.post("/photos/<string(length=64):sha256>/fix")
+@blueprint.output(QueuedOut, status_code=202)
+def fix_later(mission_id: int, sha256: str) -> dict[str, int]:
+    """Have a photo of the mission localized in the background."""
+    mission = open_mission(mission_id, "editor")
+    with library().database.write() as session:
+        row = session.get_one(Mission, mission.id)
+        photo = missions.find_photo(session, row.id, sha256)
+        job = localize_photos.queue(session, row, photos=[photo], account_id=account().id)
+        return {"job": job.id}
+
+
+@blueprint.post("/fuse")
+@blueprint.output(QueuedOut, status_code=202)
+def fuse(mission_id: int) -> dict[str, int]:
+    """Have odometry, GPS and visual fixes put together to a corrected track, in the background."""
+    mission = open_mission(mission_id, "editor")
+    with library().database.write() as session:
+        job = fuse_mission.queue(session, session.get_one(Mission, mission.id), account_id=account().id)
+        return {"job": job.id}
+
+
+@blueprint.get("/fusion")
+@blueprint.output(FusionOut)
+def fusion(mission_id: int) -> dict[str, Any]:
+    """Tell how the corrected track came about, and which fixes were left out."""
+    return fuse_mission.read_report(library(), open_mission(mission_id, binned=True).id)
+
+
+@blueprint.get("/fusion.png")
+@blueprint.doc(responses=file_answer("Raw tracks, the corrected one, and what was left out.", "image/png"))
+def fusion_picture(mission_id: int) -> Response:
+    """Get a picture of raw and corrected tracks, north up."""
+    drawn = track_picture.of_mission(library(), open_mission(mission_id, binned=True).id)
+    data = io.BytesIO()
+    drawn.save(data, "PNG")
+    data.seek(0)
+    return send_file(data, mimetype="image/png")
+
+
+def _map(mission: Mission) -> MapRecord:
+    map_id = localize_photos.map_of(mission)
+    with library().database.read() as session:
+        return session.get_one(MapRecord, map_id)
+
+
+def _near(record: MapRecord, given: dict[str, Any]) -> Near | None:
+    """Put the hint onto the map's image."""
+    lat, lon, radius = (given.get(f"hint_{part}") for part in ("lat", "lon", "radius_m"))
+    if (lat, lon, radius) == (None, None, None):
+        return None
+    if lat is None or lon is None or radius is None:
+        raise UsageError(
+            "the hint is not complete", where="hint_lat", hint="give hint_lat, hint_lon and hint_radius_m"
+        )
+    found = georeference(record)
+    if found is None:
+        raise UsageError(
+            "it is not known where on the Earth the map is", where="hint_lat", hint="leave the hint out"
+        )
+    at = found.pixel_of(LatLon(lat, lon))
+    scale = found.metres_per_pixel(at)
+    if not scale > 0:  # also NaN, where the image has no counterpart
+        raise UsageError("the hint is nowhere near the map", where="hint_lat")
+    return Near(at.x, at.y, radius / scale)

@@ -1,0 +1,109 @@
+"""Files with tracks on their way into a mission."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import PurePosixPath
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import File, Integer, String
+from apiflask.validators import Length, OneOf
+from flask import request
+
+from webapp.core.trajectory.records import SOURCES
+from webapp.files.part_file import receive
+from webapp.missions.files.track_format import kind_of
+from webapp.missions.tasks.upload import order_of, waiting_path
+from webapp.store.operate import jobs
+from webapp.tasks.maps.add_photo import tidy_name
+from webapp.web.context import account, library, open_mission, settings
+
+blueprint = APIBlueprint("api_mission_imports", __name__, url_prefix="/api/v1/missions", tag="Missions")
+
+_PARTS = 20
+_MAX_TEXT = 2000
+
+
+class TrackFileIn(Schema):
+    """A file, and how to read it."""
+
+    file = File(
+        required=True,
+        metadata={
+            "description": "A ROS 1 bag, ROS 2 bag (.db3, .mcap), GPX, KML, KMZ, NMEA, TUM, KITTI or CSV."
+        },
+    )  # type: ignore[no-untyped-call]
+    columns = String(
+        load_default="",
+        validate=Length(max=_MAX_TEXT),
+        metadata={
+            "description": "Of a CSV: what each column holds.",
+            "example": "time=stamp:ms, lat=Lat, lon=Lon",
+        },
+    )
+    source = String(
+        load_default="",
+        validate=OneOf(("", *SOURCES)),
+        metadata={"description": "Of all tracks; by default what the kind of the file says."},
+    )
+    min_move = String(
+        load_default="",
+        validate=Length(max=40),
+        metadata={"description": "Poses that moved less are left out: `0.5m`, `0.00001deg` (usual), `0`."},
+    )
+    topics = String(
+        load_default="",
+        validate=Length(max=_MAX_TEXT),
+        metadata={"description": "Only these topics of a bag or lines of a KML, separated by commas."},
+    )
+
+
+class TrackJobOut(Schema):
+    """The job that imports it; its result tells what was left out and why."""
+
+    job = Integer()
+
+
+@blueprint.before_request
+def limit_parts() -> None:
+    """Refuse requests of many parts while they are read."""
+    request.max_form_parts = _PARTS
+
+
+@blueprint.post("/<int(max=2147483647):mission_id>/imports")
+@blueprint.input(TrackFileIn, location="form_and_files", arg_name="given")
+@blueprint.output(TrackJobOut, status_code=202)
+@blueprint.doc(
+    description="The kind of the file is told by its content. What is no file with a track is refused at "
+    "once, the rest is told by the job. The same file again, read in the same way, stores nothing twice."
+)
+def import_file(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
+    """Import a file with tracks and objects."""
+    mission, who, place = open_mission(mission_id, "editor"), account(), library()
+    token = secrets.token_hex(16)
+    path = waiting_path(place, token)
+    name = PurePosixPath(tidy_name(given["file"].filename or "").replace("\\", "/")).name
+    told = {key: given[key] for key in ("columns", "source", "min_move", "topics")} | {"name": name}
+    order = order_of(path, told)
+    kept = False
+    try:
+        receive(path, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
+        kind_of(path, table=order.wishes.columns is not None)
+        arguments = told | {"mission": mission.id, "token": token}
+        with place.database.write() as session:
+            job = jobs.enqueue(
+                session,
+                "mission-import",
+                map_id=mission.map_id,
+                account_id=who.id,
+                arguments=arguments,
+                key=token,
+            )
+            session.flush()
+            answer = {"job": job.id}
+        kept = True
+        return answer
+    finally:
+        if not kept:
+            path.unlink(missing_ok=True)

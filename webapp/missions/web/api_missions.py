@@ -1,0 +1,174 @@
+"""Missions for pages and programs: list, state, changes of what they are called and where they belong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Float, Integer, Nested, String
+from apiflask.validators import Range, Regexp
+
+from webapp.missions.store import listing, missions, shares
+from webapp.missions.store.schema import Mission
+from webapp.missions.tasks import delete
+from webapp.missions.web import state
+from webapp.missions.web.schemas import MissionList, MissionState, MissionSummary
+from webapp.store.maps import maps
+from webapp.web.context import account, library, open_map, open_mission
+from webapp.web.openapi import json_answer
+
+blueprint = APIBlueprint("api_missions", __name__, url_prefix="/api/v1/missions", tag="Missions")
+
+_MOST = 10_000
+_ID = "<int(max=2147483647):mission_id>"
+
+
+class ListQuery(Schema):
+    """Which missions are listed."""
+
+    map = String(load_default=None, metadata={"description": "Slug: only those on that map."})
+    bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
+    after = String(
+        load_default=None,
+        validate=Regexp(state.SPOT, error="This is no `next` of an earlier answer."),
+        metadata={"description": "`next` of an earlier answer: those that follow."},
+    )
+    limit = Integer(
+        load_default=None,
+        validate=Range(1, _MOST),
+        metadata={"description": "At most so many; by default all."},
+    )
+
+
+class DeleteQuery(Schema):
+    """How a mission is deleted."""
+
+    forever = Boolean(load_default=False, metadata={"description": "For good; only missions in the bin."})
+
+
+class StartIn(Schema):
+    """Where the robot's own frame has its origin, and its x axis."""
+
+    lat = Float(required=True, validate=Range(-90, 90))
+    lon = Float(required=True, validate=Range(-180, 180))
+    heading_deg = Float(
+        load_default=90.0,
+        validate=Range(-360, 360),
+        metadata={"description": "Clockwise from north; by default the robot looks east."},
+    )
+
+
+class MissionChange(Schema):
+    """What is to be another; what is not sent stays."""
+
+    name = String()
+    map = String(allow_none=True, metadata={"description": "Slug of its map; null: on the globe."})
+    start = Nested(StartIn, allow_none=True)
+    note = String()
+
+
+class NewMission(MissionChange):
+    """A mission that shall be made."""
+
+    name = String(required=True, metadata={"example": "Yard, first round"})
+
+
+@blueprint.get("")
+@blueprint.input(ListQuery, location="query", arg_name="query")
+@blueprint.output(MissionList)
+def list_missions(query: dict[str, Any]) -> dict[str, Any]:
+    """List the missions that you may see, in pages where a `limit` is given."""
+    who, limit, after = account(), query["limit"], query["after"]
+    wanted = {
+        "map_id": None if query["map"] is None else open_map(query["map"], binned=True).id,
+        "binned": query["bin"],
+        "after": None if after is None else state.read_spot(after),
+        "limit": None if limit is None else limit + 1,  # the one more tells whether any follow
+    }
+    with library().database.read() as session:
+        found = listing.listed(session, who, **wanted)
+        shown = found[:limit]
+        follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
+        return {"missions": [state.entry_json(entry) for entry in shown], "next": follow}
+
+
+@blueprint.post("")
+@blueprint.input(NewMission, arg_name="wish")
+@blueprint.output(MissionSummary, status_code=201)
+def create(wish: dict[str, Any]) -> dict[str, Any]:
+    """Make a mission without tracks; on a map, its editors may."""
+    who, map_id = account(), _map_id(wish.get("map"))
+    with library().database.write() as session:
+        mission = missions.create(
+            session,
+            wish["name"],
+            account_id=who.id,
+            map_id=map_id,
+            start=wish.get("start"),
+            note=wish.get("note", ""),
+        )
+        return state.summary(session, mission, account=who)
+
+
+@blueprint.get(f"/{_ID}")
+@blueprint.doc(responses=json_answer("The state of a mission.", MissionState))
+def show(mission_id: int) -> dict[str, Any]:
+    """Tell all of a mission but its poses, objects and photos themselves."""
+    mission, who = open_mission(mission_id, binned=True), account()
+    with library().database.read() as session:
+        return state.whole(session, session.get_one(Mission, mission.id), account=who)
+
+
+@blueprint.patch(f"/{_ID}")
+@blueprint.input(MissionChange, arg_name="wish")
+@blueprint.output(MissionSummary)
+def change(mission_id: int, wish: dict[str, Any]) -> dict[str, Any]:
+    """Change a mission's name, note or start; its owners can put it on another map."""
+    mission, who = open_mission(mission_id, "owner" if "map" in wish else "editor"), account()
+    map_id = _map_id(wish.get("map"))
+    with library().database.write() as session:
+        row = session.get_one(Mission, mission.id)
+        row.name = missions.checked_name(wish.get("name", row.name))
+        row.note = missions.checked_note(wish.get("note", row.note))
+        row.start = wish.get("start", row.start)
+        if "map" in wish and map_id != row.map_id:
+            if map_id is not None and shares.listed(session, row):
+                # Who opens the mission's links sees the image of its map: that is for owners of the map.
+                maps.find(session, wish["map"], account=who, role="owner")
+            row.map_id = map_id
+        missions.changed(row)
+        return state.summary(session, row, account=who)
+
+
+@blueprint.delete(f"/{_ID}")
+@blueprint.input(DeleteQuery, location="query", arg_name="query")
+@blueprint.output(MissionSummary)
+def put_into_bin(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
+    """Put a mission into the bin, from where it can be restored; or delete one there for good."""
+    if not query["forever"]:
+        return _binned(mission_id, into=True)
+    mission, who = open_mission(mission_id, "owner", binned=True), account()
+    with library().database.write() as session:
+        row = session.get_one(Mission, mission.id)
+        delete.queue(session, row, account_id=who.id)
+        return state.summary(session, row, account=who)
+
+
+@blueprint.post(f"/{_ID}/restore")
+@blueprint.output(MissionSummary)
+def restore(mission_id: int) -> dict[str, Any]:
+    """Take a mission out of the bin."""
+    return _binned(mission_id, into=False)
+
+
+def _binned(mission_id: int, *, into: bool) -> dict[str, Any]:
+    mission, who = open_mission(mission_id, "owner", binned=True), account()
+    with library().database.write() as session:
+        row = missions.find(session, mission.id, account=who, role="owner")
+        (missions.put_into_bin if into else missions.take_from_bin)(row)
+        return state.summary(session, row, account=who)
+
+
+def _map_id(slug: str | None) -> int | None:
+    """Find the map that a mission is put on."""
+    return None if slug is None else open_map(slug, "editor").id

@@ -1,0 +1,203 @@
+"""Shared missions for visitors: whoever has the end of the address, without a sign-in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Dict, Integer, List, Nested, String
+from apiflask.validators import Range
+from flask import Response
+
+from webapp.errors import NotFound
+from webapp.files.photos.preview import Kind
+from webapp.missions.store import missions, reading, shares, tracks
+from webapp.missions.tasks import add_photo
+from webapp.missions.web import shared_state
+from webapp.missions.web.api_objects import ObjectHistory, ObjectOut
+from webapp.missions.web.api_tracks import (
+    LineOut,
+    LineQuery,
+    ProfileOut,
+    ProfileQuery,
+    line_json,
+    profile_json,
+)
+from webapp.missions.web.schemas import MissionSatelliteOut, TrackOut
+from webapp.store.schema import MapRecord
+from webapp.tasks.satellite import display
+from webapp.web import converters
+from webapp.web.accounts.access import public
+from webapp.web.context import library, settings
+from webapp.web.openapi import file_answer
+from webapp.web.sharing.shared_files import sent, shown
+
+blueprint = APIBlueprint(
+    "api_shared_missions", __name__, url_prefix="/api/v1/shared-missions/<token>", tag="Shared"
+)
+blueprint.record(converters.set_up)
+
+_TRACK = "<int(max=2147483647):track_id>"
+_SHA = "<string(length=64):sha256>"
+_MOST = 2000
+
+
+class SharedMissionOut(Schema):
+    """A shared mission, but its poses, objects and photos themselves."""
+
+    id = Integer()
+    name = String()
+    revision = Integer(metadata={"description": "Counts the changes."})
+    ended_at = String(allow_none=True)
+    tracks = List(Nested(TrackOut))
+    objects = Integer()
+    photos = Integer(metadata={"description": "0 where none are shown."})
+    satellite = Nested(MissionSatelliteOut, allow_none=True)
+    cursor = String(metadata={"description": "Another text means that something is new."})
+
+
+class SharedObjectsQuery(Schema):
+    """Which objects."""
+
+    since = Integer(
+        load_default=-1, validate=Range(-1, 2**53), metadata={"description": "Changed after that revision."}
+    )
+    limit = Integer(load_default=1000, validate=Range(1, _MOST))
+    offset = Integer(load_default=0, validate=Range(0, 2**53))
+
+
+class SharedObjects(Schema):
+    """Objects by their ids."""
+
+    objects = List(Nested(ObjectOut))
+
+
+class SharedPhotoOut(Schema):
+    """A photo of a shared mission."""
+
+    sha256 = String()
+    width = Integer()
+    height = Integer()
+    object = String(allow_none=True)
+    fix = Dict(allow_none=True, metadata={"description": "Where it was taken, as far as the map knows."})
+    url = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
+    thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})
+
+
+class SharedPhotos(Schema):
+    """The photos that the share shows."""
+
+    photos = List(Nested(SharedPhotoOut))
+
+
+@blueprint.get("")
+@public
+@blueprint.output(SharedMissionOut)
+def show(token: str) -> dict[str, Any]:
+    """Tell all of a shared mission but its poses, objects and photos themselves."""
+    with library().database.read() as session:
+        return shared_state.whole(session, shares.opened(session, token), token=token)
+
+
+@blueprint.get(f"/tracks/{_TRACK}/line")
+@public
+@blueprint.input(LineQuery, location="query", arg_name="query")
+@blueprint.output(LineOut)
+def line(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
+    """Get a track, or what of it is in a box, as a line."""
+    with library().database.read() as session:
+        mission = shares.opened(session, token).mission
+        return line_json(session, tracks.find(session, mission.id, track_id), query)
+
+
+@blueprint.get(f"/tracks/{_TRACK}/profile")
+@public
+@blueprint.input(ProfileQuery, location="query", arg_name="query")
+@blueprint.output(ProfileOut)
+def profile(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
+    """Get way, speed and height of a track over time."""
+    with library().database.read() as session:
+        mission = shares.opened(session, token).mission
+        return profile_json(session, tracks.find(session, mission.id, track_id), query)
+
+
+@blueprint.get("/objects")
+@public
+@blueprint.input(SharedObjectsQuery, location="query", arg_name="query")
+@blueprint.output(SharedObjects)
+def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
+    """List objects of a shared mission."""
+    with library().database.read() as session:
+        opened = shares.opened(session, token)
+        rows = reading.some_objects(session, opened.mission.id, **query)
+        return {"objects": [shared_state.object_of(opened, row) for row in rows]}
+
+
+@blueprint.get("/objects/<text:object_id>", merge_slashes=False)
+@public
+@blueprint.output(ObjectHistory)
+def one_object(token: str, object_id: str) -> dict[str, Any]:
+    """Tell of an object, with its sightings."""
+    with library().database.read() as session:
+        opened = shares.opened(session, token)
+        row = missions.find_object(session, opened.mission.id, object_id)
+        seen = missions.sightings(session, opened.mission.id, object_id)
+        history = [shared_state.sighting_of(opened, one) for one in seen]
+        return {**shared_state.object_of(opened, row), "sightings": history}
+
+
+@blueprint.get("/photos")
+@public
+@blueprint.output(SharedPhotos)
+def photos(token: str) -> dict[str, Any]:
+    """List the photos that the share shows."""
+    with library().database.read() as session:
+        found = shared_state.photos(session, shares.opened(session, token))
+        return {"photos": [shared_state.photo_of(token, photo) for photo in found]}
+
+
+@blueprint.get(f"/photos/{_SHA}/thumb")
+@public
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+def photo_thumb(token: str, sha256: str) -> Response:
+    """Get a photo as a small picture."""
+    return _photo(token, sha256, "thumb")
+
+
+@blueprint.get(f"/photos/{_SHA}/preview")
+@public
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
+def photo_preview(token: str, sha256: str) -> Response:
+    """Get a photo as a picture that fills a screen."""
+    return _photo(token, sha256, "preview")
+
+
+@blueprint.get("/satellite")
+@public
+@blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
+def image(token: str) -> Response:
+    """Get the image of the mission's map."""
+    return shown(display.copy(library(), _map(token), settings=settings()))
+
+
+@blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")
+@public
+@blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
+def tile(token: str, *, z: int, x: int, y: int) -> Response:
+    """Get a tile of a large image."""
+    return shown(display.tile(library(), _map(token), z=z, x=x, y=y))
+
+
+def _map(token: str) -> MapRecord:
+    with library().database.read() as session:
+        map_id = shares.opened(session, token).mission.map_id
+        if map_id is None:
+            raise NotFound("the mission lies on no map")
+        return session.get_one(MapRecord, map_id)
+
+
+def _photo(token: str, sha256: str, kind: Kind) -> Response:
+    with library().database.read() as session:
+        photo = shared_state.photo(session, shares.opened(session, token), sha256=sha256)
+    path = add_photo.preview_of(library(), photo, kind=kind, settings=settings())
+    return sent(path, etag=f"{sha256}-{kind}")

@@ -1,0 +1,123 @@
+"""Sharing a mission with everybody who has a link, or with everybody; for its owners."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Integer, List, Nested, String
+from flask import url_for
+from markupsafe import escape
+
+from webapp.missions.store import missions
+from webapp.missions.store import shares as mission_shares
+from webapp.missions.store.schema import Mission, MissionShare
+from webapp.web.context import account, library, open_mission
+
+blueprint = APIBlueprint(
+    "api_mission_shares",
+    __name__,
+    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/shares",
+    tag="Sharing",
+)
+
+_ID = "<int(max=2147483647):id>"
+_FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></iframe>'
+
+
+class MissionAllows(Schema):
+    """What the share gives besides tracks and objects."""
+
+    photos = Boolean(
+        load_default=False,
+        metadata={"description": "Pictures of photos; never the files, nor what their EXIF says."},
+    )
+
+
+class MissionShareIn(MissionAllows):
+    """With whom a mission is shared."""
+
+    public = Boolean(load_default=False, metadata={"description": "Whether it is listed for everybody."})
+
+
+class MissionShareOut(Schema):
+    """A share of a mission. Of a secret one, the addresses are told only once."""
+
+    id = Integer()
+    public = Boolean()
+    photos = Boolean()
+    created_at = String()
+    url = String(allow_none=True, metadata={"description": "Its address."})
+    embed = String(allow_none=True, metadata={"description": "HTML that shows it in a page elsewhere."})
+    kml = String(
+        allow_none=True, metadata={"description": "A KML link for other programs, which stays up to date."}
+    )
+
+
+class MissionShareList(Schema):
+    """The shares of a mission, the newest first."""
+
+    shares = List(Nested(MissionShareOut))
+
+
+@blueprint.get("")
+@blueprint.output(MissionShareList)
+def list_shares(mission_id: int) -> dict[str, Any]:
+    """List the shares of a mission."""
+    mission = open_mission(mission_id, "owner")
+    with library().database.read() as session:
+        return {"shares": [_told(mission, share) for share in mission_shares.listed(session, mission)]}
+
+
+@blueprint.post("")
+@blueprint.input(MissionShareIn, arg_name="wish")
+@blueprint.output(MissionShareOut, status_code=201)
+def create(mission_id: int, wish: dict[str, bool]) -> dict[str, Any]:
+    """Share a mission; the addresses of a secret link are in this answer and nowhere else."""
+    mission, who = open_mission(mission_id, "owner"), account()
+    with library().database.write() as session:
+        missions.find(session, mission.id, account=who, role="owner")  # it may have come onto another map
+        share, token = mission_shares.create(
+            session, mission, photos=wish["photos"], account_id=who.id, public=wish["public"]
+        )
+    return _told(mission, share, token=token)
+
+
+@blueprint.patch(f"/{_ID}")
+@blueprint.input(MissionAllows, arg_name="wish")
+@blueprint.output(MissionShareOut)
+def change(mission_id: int, id: int, *, wish: dict[str, bool]) -> dict[str, Any]:
+    """Let a share give more, or less; its address stays."""
+    mission = open_mission(mission_id, "owner")
+    with library().database.write() as session:
+        share = mission_shares.find(session, mission, id=id)
+        share.photos = wish["photos"]
+        return _told(mission, share)
+
+
+@blueprint.delete(f"/{_ID}")
+@blueprint.output({}, status_code=204)
+def revoke(mission_id: int, id: int) -> str:
+    """Take a share back: its addresses lead to nothing from now on."""
+    mission = open_mission(mission_id, "owner")
+    with library().database.write() as session:
+        session.delete(mission_shares.find(session, mission, id=id))
+    return ""
+
+
+def _told(mission: Mission, share: MissionShare, *, token: str | None = None) -> dict[str, Any]:
+    token = token or share.public_token
+
+    def address(endpoint: str) -> str | None:
+        return None if token is None else url_for(endpoint, token=token, _external=True)
+
+    framed = address("public_mission_pages.embed")
+    return {
+        "id": share.id,
+        "public": share.public_token is not None,
+        "photos": share.photos,
+        "created_at": share.created_at.isoformat(timespec="seconds"),
+        "url": address("public_mission_pages.show"),
+        "embed": None if framed is None else _FRAME.format(escape(framed), escape(mission.name)),
+        "kml": address("public_mission_pages.network_link"),
+    }

@@ -1,0 +1,138 @@
+"""The tracks of a mission, for display: as a line, and as a profile."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Float, Integer, List, Raw
+from apiflask.validators import Range
+from numpy.typing import NDArray
+from sqlalchemy.orm import Session
+
+from webapp.errors import UsageError
+from webapp.missions.store import tracks
+from webapp.missions.store.schema import Track
+from webapp.missions.tasks import track_line, track_profile
+from webapp.missions.tasks.track_line import View
+from webapp.web.context import library, open_mission
+
+blueprint = APIBlueprint(
+    "api_tracks",
+    __name__,
+    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/tracks",
+    tag="Missions",
+)
+
+_ID = "<int(max=2147483647):track_id>"
+_MOST_POINTS = 5000
+_SIDES = ("south", "west", "north", "east")
+_POINT = {
+    "type": "array",
+    "items": {"type": ["number", "null"]},
+    "minItems": 5,
+    "maxItems": 5,
+    "description": "number, time_s, lat, lon, heading_deg or null",
+}
+
+
+class LineQuery(Schema):
+    """What of a track is asked for."""
+
+    tolerance_m = Float(
+        load_default=0.0, validate=Range(min=0), metadata={"description": "So far a pose may lie from it."}
+    )
+    south = Float(validate=Range(-90, 90), metadata={"description": "Of a box, whose sides come together."})
+    west = Float(validate=Range(-180, 180))
+    north = Float(validate=Range(-90, 90))
+    east = Float(validate=Range(-180, 180), metadata={"description": "Less than west: across 180 degrees."})
+    since = Integer(
+        load_default=-1, validate=Range(-1, 2**53), metadata={"description": "Only later numbers than it."}
+    )
+
+
+class LineOut(Schema):
+    """A track as a line of at most 5000 points."""
+
+    level = Integer(
+        metadata={"description": "-1: poses as they are; each further level is four times coarser."}
+    )
+    points = List(Raw(metadata=_POINT))
+    gaps = List(Integer(), metadata={"description": "Places of points before which the line is broken."})
+    complete = Boolean(metadata={"description": "Whether it is as fine as was asked for."})
+
+
+class ProfileQuery(Schema):
+    """How fine."""
+
+    points = Integer(load_default=1000, validate=Range(2, _MOST_POINTS))
+
+
+class ProfileOut(Schema):
+    """A track over time: of each part of it the lowest and the highest pose."""
+
+    time_s = List(Float())
+    travelled_m = List(Float())
+    speed_mps = List(Float(allow_none=True))
+    height_m = List(Float(allow_none=True))
+
+
+def points_json(points: NDArray[np.float64]) -> list[list[float | None]]:
+    """Give points (n, 5) as JSON has them: number, time_s, lat, lon, heading_deg; degrees to a millimetre."""
+    rows = np.round(points, 8).tolist()
+    return [
+        [int(n), time, lat, lon, None if heading != heading else heading]
+        for n, time, lat, lon, heading in rows
+    ]
+
+
+def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
+    """Give a track as a line, as `LineQuery` asks for it; the fields of `LineOut`.
+
+    Raises
+    ------
+    UsageError
+        The box lacks a side.
+    """
+    given = [query[side] for side in _SIDES if side in query]
+    if len(given) not in (0, len(_SIDES)):
+        raise UsageError("a box has four sides", where="south", hint="send south, west, north and east")
+    box = (given[0], given[1], given[2], given[3]) if given else None
+    found = track_line.run(session, track, View(query["tolerance_m"], box, query["since"]))
+    return {
+        "level": found.level,
+        "points": points_json(found.points),
+        "gaps": found.gaps.tolist(),
+        "complete": found.complete,
+    }
+
+
+def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
+    """Give the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
+    told = track_profile.run(session, track, points=query["points"])
+    if not track.timed:
+        told[:, 2] = np.nan  # no speed comes of times that only keep the order
+    columns = told.T.tolist()
+    time, travelled, speed, height = ([None if v != v else v for v in column] for column in columns)
+    return {"time_s": time, "travelled_m": travelled, "speed_mps": speed, "height_m": height}
+
+
+@blueprint.get(f"/{_ID}/line")
+@blueprint.input(LineQuery, location="query", arg_name="query")
+@blueprint.output(LineOut)
+def line(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
+    """Get a track, or what of it is in a box, as a line."""
+    mission = open_mission(mission_id, binned=True)
+    with library().database.read() as session:
+        return line_json(session, tracks.find(session, mission.id, track_id), query)
+
+
+@blueprint.get(f"/{_ID}/profile")
+@blueprint.input(ProfileQuery, location="query", arg_name="query")
+@blueprint.output(ProfileOut)
+def profile(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
+    """Get way, speed and height of a track over time."""
+    mission = open_mission(mission_id, binned=True)
+    with library().database.read() as session:
+        return profile_json(session, tracks.find(session, mission.id, track_id), query)

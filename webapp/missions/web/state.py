@@ -1,0 +1,171 @@
+"""What a page or a program is told of a mission."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.drift import Closing, closing
+from webapp.core.trajectory.records import Poses
+from webapp.missions.store import listing, tracks
+from webapp.missions.store.listing import Entry, Spot
+from webapp.missions.store.schema import Mission, Track
+from webapp.store.schema import Account, MapRecord
+from webapp.web.maps import state
+
+SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$(?!\n)"  # which `$` alone would let pass
+"""What a place in a list looks like: microseconds since 1970, and the id of a mission."""
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
+
+
+def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
+    """Tell of a mission what a list shows of it; the fields of `MissionSummary`."""
+    return entry_json(listing.one(session, mission, account=account))
+
+
+def entry_json(entry: Entry) -> dict[str, Any]:
+    """Tell of a mission in a list; the fields of `MissionSummary`."""
+    mission = entry.mission
+    return {
+        "id": mission.id,
+        "name": mission.name,
+        "url": f"/missions/{mission.id}",
+        "map": entry.slug,
+        "role": entry.role,
+        "can_edit": entry.role in ("owner", "editor"),
+        "binned": mission.binned_at is not None,
+        "revision": mission.revision,
+        "created_at": _told(mission.created_at),
+        "changed_at": _told(mission.changed_at),
+        "ended_at": _told(mission.ended_at),
+        "poses": entry.poses,
+        **_way(entry.tracks),
+        "objects": entry.objects,
+        "photos": entry.photos,
+    }
+
+
+def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
+    """Tell all of a mission but its poses, objects and photos themselves; the fields of `MissionState`."""
+    entry = listing.one(session, mission, account=account)
+    return {
+        **entry_json(entry),
+        "note": mission.note,
+        "start": mission.start,
+        "tracks": [track_json(session, track) for track in entry.tracks],
+        "satellite": satellite(session, mission),
+        "cursor": cursor(mission.revision, {track.id: track.poses for track in entry.tracks}),
+    }
+
+
+def track_json(session: Session, track: Track) -> dict[str, Any]:
+    """Tell of a track; the fields of `TrackOut`."""
+    ends = tracks.at(session, track, sorted({0, track.poses - 1})) if track.poses else None
+    known = track if track.timed else None
+    return {
+        "id": track.id,
+        "source": track.source,
+        "name": track.name,
+        "poses": track.poses,
+        "skipped": track.skipped,
+        "distance_m": track.distance_m,
+        "duration_s": _duration_s(track),
+        "timed": track.timed,
+        "first_time_s": known and known.first_time_s,
+        "last_time_s": known and known.last_time_s,
+        "bounds": _bounds(track),
+        "last": None if ends is None else last_json(ends),
+        "closing": None if ends is None else _closing(track, ends),
+    }
+
+
+def last_json(poses: Poses) -> dict[str, Any]:
+    """Tell where the last of some poses is."""
+    lat, lon = poses.latlon[-1].tolist()
+    heading = float(poses.heading_deg[-1])
+    return {
+        "time_s": float(poses.times_s[-1]),
+        "lat": lat,
+        "lon": lon,
+        "heading_deg": None if heading != heading else heading,
+    }
+
+
+def satellite(session: Session, mission: Mission, *, base: str | None = None) -> dict[str, Any] | None:
+    """Tell of the image of a mission's map, with its georeference; `base` as for `satellite_json`."""
+    record = _map(session, mission)
+    found = None if record is None else state.image(record, base=base)
+    if found is None or found["satellite"] is None:
+        return None
+    return {**found["satellite"], "georeference": found["georeference"]}
+
+
+def cursor(revision: int, poses: dict[int, int]) -> str:
+    """Tell in one word what of a mission is known: its revision, and how many poses of each track."""
+    return "-".join([str(revision), *(f"{id}.{count}" for id, count in sorted(poses.items()))])
+
+
+def spot_text(spot: Spot) -> str:
+    """Tell in one word where a list of missions goes on; `read_spot` reads it."""
+    return f"{(spot.changed_at - _EPOCH) // timedelta(microseconds=1)}.{spot.id}"
+
+
+def read_spot(text: str) -> Spot:
+    """Read what `spot_text` has made, of the form `SPOT`."""
+    changed, id = map(int, text.split("."))
+    return Spot(_EPOCH + timedelta(microseconds=changed), id)
+
+
+def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
+    """Read what `cursor` has made; None for anything else."""
+    revision, *parts = text.split("-")
+    pairs = [part.split(".") for part in parts]
+    numbers = [revision, *(number for pair in pairs for number in pair)]
+    if not all(n.isascii() and n.isdecimal() and len(n) < 16 for n in numbers):
+        return None
+    if not all(len(pair) == 2 for pair in pairs):
+        return None
+    return int(revision), {int(id): int(count) for id, count in pairs}
+
+
+def _way(found: list[Track]) -> dict[str, float]:
+    """Tell how far and how long a mission went, by the track that knows it best."""
+    best = min(found, key=lambda track: _BEST_FIRST.index(track.source), default=None)
+    if best is None:
+        return {"distance_m": 0.0, "duration_s": 0.0}
+    return {"distance_m": best.distance_m, "duration_s": _duration_s(best)}
+
+
+def _duration_s(track: Track) -> float:
+    if not track.timed:
+        return 0.0
+    return (track.last_time_s or 0.0) - (track.first_time_s or 0.0)
+
+
+def _map(session: Session, mission: Mission) -> MapRecord | None:
+    return None if mission.map_id is None else session.get(MapRecord, mission.map_id)
+
+
+def _told(at: datetime | None) -> str | None:
+    return None if at is None else at.isoformat(timespec="seconds")
+
+
+def _bounds(track: Track) -> list[float] | None:
+    sides = (track.min_lat, track.min_lon, track.max_lat, track.max_lon)
+    known = [side for side in sides if side is not None]
+    return known if len(known) == len(sides) else None
+
+
+def _closing(track: Track, ends: Poses) -> dict[str, float] | None:
+    bounds = _bounds(track)
+    if bounds is None or len(ends) < 2:
+        return None
+    first, last = (LatLon(*latlon) for latlon in ends.latlon.tolist())
+    south, west, north, east = bounds
+    found = closing(first, last, distance_m=track.distance_m, bounds=(south, west, north, east))
+    return {"gap_m": found.gap_m, "share": found.share} if isinstance(found, Closing) else None

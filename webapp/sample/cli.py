@@ -1,0 +1,37 @@
+"""`expmap sample`: make a small map to try things on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from webapp.cli.progressbar import terminal_progress
+from webapp.sample import make
+from webapp.settings import from_environment
+
+
+@click.command("sample")
+@click.argument("folder", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--seed", type=click.IntRange(0), default=7, show_default=True, metavar="N", help="Of the invented park."
+)
+@click.option("--force", is_flag=True, help="Make it anew where there is a sample already.")
+@click.option(
+    "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+)  # fmt: skip
+def sample(folder: Path | None, seed: int, force: bool, library: Path | None) -> None:
+    """Make a small map of an invented park, with photos to localize.
+
+    Writes to FOLDER, or to `sample` in the library, and prints the path of its map.
+    """
+    settings = from_environment()
+    if library is not None:
+        settings = replace(settings, library=library)
+    with terminal_progress("photos") as progress:
+        report = make.run(folder, settings=settings, progress=progress, seed=seed, force=force)
+    if not report.made:
+        click.echo("the sample is already there", err=True)
+    click.echo(report.cfg_path)

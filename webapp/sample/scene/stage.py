@@ -1,0 +1,156 @@
+"""A park under one light: shadows, season, sky."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.sample.scene.foliage import Foliage
+from webapp.sample.scene.furniture import FENCE_M, fence_corners
+from webapp.sample.scene.ground import PAVED, Ground, pixels
+from webapp.sample.scene.light import Light
+from webapp.sample.scene.noise import fractal
+from webapp.sample.scene.plan import DEPTH_M, WIDTH_M, Footprint
+from webapp.sample.scene.raster import Texture
+from webapp.sample.scene.solids import ridge_height, wall_height
+from webapp.sample.scene.world import World
+
+SHADOW_METRES_PER_PIXEL = 0.1
+_MARGIN_M = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """All that a photo needs.
+
+    Attributes
+    ----------
+    world : World
+    light : Light
+    ground : Ground
+        As the season has it.
+    foliage : Foliage
+        As the season has it.
+    foliage_sun : (n,) float32
+        Share of the sun's light on each clump.
+    quad_sun : (n,) float64
+        The same on each quad of the world.
+    shadow : (h, w) uint8
+        255 where the sun reaches the ground.
+    clouds : (512, 512) uint8
+        Repeats; 255 is all cloud.
+    """
+
+    world: World
+    light: Light
+    ground: Ground
+    foliage: Foliage
+    foliage_sun: NDArray[np.float32]
+    quad_sun: NDArray[np.float64]
+    shadow: NDArray[np.uint8]
+    clouds: NDArray[np.uint8]
+
+
+def set_stage(rng: np.random.Generator, world: World, *, light: Light) -> Stage:
+    """Put a park under a light; `rng` moves the clouds and drops the leaves."""
+    foliage, ground = world.foliage, world.ground
+    if light.autumn:
+        foliage, ground = _autumn_leaves(rng, foliage), _fallen_leaves(rng, world)
+    to_sun = light.to_sun.astype(np.float32)
+    lit = np.clip(0.42 + 0.58 * (foliage.normal @ to_sun), 0.06, 1) * (1 - 0.75 * foliage.depth)
+    dim = 1 - 0.5 * foliage.depth - 0.22 * np.clip(-foliage.normal[:, 2], 0, 1)
+    foliage = replace(foliage, colour=(foliage.colour * dim[:, None]).astype(np.uint8))
+    facing = np.clip(world.normals @ light.to_sun, 0, 1)
+    both = ~world.normals.any(axis=1)
+    normals = np.stack([quad.normal for quad in world.quads])
+    facing[both] = np.abs(normals[both] @ light.to_sun)
+    return Stage(
+        world=world,
+        light=light,
+        ground=ground,
+        foliage=foliage,
+        foliage_sun=lit.astype(np.float32),
+        quad_sun=facing,
+        shadow=_shadow(world, foliage, light),
+        clouds=_clouds(rng, light),
+    )
+
+
+def shadow_pixels(
+    east: NDArray[np.float32], north: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Turn metres into pixels of the shadow picture, all (n,)."""
+    scale = np.float32(1 / SHADOW_METRES_PER_PIXEL)
+    return (east + np.float32(_MARGIN_M)) * scale, (np.float32(DEPTH_M + _MARGIN_M) - north) * scale
+
+
+def _spots(points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Turn (n, 2) metres into whole pixels of the shadow picture."""
+    x, y = shadow_pixels(points[:, 0].astype(np.float32), points[:, 1].astype(np.float32))
+    return np.stack([x, y], axis=1).astype(np.int32)
+
+
+def _shadow(world: World, foliage: Foliage, light: Light) -> NDArray[np.uint8]:
+    size = (np.array([DEPTH_M, WIDTH_M]) + 2 * _MARGIN_M) / SHADOW_METRES_PER_PIXEL
+    dark = np.zeros(size.astype(int), np.uint8)
+    to_sun = light.to_sun
+    shift = -to_sun[:2] / max(to_sun[2], 0.12)  # metres on the ground for each metre of height
+    fall = foliage.centre[:, :2] + foliage.centre[:, 2:] * shift
+    for (x, y), radius in zip(_spots(fall.astype(np.float64)), foliage.radius * 0.9, strict=True):
+        cv2.circle(dark, (int(x), int(y)), int(radius / SHADOW_METRES_PER_PIXEL), 235, -1)
+    for house in world.plan.buildings:
+        _house_shadow(dark, house, shift)
+    for tree in world.plan.trees:
+        if tree.kind not in {"bush", "flowers"}:
+            foot = np.array([[tree.east, tree.north]])
+            ends = _spots(np.concatenate([foot, foot + shift * tree.height * 0.6]))
+            cv2.line(dark, ends[0].tolist(), ends[1].tolist(), 235, max(2, int(tree.height * 0.4)))
+    fence = fence_corners() + shift * FENCE_M / 2
+    cv2.polylines(dark, [_spots(fence)], True, 110, max(2, int(np.hypot(*shift) * 8)))
+    soft = cv2.GaussianBlur(dark, (0, 0), 1.6)
+    soft[[0, -1]], soft[:, [0, -1]] = 0, 0  # what lies beyond is lit
+    return np.asarray(255 - soft, np.uint8)
+
+
+def _house_shadow(dark: NDArray[np.uint8], house: Footprint, shift: NDArray[np.float64]) -> None:
+    corners = house.corners(margin=0.3)
+    ends = (corners[[0, 1]] + corners[[3, 2]]) / 2
+    outline = np.concatenate(
+        [corners, corners + shift * wall_height(house), ends + shift * ridge_height(house)]
+    )
+    hull = cv2.convexHull(_spots(outline))
+    cv2.fillConvexPoly(dark, hull, 255)
+
+
+def _clouds(rng: np.random.Generator, light: Light) -> NDArray[np.uint8]:
+    noise = fractal(rng, (512, 512), cell_px=190, octaves=6, tiling=True)
+    cover = np.clip((noise - (0.55 - 1.1 * light.clouds)) / 0.9, 0, 1)
+    return np.asarray(cv2.GaussianBlur((cover * 255).astype(np.uint8), (0, 0), 1.5), np.uint8)
+
+
+def _autumn_leaves(rng: np.random.Generator, foliage: Foliage) -> Foliage:
+    """A third of the leaves has fallen, the others have turned, each tree in its own colour."""
+    palette = np.array([[198, 128, 40], [176, 84, 36], [206, 164, 62], [140, 112, 50], [112, 124, 54]])
+    turned = palette[rng.integers(len(palette), size=int(foliage.plant.max()) + 1)][foliage.plant]
+    tone = foliage.colour.mean(axis=1, keepdims=True) / 92
+    colour = np.where(foliage.evergreen[:, None], foliage.colour, np.clip(turned * tone, 0, 255))
+    kept = foliage.evergreen | (rng.random(foliage.plant.size) > 0.3)
+    return replace(foliage, colour=colour.astype(np.uint8)).take(kept)
+
+
+def _fallen_leaves(rng: np.random.Generator, world: World) -> Ground:
+    picture = world.ground.park.texture.levels[0].copy()
+    height, width = picture.shape[:2]
+    trees = np.array([(t.east, t.north, t.radius) for t in world.plan.trees if t.kind in {"broad", "birch"}])
+    under = trees[rng.integers(len(trees), size=70000)]
+    at = pixels(under[:, :2] + rng.standard_normal((len(under), 2)) * under[:, 2:] * 0.9)
+    at = np.clip(at, 0, (width - 2, height - 2))
+    at = at[picture[at[:, 1], at[:, 0], 3] <= PAVED]  # none on the water
+    colours = np.array([[196, 130, 46], [170, 92, 40], [204, 170, 80], [128, 92, 52]], np.uint8)
+    leaf = colours[rng.integers(len(colours), size=len(at))]
+    picture[at[:, 1], at[:, 0], :3] = leaf
+    picture[at[:, 1], at[:, 0] + 1, :3] = leaf
+    return replace(world.ground, park=replace(world.ground.park, texture=Texture.of(picture)))

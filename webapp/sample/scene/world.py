@@ -1,0 +1,127 @@
+"""The park as it stands, whatever the light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.sample.scene.foliage import Foliage, Leaves, cut_leaves, grow
+from webapp.sample.scene.furniture import along_paths, fence, monument, trunks
+from webapp.sample.scene.ground import Ground, lay_ground
+from webapp.sample.scene.horizon import ring
+from webapp.sample.scene.masonry import Colour, Material
+from webapp.sample.scene.noise import jitter
+from webapp.sample.scene.plan import Plan, draw_plan
+from webapp.sample.scene.raster import Quad
+from webapp.sample.scene.solids import house_quads
+from webapp.sample.scene.style import Lintel, Style
+
+_NAMES = (
+    "CAFE", "LIBRARY", "BOATHOUSE", "MUSEUM", "SCHOOL", "THEATRE", "NURSERY", "POST", "BAKERY", "GALLERY",
+    "CHAPEL", "CINEMA", "STABLES", "ARCHIVE", "CLINIC", "MILL",
+)  # fmt: skip
+_LOOKS: tuple[tuple[Material, Colour, Colour, Colour], ...] = (
+    ("plaster", (226, 198, 136), (240, 236, 226), (46, 92, 70)),
+    ("brick", (158, 84, 64), (222, 214, 200), (40, 60, 96)),
+    ("boards", (104, 136, 150), (238, 238, 232), (146, 52, 44)),
+    ("stone", (178, 168, 150), (226, 220, 206), (84, 60, 44)),
+    ("plaster", (208, 152, 136), (242, 234, 226), (66, 60, 84)),
+    ("brick", (186, 152, 104), (236, 230, 214), (58, 92, 64)),
+    ("boards", (124, 142, 104), (240, 238, 228), (92, 66, 46)),
+    ("plaster", (226, 222, 212), (120, 132, 140), (44, 84, 122)),
+)
+_ROOFS: tuple[Colour, ...] = ((146, 84, 66), (94, 94, 98), (128, 96, 78), (118, 82, 72))
+_PANES = ((1, 1), (1, 2), (2, 2), (2, 3), (3, 2), (3, 4), (2, 1), (1, 3))
+_LINTELS: tuple[Lintel, ...] = ("none", "beam", "gable", "arch")
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A park.
+
+    Attributes
+    ----------
+    plan : Plan
+    ground : Ground
+    quads : tuple of Quad
+        Everything flat that stands on the ground.
+    corners : (n, 4, 3) float64
+        Of the quads, metres.
+    normals : (n, 3) float64
+        Of the quads; zero for those seen from both sides.
+    foliage : Foliage
+    leaves : tuple
+        Pictures of clumps of leaves.
+    """
+
+    plan: Plan
+    ground: Ground
+    quads: tuple[Quad, ...]
+    corners: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    foliage: Foliage
+    leaves: Leaves
+
+
+def build_world(rng: np.random.Generator) -> World:
+    """Invent a park.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        The same state gives the same park.
+
+    Returns
+    -------
+    World
+    """
+    for_plan, for_ground, for_houses, for_rest, for_leaves = rng.spawn(5)
+    plan = draw_plan(for_plan)
+    quads: list[Quad] = []
+    styles = _styles(for_houses, len(plan.buildings))
+    for house, style in zip(plan.buildings, styles, strict=True):
+        quads += house_quads(for_houses, house, style=style)
+    quads += fence(for_rest)
+    quads += along_paths(for_rest, plan)
+    quads += monument(for_rest, plan)
+    quads += trunks(for_rest, plan.trees)
+    quads += ring(for_rest)
+    corners = np.stack([np.stack([q.corner, q.corner + q.along, q.corner + q.up]) for q in quads])
+    corners = np.concatenate([corners, (corners[:, 1] + corners[:, 2] - corners[:, 0])[:, None]], axis=1)
+    normals = np.stack([np.zeros(3) if q.two_sided else q.normal for q in quads])
+    return World(
+        plan=plan,
+        ground=lay_ground(for_ground, plan),
+        quads=tuple(quads),
+        corners=corners,
+        normals=normals,
+        foliage=grow(for_leaves, plan.trees),
+        leaves=cut_leaves(for_leaves),
+    )
+
+
+def _styles(rng: np.random.Generator, count: int) -> list[Style]:
+    names, looks = rng.permutation(len(_NAMES)), rng.permutation(len(_LOOKS))
+    styles = []
+    for number in range(count):
+        material, wall, trim, door = _LOOKS[int(looks[number % len(_LOOKS)])]
+        shutters = material in {"boards", "plaster"} and bool(rng.random() < 0.6)
+        style = Style(
+            name=_NAMES[int(names[number % len(_NAMES)])],
+            material=material,
+            wall=jitter(rng, wall, amount=8),
+            trim=jitter(rng, trim, amount=4),
+            door=jitter(rng, door, amount=8),
+            roof=jitter(rng, _ROOFS[int(rng.integers(len(_ROOFS)))], amount=2),
+            window_m=(float(rng.uniform(0.95, 1.25)), float(rng.uniform(1.35, 1.75))),
+            spacing_m=float(rng.uniform(2.2, 2.7)),
+            panes=_PANES[int(rng.integers(len(_PANES)))],
+            lintel=_LINTELS[int(rng.integers(len(_LINTELS)))],
+            frame_px=int(rng.integers(3, 8)),
+            flower_boxes=float(rng.choice([0.0, 0.2, 0.5])),
+            shutters=shutters,
+        )
+        styles.append(replace(style, spacing_m=style.spacing_m + 0.7) if shutters else style)
+    return styles

@@ -1,0 +1,1 @@
+"""Accounts, members of maps, and ways to sign in."""

@@ -1,0 +1,171 @@
+"""Ways to sign in: a link that works once, or name and password; too many failures make people wait."""
+
+from __future__ import annotations
+
+import secrets
+from datetime import timedelta
+from functools import cache
+
+from sqlalchemy import delete, func, select
+from sqlalchemy.orm import Session
+from werkzeug.security import check_password_hash, generate_password_hash
+
+from webapp.errors import NotFound, NotSignedIn, TooMany, UsageError
+from webapp.settings import WebSettings
+from webapp.store.accounts import accounts
+from webapp.store.clock import now
+from webapp.store.database import Database
+from webapp.store.schema import Account, FailedSignIn, SignInLink
+
+_MAX_PASSWORD = 1000
+_MAX_WHO = 100
+
+
+def new_link(session: Session, account: Account, *, hours: int) -> str:
+    """Make a link for an account.
+
+    Returns
+    -------
+    str
+        The secret end of its address: it is kept nowhere, only its hash.
+    """
+    token = secrets.token_urlsafe(24)
+    session.execute(delete(SignInLink).where(SignInLink.expires_at < now() - timedelta(days=30)))
+    session.add(
+        SignInLink(
+            token_hash=accounts.hashed(token),
+            account_id=account.id,
+            expires_at=now() + timedelta(hours=hours),
+        )
+    )
+    return token
+
+
+def link_account(session: Session, token: str) -> Account:
+    """Tell whom a link would sign in, without using it up.
+
+    Raises
+    ------
+    NotSignedIn
+        The link is unknown, used or too old.
+    """
+    link = session.get(SignInLink, accounts.hashed(token))
+    if link is None or link.used_at is not None or link.expires_at < now():
+        raise NotSignedIn(
+            "this link does not work any more: it was used, or it is too old",
+            hint="ask the owner of the library for a new one: expmap account link",
+        )
+    return session.get_one(Account, link.account_id)
+
+
+def redeem_link(session: Session, token: str) -> Account:
+    """Use a link up.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    token : str
+
+    Raises
+    ------
+    NotSignedIn
+        The link is unknown, used or too old.
+    """
+    account = link_account(session, token)
+    session.get_one(SignInLink, accounts.hashed(token)).used_at = now()
+    return account
+
+
+def password_hash(password: str, *, minimum: int) -> str:
+    """Hash a password that somebody chose; takes a tenth of a second, so not while others wait to write.
+
+    Raises
+    ------
+    UsageError
+        The password is too short or too long.
+    """
+    if not minimum <= len(password) <= _MAX_PASSWORD:
+        raise UsageError(
+            f"a password has at least {minimum} characters", hint="a few words are easy to remember"
+        )
+    return generate_password_hash(password, "scrypt")
+
+
+def by_password(
+    database: Database, name: str, *, password: str, address: str, limits: WebSettings
+) -> Account:
+    """Sign in by name and password.
+
+    Parameters
+    ----------
+    database : Database
+    name, password : str
+    address : str
+        Where the request came from.
+    limits : WebSettings
+        How many failures are too many.
+
+    Raises
+    ------
+    NotSignedIn
+        Name and password do not go together; it is not told which is wrong.
+    TooMany
+        Of this name or from this address there were too many failures.
+    """
+    tried = [f"name:{accounts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
+    with database.read() as session:
+        _check_failures(session, tried, limits=limits)
+        account = _named(session, name)
+    known = account.password_hash if account is not None else None
+    # An unknown name takes as long as a wrong password, or the time would tell who has an account.
+    right = check_password_hash(known or _nobodys_hash(), password[: _MAX_PASSWORD + 1])
+    if account is None or known is None or not right:
+        _note_failure(database, tried, limits=limits)
+        raise NotSignedIn(
+            "name and password do not go together",
+            hint="without a password, sign in by a link: expmap account link",
+        )
+    with database.write() as session:
+        session.execute(delete(FailedSignIn).where(FailedSignIn.who == tried[0]))
+    return account
+
+
+def _named(session: Session, name: str) -> Account | None:
+    try:
+        return accounts.named(session, name)
+    except NotFound:
+        return None
+
+
+@cache
+def _nobodys_hash() -> str:
+    return generate_password_hash(secrets.token_hex(16), "scrypt")
+
+
+def _check_failures(session: Session, tried: list[str], *, limits: WebSettings) -> None:
+    window = timedelta(minutes=limits.sign_in_minutes)
+    counted = (
+        select(func.count(), func.min(FailedSignIn.at))
+        .where(FailedSignIn.who.in_(tried), FailedSignIn.at > now() - window)
+        .group_by(FailedSignIn.who)
+    )
+    waits = [
+        first + window - now()
+        for count, first in session.execute(counted)
+        if count >= limits.sign_in_failures
+    ]
+    if waits:
+        wait_s = max(1, round(max(waits).total_seconds()))
+        raise TooMany(
+            "too many attempts to sign in",
+            wait_s=wait_s,
+            hint=f"wait {-(-wait_s // 60)} minutes, or sign in by a link",
+        )
+
+
+def _note_failure(database: Database, tried: list[str], *, limits: WebSettings) -> None:
+    old = now() - timedelta(minutes=limits.sign_in_minutes)
+    with database.write() as session:
+        session.execute(delete(FailedSignIn).where(FailedSignIn.at < old))
+        session.add_all(FailedSignIn(who=who) for who in tried)

@@ -1,0 +1,1 @@
+"""Maps, their photos, edits and uploads."""

@@ -1,0 +1,1 @@
+"""Views that are open without a sign-in."""

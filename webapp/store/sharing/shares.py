@@ -1,0 +1,155 @@
+"""Views of maps and answers that are open without a sign-in: to whoever has a link, or to everybody."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotFound
+from webapp.store.accounts.accounts import hashed
+from webapp.store.localize import queries
+from webapp.store.schema import MapRecord, QueryRecord, Share
+
+
+@dataclass(frozen=True, slots=True)
+class Allows:
+    """What a share gives besides the image, the dots, and the answer that it is about.
+
+    Attributes
+    ----------
+    photos : bool
+        Previews of photos.
+    localize : bool
+        Questions about photos of the visitor's own; of a shared map only.
+    originals : bool
+        Files as they came, and what their EXIF says.
+    """
+
+    photos: bool = False
+    localize: bool = False
+    originals: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """What a visitor sees; records of a session that is closed.
+
+    Attributes
+    ----------
+    share : Share
+    map : MapRecord
+    query : QueryRecord or None
+        The only answer that is shown; None for a whole map.
+    """
+
+    share: Share
+    map: MapRecord
+    query: QueryRecord | None
+
+
+def create(
+    session: Session,
+    record: MapRecord,
+    *,
+    allows: Allows,
+    account_id: int,
+    query_id: int | None = None,
+    public: bool = False,
+) -> tuple[Share, str]:
+    """Share a map or one answer.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    record : MapRecord
+    allows : Allows
+    account_id : int
+        Who shares it.
+    query_id : int or None
+        The answer; None for the map.
+    public : bool
+        Whether it is listed for everybody.
+
+    Returns
+    -------
+    Share
+    str
+        End of its address. Of a secret one it is kept nowhere, only its hash.
+
+    Raises
+    ------
+    NotFound
+        The map has no such answer.
+    """
+    if query_id is not None:
+        queries.find(session, record, query_id)
+    token = secrets.token_urlsafe(24)
+    share = Share(
+        map_id=record.id,
+        query_id=query_id,
+        token_hash=hashed(token),
+        public_token=token if public else None,
+        account_id=account_id,
+    )
+    change(share, allows)
+    session.add(share)
+    session.flush()
+    return share, token
+
+
+def change(share: Share, allows: Allows) -> None:
+    """Let a share give more, or less."""
+    share.photos = allows.photos
+    share.localize = allows.localize and share.query_id is None
+    share.originals = allows.originals
+
+
+def listed(session: Session, record: MapRecord) -> list[Share]:
+    """List the shares of a map and of its answers, the newest first."""
+    found = select(Share).where(Share.map_id == record.id)
+    return list(session.scalars(found.order_by(Share.id.desc())))
+
+
+def find(session: Session, record: MapRecord, id: int) -> Share:
+    """Find a share of a map.
+
+    Raises
+    ------
+    NotFound
+    """
+    share = session.get(Share, id)
+    if share is None or share.map_id != record.id:
+        raise NotFound("the map has no such link", hint="it may have been taken back: reload the page")
+    return share
+
+
+def opened(session: Session, token: str) -> Opened:
+    """Tell what the end of an address opens.
+
+    Raises
+    ------
+    NotFound
+        Nothing: it was never one, it was taken back, or the map is in the bin. Visitors are not told which.
+    """
+    share = session.scalars(select(Share).where(Share.token_hash == hashed(token))).first()
+    record = None if share is None else session.get_one(MapRecord, share.map_id)
+    if share is None or record is None or record.binned_at is not None:
+        raise NotFound("this link leads to nothing, or not any more", hint="ask who gave it to you")
+    query = None if share.query_id is None else session.get_one(QueryRecord, share.query_id)
+    return Opened(share, record, query)
+
+
+def public(session: Session) -> list[Opened]:
+    """List what is open to everybody, the newest first."""
+    found = (
+        select(Share, MapRecord, QueryRecord)
+        .join(MapRecord, MapRecord.id == Share.map_id)
+        .outerjoin(QueryRecord, QueryRecord.id == Share.query_id)
+        .where(Share.public_token.is_not(None), MapRecord.binned_at.is_(None))
+        .order_by(Share.id.desc())
+    )
+    return [Opened(*row) for row in session.execute(found)]

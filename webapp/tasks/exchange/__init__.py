@@ -1,0 +1,1 @@
+"""Maps on their way in and out: import, export, copy."""

@@ -1,0 +1,171 @@
+"""Copies a map of the library: same photos, places and placements, under a name of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotFound, StorageError
+from webapp.files.listing import DERIVED
+from webapp.files.photos.preview import SIDES, preview_path
+from webapp.progress import Progress
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
+from webapp.tasks import staging
+from webapp.tasks.localize import stored_evaluation
+from webapp.tasks.maps import adopt_map, export
+
+_RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
+_NOT_COPIED = frozenset({"exports", "health.json", stored_evaluation.FILE})
+"""In `derived`: made for the other map."""
+
+
+def run(
+    library: Library, map_id: int, *, account_id: int, name: str, progress: Progress | None = None
+) -> str:
+    """Duplicate a map; its history stays behind, and what was removed from it.
+
+    Photos, images and indexes are never changed in place, so that both maps can share them on the disk.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    account_id : int
+        Who owns the copy.
+    name : str
+        Of the copy.
+    progress : Progress, optional
+        One step a file.
+
+    Returns
+    -------
+    str
+        Slug of the copy.
+
+    Raises
+    ------
+    NotFound, UsageError
+        There is no such map; the name is none.
+    StorageError, Cancelled
+        There is no copy.
+    """
+    name = maps.checked_name(name)
+    with library.database.read() as session:
+        original = _read(session, map_id)
+    there = library.map_folder(original.record.slug)
+    place = staging.make(library)
+    try:
+        wanted = _files(there, original.record, original.photos)
+        _copy_files(there, place / "map", wanted=wanted, progress=progress or Progress())
+        copy = _register(library, original, place / "map", name=name, account_id=account_id)
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+    export.follow(library, copy.id)
+    return copy.slug
+
+
+@dataclass(frozen=True, slots=True)
+class _Original:
+    """The records of the map as they were when the copy was begun."""
+
+    record: MapRecord
+    photos: list[Photo]
+    placed: list[PlacedElsewhere]
+
+
+def _read(session: Session, map_id: int) -> _Original:
+    """Read the records of what the map has, without what was removed from it."""
+    record = session.get(MapRecord, map_id)
+    if record is None:
+        raise NotFound("there is no such map")
+    photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+    ids = {photo.id for photo in photos}
+    placed = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)).all()
+    return _Original(record, photos, [row for row in placed if row.photo_id in ids])
+
+
+def _register(library: Library, original: _Original, files: Path, *, name: str, account_id: int) -> MapRecord:
+    """Make the records and move the files to their place; where the records cannot be kept, neither is."""
+    folder: Path | None = None
+    kept = False
+    try:
+        with library.database.write() as session:
+            folders = [path.name for path in library.folder.iterdir()]
+            copy = maps.create(session, name, account_id=account_id, folders=folders)
+            for field in _RECORD_FIELDS:
+                setattr(copy, field, getattr(original.record, field))
+            session.add_all(_same(photo, copy.id, revision=0) for photo in original.photos)
+            session.add_all(_same(row, copy.id) for row in original.placed)
+            session.flush()
+            adopt_map.queue_derived(session, copy)
+            folder = library.map_folder(copy.slug)
+            files.rename(folder)
+        kept = True
+    finally:
+        if folder is not None and not kept:
+            shutil.rmtree(folder, ignore_errors=True)
+    return copy
+
+
+def _same(row: Photo | PlacedElsewhere, map_id: int, **other: int) -> Photo | PlacedElsewhere:
+    """Make a record with the same values for another map."""
+    values = {column.key: getattr(row, column.key) for column in row.__table__.columns}
+    return type(row)(**{**values, "map_id": map_id, **other})
+
+
+def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress: Progress) -> None:
+    try:
+        target.mkdir()
+        files = [file for file in dict.fromkeys(wanted) if _is_inside(file, source.resolve())]
+        progress.size(len(files))
+        for file in files:
+            progress.check()
+            copy = target / file.relative_to(source)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            _link(file, copy)
+            progress.advance()
+    except OSError as error:
+        raise StorageError(
+            f"the map cannot be copied: {error.strerror or error}",
+            where=error.filename,
+            hint="is there room on the disk of the library?",
+        ) from error
+
+
+def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator[Path]:
+    """List what belongs to a map, besides its texts, which are written anew."""
+    yield from (folder / photo.path for photo in photos)
+    if record.satellite_path is not None:
+        yield folder / record.satellite_path
+        yield (folder / record.satellite_path).with_suffix(".json")
+    previews = {preview_path(folder, photo.id, kind=kind) for photo in photos for kind in SIDES}
+    holding = {path.parent for path in previews}
+    for parent, folders, files in os.walk(folder / DERIVED):
+        here = Path(parent)
+        folders[:] = [name for name in folders if here.name != DERIVED or name not in _NOT_COPIED]
+        for path in (here / name for name in sorted(files)):
+            passing = path.name.endswith(("lock", ".tmp", ".part")) or path.name in _NOT_COPIED
+            gone = here in holding and path not in previews
+            if not passing and not gone:
+                yield path
+
+
+def _is_inside(file: Path, folder: Path) -> bool:
+    """Tell whether a file is there, and no link leads to it."""
+    return file.is_file() and not file.is_symlink() and file.resolve().is_relative_to(folder)
+
+
+def _link(source: Path, target: Path) -> None:
+    """Give a file a second name; copy it where the disk knows no such thing."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)

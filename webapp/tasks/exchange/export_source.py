@@ -1,0 +1,127 @@
+"""What every export starts from: a map, its files, and how the result is handed out."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from webapp.core.blur import Box
+from webapp.core.geo.georeference import Georeference
+from webapp.core.mapmodel.model import Map
+from webapp.errors import NotFound, UsageError
+from webapp.files.maps.folder import read_map
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.library_map import as_map
+from webapp.tasks.maps.show_photo import boxes_of
+
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A map to export.
+
+    Attributes
+    ----------
+    map : Map
+    cfg : Path
+        The map file; photos are relative to its folder.
+    title : str
+        For people.
+    name : str
+        Of the downloads, without their ending: ASCII letters, digits, `-` and `_`.
+    blurred : mapping of int to list of Box
+        What is blurred in pictures of photos, by id; those without are not in it.
+    unplaced : tuple of str
+        Paths of the photos without a place: those in the tray.
+    """
+
+    map: Map
+    cfg: Path
+    title: str
+    name: str
+    blurred: Mapping[int, list[Box]] = field(default_factory=dict)
+    unplaced: tuple[str, ...] = ()
+
+    def georeference(self) -> Georeference:
+        """Give the georeference.
+
+        Raises
+        ------
+        UsageError
+            There is none, and this export needs one.
+        """
+        if self.map.georeference is None:
+            raise UsageError(
+                "nobody has said yet where this map is on the Earth",
+                hint="set its georeference on the page of the satellite image, or export .cfg, zip or HTML",
+            )
+        return self.map.georeference
+
+
+@dataclass(frozen=True, slots=True)
+class Download:
+    """A file to hand out.
+
+    Attributes
+    ----------
+    name : str
+        Safe in every header and on every disk.
+    media_type : str
+    pieces : iterator of bytes
+        Its content, in pieces that are made as they are taken.
+    """
+
+    name: str
+    media_type: str
+    pieces: Iterator[bytes]
+
+
+def of_library(library: Library, map_id: int) -> Source:
+    """Take a map of the library as the database has it now.
+
+    Raises
+    ------
+    NotFound
+        There is no such map.
+    UsageError
+        It has no satellite image yet.
+    """
+    with library.database.read() as session:
+        record = session.get(MapRecord, map_id)
+        if record is None:
+            raise NotFound("there is no such map")
+        map_ = as_map(session, record)
+        slug, title = record.slug, record.name
+        photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+        blurred = {photo.id: boxes_of(photo) for photo in photos if photo.blurred}
+        unplaced = tuple(photo.path for photo in photos if photo.x_px is None)
+    if map_ is None:
+        raise UsageError(
+            "the map has no satellite image yet: there is nothing to export",
+            hint="upload a satellite image, or start from a blank plan",
+        )
+    return Source(map_, library.cfg(slug), title, plain_name(slug), blurred, unplaced)
+
+
+def of_folder(cfg: Path, *, title: str | None = None) -> Source:
+    """Take the map of a `.cfg` anywhere.
+
+    Raises
+    ------
+    MapError
+        It cannot be read.
+    """
+    title = title or cfg.resolve().parent.name
+    return Source(read_map(cfg), cfg, title, plain_name(title))
+
+
+def plain_name(text: str) -> str:
+    """Make a file name, without an ending, of any text."""
+    ascii_ = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return _NOT_PLAIN.sub("-", ascii_)[:80].strip("-") or "map"

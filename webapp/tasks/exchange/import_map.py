@@ -1,0 +1,236 @@
+"""Makes a map of the library from a zip with a `.cfg` and its folder."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.core.mapmodel.findings import Code, Finding
+from webapp.errors import Conflict, MapError, NotFound
+from webapp.files.exchange.map_zip import unpack
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks import staging
+from webapp.tasks.exchange import import_tray
+from webapp.tasks.exchange.import_choice import add_placements, choose_map
+from webapp.tasks.maps import adopt_map, check_map
+from webapp.tasks.satellite.apply import Writes
+from webapp.tasks.told_below import finding_below, told_below
+
+_BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
+"""Errors of single photos: the map is imported, and they are told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """The new map.
+
+    Attributes
+    ----------
+    map_id : int
+    slug : str
+    findings : tuple of Finding
+        What the linter says about it.
+    left_out : tuple of str
+        Files of the zip that are no part of a map; photos without a place with the reason.
+    """
+
+    map_id: int
+    slug: str
+    findings: tuple[Finding, ...]
+    left_out: tuple[str, ...]
+
+
+class MapRefused(MapError):
+    """The linter found errors with which the map cannot be imported.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        All that it found, warnings included.
+    """
+
+    def __init__(self, message: str, *, findings: tuple[Finding, ...], hint: str | None = None) -> None:
+        super().__init__(message, hint=hint)
+        self.findings = findings
+
+
+def run(
+    library: Library,
+    archive: Path,
+    *,
+    account_id: int,
+    name: str,
+    settings: Settings,
+    progress: Progress | None = None,
+) -> Imported:
+    """Import a map; it appears whole or not at all.
+
+    Parameters
+    ----------
+    library : Library
+    archive : Path
+        The zip; stays as it is.
+    account_id : int
+        Who owns the map.
+    name : str
+        Of the map, for people.
+    settings : Settings
+        The limits of imports and photos.
+    progress : Progress, optional
+        One step a file, three times: unpacked, checked, read.
+
+    Returns
+    -------
+    Imported
+
+    Raises
+    ------
+    InputError
+        It is no zip, is not safe, or holds no map or several.
+    MapRefused
+        The map in it has errors; with what the linter found.
+    StorageError, UsageError, Cancelled
+    """
+    name = maps.checked_name(name)
+    with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
+        map_id, slug = _register(library, found, name=name, account_id=account_id)
+        return Imported(map_id, slug, found.findings, found.left_out)
+
+
+def run_into(
+    library: Library,
+    archive: Path,
+    *,
+    map_id: int,
+    settings: Settings,
+    progress: Progress | None = None,
+    writes: Writes | None = None,
+) -> Imported:
+    """Import a map into one that is empty; repeated, it does nothing the second time.
+
+    Parameters and errors are those of `run`, and:
+
+    Parameters
+    ----------
+    library, archive, settings, progress
+        As there.
+    map_id : int
+    writes : callable, optional
+        Opens the session that writes: that of a job that holds its lease.
+
+    Raises
+    ------
+    Conflict
+        The map is not empty any more.
+    NotFound
+        The map is gone.
+    """
+    with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
+        with (writes or library.database.write)() as session:
+            record = session.get(MapRecord, map_id)
+            if record is None or record.binned_at is not None:
+                raise NotFound("the map is gone, or in the bin")
+            if record.exported_sha256 != found.contents.cfg_sha256 or not record.photos:
+                if record.photos or record.satellite_path is not None:
+                    raise Conflict("the map is not empty any more", hint="import the zip as a new map")
+                adopt_map.fill(session, record, found.contents)
+                session.flush()
+                _move_into(found.cfg.parent, library.map_folder(record.slug))
+            slug = record.slug
+        return Imported(map_id, slug, found.findings, found.left_out)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    cfg: Path
+    contents: adopt_map.Contents
+    findings: tuple[Finding, ...]
+    left_out: tuple[str, ...]
+
+
+@contextmanager
+def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: Progress) -> Iterator[_Found]:
+    """Unpack, check and read a zip into a folder that is gone afterwards."""
+    place = staging.make(library)
+    try:
+        progress.note("unpacking")
+        folder = place / "map"
+        folder.mkdir()
+        unpacked = unpack(archive, folder, limits=settings.imports, progress=progress)
+        cfg = choose_map(unpacked)
+        with told_below(cfg.parent):
+            tray = import_tray.set_aside(cfg, place / "tray")
+            progress.note("checking")
+            findings = _checked(cfg, settings=settings, progress=progress)
+            add_placements(cfg)
+            progress.note("reading photos")
+            contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
+            contents, not_taken = import_tray.take_back(
+                contents, tray, cfg=cfg, limits=settings.photo, progress=progress
+            )
+        yield _Found(cfg, contents, findings, (*unpacked.left_out, *not_taken))
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _register(library: Library, found: _Found, *, name: str, account_id: int) -> tuple[int, str]:
+    """Move the folder to its place and make the record; where the record cannot be kept, neither is."""
+    folder: Path | None = None
+    kept = False
+    try:
+        with library.database.write() as session:
+            folders = [path.name for path in library.folder.iterdir()]
+            record = maps.create(session, name, account_id=account_id, folders=folders)
+            adopt_map.fill(session, record, found.contents)
+            session.flush()
+            folder = library.map_folder(record.slug)
+            found.cfg.parent.rename(folder)
+        kept = True
+    finally:
+        if folder is not None and not kept:
+            shutil.rmtree(folder, ignore_errors=True)
+    return record.id, record.slug
+
+
+def _move_into(source: Path, folder: Path) -> None:
+    """Move files into the folder of an empty map, over what a killed import has left there."""
+    folder.mkdir(exist_ok=True)
+    for child in source.iterdir():
+        target = folder / child.name
+        if target.is_dir():
+            shutil.rmtree(target)
+        child.rename(target)
+
+
+def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
+    report = check_map.run(cfg, settings=settings, progress=progress)
+    findings = tuple(finding_below(f, cfg.parent) for f in report.findings)
+    errors = [f for f in findings if f.severity == "error" and f.code not in _BEARABLE]
+    if errors:
+        first = errors[0]
+        more = f", and {len(errors) - 1} more errors" if len(errors) > 1 else ""
+        raise MapRefused(
+            f"{first.file or cfg.name}:{first.line}:{first.column}: {first.message}{more}",
+            findings=findings,
+            hint=first.fix,
+        )
+    return findings
+
+
+def archive_path(library: Library, token: str) -> Path:
+    """Where an uploaded zip waits for its import; its folder is made when missing.
+
+    Parameters
+    ----------
+    library : Library
+    token : str
+        Of hexadecimal digits.
+    """
+    return staging.parent(library) / f"{int(token, 16):032x}.zip"

@@ -1,0 +1,140 @@
+"""Takes the photos of a zip that have no place yet into the tray of the new map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+from webapp.errors import PhotoError
+from webapp.files.atomic import storage_error
+from webapp.files.listing import folded, list_photos
+from webapp.files.maps.cfg import read_bytes
+from webapp.files.maps.cfg_scan import scan
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits
+from webapp.store.schema import Photo
+from webapp.tasks.exchange.export_zip import UNPLACED
+from webapp.tasks.maps import adopt_map
+from webapp.tasks.maps.adopt_map import Contents
+from webapp.tasks.maps.check_map import orphan_photos
+
+
+@dataclass(frozen=True, slots=True)
+class Tray:
+    """Photos that wait for a place.
+
+    Attributes
+    ----------
+    folder : Path
+        Where they are meanwhile: beside the map, whose linter would ask why it does not name them.
+    names : tuple of str
+        Their paths in there, as they shall be in the map's folder.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+
+
+def set_aside(cfg: Path, folder: Path) -> Tray:
+    """Move the photos in `unplaced/` that no `.cfg` of the map names.
+
+    Parameters
+    ----------
+    cfg : Path
+    folder : Path
+        New, on the same disk, and not below the map's.
+
+    Raises
+    ------
+    StorageError
+    """
+    orphans = orphan_photos(cfg, scan(read_bytes(cfg)), present=list_photos(cfg.parent))
+    names = tuple(name.removeprefix(f"{UNPLACED}/") for name in orphans if name.startswith(f"{UNPLACED}/"))
+    for name in names:
+        _move(cfg.parent / UNPLACED / name, folder / name, name=name)
+    _drop_empty(cfg.parent / UNPLACED)
+    return Tray(folder, names)
+
+
+def take_back(
+    contents: Contents, tray: Tray, *, cfg: Path, limits: PhotoLimits, progress: Progress
+) -> tuple[Contents, tuple[str, ...]]:
+    """Move photos into the folder of their map and add their records to its contents.
+
+    Those that the map has already are left out.
+
+    Returns
+    -------
+    contents : Contents
+    left_out : tuple of str
+        Files as the zip names them, each with the reason.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    rows: list[Photo] = []
+    left_out: list[str] = []
+    known = {row.sha256 for row in contents.photos}
+    names = _Names(cfg.parent)
+    for name in tray.names:
+        progress.check()
+        try:
+            row = adopt_map.tray_row(tray.folder / name, limits=limits)
+        except PhotoError as error:
+            left_out.append(f"{UNPLACED}/{name}: {error.message}")
+            continue
+        if row.sha256 in known:
+            left_out.append(f"{UNPLACED}/{name}: the map has this photo already")
+            continue
+        known.add(row.sha256)
+        row.id, row.path = contents.map.next_id + len(rows), names.take(name)
+        _move(tray.folder / name, cfg.parent / row.path, name=name)
+        rows.append(row)
+    return replace(contents, tray=tuple(rows)), tuple(left_out)
+
+
+class _Names:
+    """The names of a folder's files, as a disk has them that knows no letter case."""
+
+    def __init__(self, folder: Path) -> None:
+        self._files: set[str] = set()
+        self._folders: set[str] = set()
+        for path in folder.rglob("*"):
+            if path.is_file():
+                self._add(path.relative_to(folder).as_posix())
+
+    def take(self, name: str) -> str:
+        """Name a new file as it was, or below `unplaced/` where another is in its way."""
+        while self._is_barred(name):
+            name = f"{UNPLACED}/{name}"
+        self._add(name)
+        return name
+
+    def _add(self, name: str) -> None:
+        self._files.add(folded(name))
+        self._folders.update(_above(name))
+
+    def _is_barred(self, name: str) -> bool:
+        above_or_below = folded(name) in self._folders or not self._files.isdisjoint(_above(name))
+        return above_or_below or folded(name) in self._files
+
+
+def _above(name: str) -> list[str]:
+    return [folded(str(parent)) for parent in PurePosixPath(name).parents]
+
+
+def _drop_empty(folder: Path) -> None:
+    """Delete a folder, and those in it, where no files are left."""
+    below = [path for path in folder.rglob("*") if path.is_dir()]
+    for path in sorted([folder, *below], reverse=True):
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
+
+
+def _move(source: Path, target: Path, *, name: str) -> None:
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source.rename(target)
+    except OSError as error:
+        raise storage_error(error, where=f"{UNPLACED}/{name}") from error

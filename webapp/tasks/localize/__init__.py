@@ -1,0 +1,1 @@
+"""From photos to positions: the index, calibration, localization, evaluation."""

@@ -1,0 +1,147 @@
+"""Makes a photo that was asked about an experience of the map, where it was found."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import MapPixel
+from webapp.errors import Conflict, NotFound, UsageError
+from webapp.files.atomic import storage_error
+from webapp.files.part_file import discard
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.localize import queries
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo, QueryRecord
+from webapp.tasks.localize import show_query
+from webapp.tasks.maps import add_photo, export
+from webapp.tasks.maps.placing import Wanted, find_spots, needed_image, place_spots
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """Where the photo was taken, said by somebody who knows; None takes the first hypothesis.
+
+    Attributes
+    ----------
+    position : MapPixel or None
+    heading_deg : float or None
+    """
+
+    position: MapPixel | None = None
+    heading_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Adopted:
+    """The new experience.
+
+    Attributes
+    ----------
+    id : int
+        Of the photo in the map.
+    position : MapPixel
+    heading_deg : float or None
+    job : int or None
+        That takes it into the index; only this photo is described anew.
+    """
+
+    id: int
+    position: MapPixel
+    heading_deg: float | None
+    job: int | None
+
+
+def run(
+    library: Library, map_id: int, *, query_id: int, spot: Spot, account_id: int, settings: Settings
+) -> Adopted:
+    """Take the photo of an answer into the map, and place it as an edit that can be undone.
+
+    Killed in between, the photo waits in the tray; done again, it is placed.
+
+    Raises
+    ------
+    NotFound
+        There is no such answer, or its photo is missing.
+    Conflict
+        The map has this photo in a place already.
+    UsageError
+        It is not known where: the answer has no hypothesis. Or the place is outside the image.
+    PhotoError, StorageError
+    """
+    with library.database.read() as session:
+        record = session.get(MapRecord, map_id)
+        if record is None:
+            raise NotFound("the map is gone")
+        query = queries.find(session, record, query_id)
+        position, heading = _where(query, spot)
+        _check_inside(record, position)
+    part = library.uploads / f"{secrets.token_hex(16)}.part"
+    try:
+        link_or_copy(show_query.original(library, query), part)
+        intake = add_photo.run(library, map_id, source=part, name=query.name, settings=settings, by_gps=False)
+    finally:
+        discard(part)
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id)
+        photo = maps.photo(session, record, intake.id)
+        if intake.duplicate and photo.x_px is not None:
+            raise Conflict(
+                "this photo is on the map already", where=f"photo/{photo.id}", hint="move it in the editor"
+            )
+        job = _place(session, record, photo=photo, at=Spot(position, heading), account_id=account_id)
+        queries.find(session, record, query_id).adopted_id = photo.id
+    export.follow(library, map_id)
+    return Adopted(photo.id, position, heading, job)
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """Give a file that never changes a second name; copy it where the disk knows no such thing.
+
+    Raises
+    ------
+    StorageError
+        The disk refused.
+    """
+    try:
+        os.link(source, target)
+    except OSError:
+        try:
+            shutil.copyfile(source, target)
+        except OSError as error:
+            raise storage_error(error, where=target.name) from error
+
+
+def _where(query: QueryRecord, spot: Spot) -> tuple[MapPixel, float | None]:
+    first = next(iter(query.answer["hypotheses"]), None)
+    if spot.position is not None:
+        return spot.position, spot.heading_deg
+    if first is None:
+        raise UsageError(
+            "nobody knows where this photo was taken", where="x_px", hint="say where: x_px and y_px"
+        )
+    heading = first["heading_deg"] if spot.heading_deg is None else spot.heading_deg
+    return MapPixel(first["x_px"], first["y_px"]), heading
+
+
+def _check_inside(record: MapRecord, position: MapPixel) -> None:
+    image = needed_image(record, with_georeference=False)
+    if not (0 <= position.x <= image.width and 0 <= position.y <= image.height):
+        raise UsageError(
+            f"the position ({position.x:g}, {position.y:g}) is outside the image",
+            where="x_px",
+            hint=f"x is from 0 to {image.width}, y from 0 to {image.height} pixels",
+        )
+
+
+def _place(session: Session, record: MapRecord, *, photo: Photo, at: Spot, account_id: int) -> int | None:
+    assert at.position is not None
+    image = needed_image(record, with_georeference=False)
+    spots = find_spots(image, [Wanted(photo, at.position, at.heading_deg)])
+    return place_spots(session, record, spots=spots, kind="place", account_id=account_id).job

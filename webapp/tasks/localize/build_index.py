@@ -1,0 +1,245 @@
+"""Builds or updates the index beside a map.
+
+Only what changed is computed, and a kill at any moment loses no finished photo.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from webapp.core.features.table import FeatureChoice
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.errors import IndexDamaged, ProcessLost
+from webapp.files.localize.index_store import IndexFolder, Manifest, PhotoRecord, remove_outdated
+from webapp.files.lock import writer_lock
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize import extract_photo, segments
+from webapp.tasks.localize.coding import coding_of
+from webapp.tasks.localize.extract_photo import PhotoDone, PhotoJob, size_and_time
+from webapp.threads import cores
+
+_IN_PROCESS = 4
+"""So few photos are done here: starting worker processes takes longer."""
+
+_MOST_OF_ONE_SIZE = 100
+
+
+@dataclass(frozen=True, slots=True)
+class BuildReport:
+    """What a build did.
+
+    Attributes
+    ----------
+    folder : Path
+        Of the index.
+    photos : int
+        In the map.
+    extracted, reused, removed : int
+        Photos computed now, taken over, and no longer in the map.
+    failed : tuple of (int, str, str)
+        Experience id, photo and reason.
+    descriptors : int
+        In the index, of photos in the map.
+    seconds : float
+    bytes : int
+        On disk.
+    """
+
+    folder: Path
+    photos: int
+    extracted: int
+    reused: int
+    removed: int
+    failed: tuple[tuple[int, str, str], ...]
+    descriptors: int
+    seconds: float
+    bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class BuildRequest:
+    """What to build.
+
+    Attributes
+    ----------
+    cfg : Path
+        Of the map; photo paths are relative to its folder.
+    map : Map
+    folder : Path
+        Of the index.
+    choice : FeatureChoice
+    jobs : int or None
+        Worker processes; None for as many as there are cores.
+    """
+
+    cfg: Path
+    map: Map
+    folder: Path
+    choice: FeatureChoice
+    jobs: int | None = None
+
+
+def run(request: BuildRequest, *, settings: Settings, progress: Progress) -> BuildReport:
+    """Bring the index up to the map.
+
+    Every photo that is finished is on disk at once; segments are made of the finished photos in the map's
+    order, so that an interrupted and continued build ends with the same files as an undisturbed one. Files of
+    the index that are missing or damaged are made anew.
+
+    Raises
+    ------
+    StorageError
+        The disk refused, or another process is building.
+    Cancelled
+    """
+    started = time.perf_counter()
+    index = IndexFolder(request.folder)
+    with writer_lock(request.folder):
+        index.make_spool()
+        before = _manifest(index, request, settings=settings, progress=progress)
+        coding = coding_of(index, request.choice.engine or before.engine, kind=request.choice.kind)
+        old = segments.intact(index, before, coding=coding)
+        if old != before and coding.engine == before.engine:
+            progress.note("files of the index are missing or damaged: making them anew")
+        photos, extracted = _photos(old, request, settings=settings, progress=progress)
+        new = segments.join(index, replace(old, photos=photos), coding=coding, progress=progress)
+        if new != before:
+            spent = before.build_seconds + time.perf_counter() - started
+            index.write_manifest(replace(new, build_seconds=round(spent, 3)))
+        index.remove_unnamed(new)
+        remove_outdated(request.folder.parent)
+    failed = tuple((i, p.photo, p.error) for i, p in photos.items() if p.error)
+    return BuildReport(
+        folder=request.folder,
+        photos=len(photos),
+        extracted=extracted,
+        reused=len(photos) - extracted - len(failed),
+        removed=len(before.photos.keys() - photos.keys()),
+        failed=failed,
+        descriptors=segments.descriptors_in_map(index, new),
+        seconds=time.perf_counter() - started,
+        bytes=index.bytes_on_disk(),
+    )
+
+
+def _manifest(
+    index: IndexFolder, request: BuildRequest, *, settings: Settings, progress: Progress
+) -> Manifest:
+    """Read the manifest; an empty one where there is none that can be read."""
+    try:
+        manifest = index.read_manifest()
+    except IndexDamaged as error:
+        progress.note(f"{error.message}: making the index anew")
+        manifest = None
+    return manifest or Manifest(request.choice.detector, request.choice.extractor, settings.extract)
+
+
+def _photos(
+    old: Manifest, request: BuildRequest, *, settings: Settings, progress: Progress
+) -> tuple[dict[int, PhotoRecord], int]:
+    """Describe what is new or changed; returns records in the map's order, and how many were described."""
+    folder = request.cfg.parent
+    changed = [e for e in request.map.experiences if not is_current(e, old, map_folder=folder)]
+    path_of = {e.id: e.photo for e in changed}
+    described: dict[int, PhotoRecord] = {}
+    extracted = 0
+    progress.size(len(changed))
+    for done in _describe_all(changed, old, request=request, settings=settings, progress=progress):
+        described[done.id] = PhotoRecord(
+            path_of[done.id], done.bytes, done.mtime_ns, done.content, done.error
+        )
+        extracted += done.extracted
+        progress.advance()
+    return {e.id: described.get(e.id) or old.photos[e.id] for e in request.map.experiences}, extracted
+
+
+def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
+    """Tell whether the index holds the photo as it is on disk now, judged by path, size and time."""
+    record = manifest.photos.get(experience.id)
+    if record is None or record.photo != experience.photo or record.error:
+        return False
+    return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
+
+
+def _describe_all(
+    changed: list[Experience],
+    old: Manifest,
+    *,
+    request: BuildRequest,
+    settings: Settings,
+    progress: Progress,
+) -> Iterator[PhotoDone]:
+    """Describe photos, in worker processes when there are many; yields each as it is finished."""
+    tasks = _tasks(changed, old, request=request, settings=settings)
+    jobs = request.jobs or cores()
+    if jobs == 1 or len(changed) <= _IN_PROCESS:
+        for task in tasks:
+            progress.check()
+            yield extract_photo.run(task)
+        return
+    yield from _in_processes(tasks, min(jobs, len(changed)), progress)
+
+
+def _tasks(
+    changed: list[Experience], old: Manifest, *, request: BuildRequest, settings: Settings
+) -> Iterator[PhotoJob]:
+    # A renamed, copied or touched photo has the same bytes, and so many of them.
+    of_size: dict[int, list[str]] = {}
+    for record in old.photos.values():
+        if record.content:
+            of_size.setdefault(record.bytes, []).append(record.content)
+    for e in changed:
+        size, _ = size_and_time(request.cfg.parent / e.photo)
+        same = of_size.get(size, [])
+        # Where all have one size, as without compression, it tells nothing.
+        indexed = tuple(same) if len(same) <= _MOST_OF_ONE_SIZE else ()
+        yield PhotoJob(e.id, request.cfg, e.photo, request.folder, request.choice, settings, indexed)
+
+
+def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> Iterator[PhotoDone]:
+    # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=extract_photo.start_worker)
+    waiting: set[Future[PhotoDone]] = set()
+    todo = iter(tasks)
+    try:
+        while True:
+            # A short queue bounds the memory and lets a cancelled build stop within a few photos.
+            while len(waiting) < 4 * jobs and (task := next(todo, None)) is not None:
+                with _interrupts_held_back():
+                    waiting.add(pool.submit(extract_photo.run, task))
+            if not waiting:
+                return
+            finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
+            for future in finished:
+                yield future.result()
+            progress.check()
+    except BrokenProcessPool as error:
+        raise ProcessLost(
+            "a worker process was killed",
+            hint="probably for lack of memory; run the build again, with fewer --jobs",
+        ) from error
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Start processes that do not see Ctrl-C, which would kill them before they can ignore it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

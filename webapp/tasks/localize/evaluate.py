@@ -1,0 +1,278 @@
+"""Localizes photos whose places are known, and says how good the answers are."""
+
+from __future__ import annotations
+
+import math
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import faiss
+import numpy as np
+
+from webapp import __version__
+from webapp.core.evaluation.summary import WITHIN_PX, summarise
+from webapp.core.evaluation.types import QueryResult
+from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.errors import PhotoError, UsageError
+from webapp.files.localize import queries_csv
+from webapp.progress import Progress
+from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation, Localizer, Scheme, Subject
+
+
+def run(
+    localizer: Localizer,
+    queries: Path,
+    *,
+    map_folder: Path,
+    options: EvaluateOptions | None = None,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Evaluate on a list of photos with known positions.
+
+    Parameters
+    ----------
+    localizer : Localizer
+    queries : Path
+        The list, `path;x;y`.
+    map_folder : Path
+        What the map's own paths are relative to.
+    options : EvaluateOptions, optional
+    progress : Progress, optional
+        One step a photo.
+
+    Returns
+    -------
+    Evaluation
+        A photo that cannot be used is a failed query in it.
+
+    Raises
+    ------
+    TableError
+        The list is not one.
+    Cancelled
+        The user stopped it; nothing is kept.
+    """
+    options, progress = options or EvaluateOptions(), progress or Progress()
+    trials = [
+        _Trial(QueryResult(query.name, query.truth, None), query.path)
+        for query in queries_csv.select(queries_csv.read(queries), options.limit)
+    ]
+    progress.size(len(trials))
+    results = _measure(trials, localizer, top=options.top, progress=progress)
+    return _evaluation(
+        localizer, results, map_folder=map_folder, query_folder=queries.parent, options=options
+    )
+
+
+def run_self(
+    localizer: Localizer,
+    *,
+    map_folder: Path,
+    options: EvaluateOptions | None = None,
+    progress: Progress | None = None,
+) -> list[Evaluation]:
+    """Evaluate on the map's own photos, each as if it were not on the map.
+
+    Parameters
+    ----------
+    localizer, map_folder, options, progress
+        As for `run`.
+
+    Returns
+    -------
+    list of Evaluation
+        With `hide_within_px`, one. Else two: only the photo itself hidden (leave-one-out), and all photos
+        within the place radius of it hidden too (leave-one-place-out).
+
+    Raises
+    ------
+    UsageError
+        The map has no photos.
+    Cancelled
+        The user stopped it; nothing is kept.
+    """
+    options, progress = options or EvaluateOptions(), progress or Progress()
+    chosen = queries_csv.select(localizer.map.experiences, options.limit)
+    if not chosen:
+        raise UsageError("the map has no photos to evaluate on", hint="place photos on it first")
+    given = options.hide_within_px
+    schemes: list[tuple[Scheme, float | None]] = [("leave-one-out", None)] if given is None else []
+    schemes.append(("leave-one-place-out", localizer.place_radius_px if given is None else given))
+    progress.size(len(chosen) * len(schemes))
+    evaluations = []
+    for scheme, within in schemes:
+        progress.note(scheme)
+        trials = [
+            _Trial(
+                QueryResult(own.photo, own.position, None, truth_heading_deg=own.heading_deg),
+                map_folder / own.photo,
+                hidden(localizer.map, own, within_px=within),
+            )
+            for own in chosen
+        ]
+        results = _measure(trials, localizer, top=options.top, progress=progress)
+        done = _evaluation(
+            localizer, results, map_folder=map_folder, query_folder=map_folder, options=options
+        )
+        evaluations.append(replace(done, scheme=scheme, hide_within_px=within))
+    return evaluations
+
+
+def hidden(themap: Map, own: Experience, *, within_px: float | None) -> frozenset[int]:
+    """Ids to hide when a map's own photo is the query: it, and those at most `within_px` from it."""
+    if within_px is None:
+        return frozenset({own.id})
+    return frozenset(e.id for e in themap.experiences if math.dist(e.position, own.position) <= within_px)
+
+
+def to_json(evaluation: Evaluation) -> dict[str, Any]:
+    """Make the object that `evaluate --json` prints.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+
+    Returns
+    -------
+    dict
+        Plain values only; what is unknown is None.
+    """
+    subject, summary = evaluation.subject, evaluation.summary
+    source = AnswerSource(
+        subject.method,
+        subject.features,
+        subject.map.georeference,
+        subject.map.revision,
+        sequence=subject.sequence,
+    )
+    return {
+        "method": subject.method,
+        "features": subject.features,
+        "scheme": evaluation.scheme,
+        "hide_within_px": evaluation.hide_within_px,
+        "sequence": subject.sequence,
+        "map_photos": len(subject.map.experiences),
+        "map_revision": subject.map.revision,
+        "queries": summary.queries,
+        "failed": summary.failed,
+        "abstained": summary.abstained,
+        "place_radius_px": subject.place_radius_px,
+        "median_px": summary.median_px,
+        "mean_px": summary.mean_px,
+        **{f"within_{radius}px": summary.within[radius] for radius in WITHIN_PX},
+        "top5_within_50px": summary.top5_within_50px,
+        "ece": summary.ece,
+        "radius_coverage": summary.radius_coverage,
+        "answered_at_99_precision": summary.answered_at_99_precision,
+        "intervals_95": {name: list(interval) for name, interval in summary.intervals.items()},
+        "grades": dict(summary.grades),
+        "build_seconds": subject.build_seconds,
+        "calibration_seconds": subject.calibration_seconds,
+        "index_bytes": subject.index_bytes,
+        "peak_rss_mb": evaluation.peak_rss_mb,
+        "seconds_per_query_p50": summary.seconds_per_query_p50,
+        "seconds_per_query_p95": summary.seconds_per_query_p95,
+        "extract_seconds_p50": summary.extract_seconds_p50,
+        "match_seconds_p50": summary.match_seconds_p50,
+        "seed": evaluation.seed,
+        "versions": evaluation.versions,
+        "map_hash": subject.map_hash,
+        "per_query": [_query_to_json(result, source) for result in evaluation.results],
+    }
+
+
+def _query_to_json(result: QueryResult, source: AnswerSource) -> dict[str, Any]:
+    return {
+        "path": result.path,
+        "truth": {"x_px": result.truth.x, "y_px": result.truth.y},
+        "error_px": result.error_px,
+        "answer": failure_to_json(query=result.path, error=result.error or "")
+        if result.answer is None
+        else answer_to_json(result.answer, query=result.path, source=source),
+    }
+
+
+class _Trial(NamedTuple):
+    """A query that has no answer yet, its photo, and the ids it must be found without."""
+
+    query: QueryResult
+    photo: Path
+    hide: frozenset[int] = frozenset()
+
+
+def _measure(
+    trials: Sequence[_Trial], localizer: Localizer, *, top: int, progress: Progress
+) -> list[QueryResult]:
+    results = []
+    for query, photo, hide in trials:
+        progress.check()
+        try:
+            answer = localizer.localize(photo, top=top, hide=hide)
+        except PhotoError as error:
+            results.append(replace(query, error=str(error)))
+        else:
+            # Only the best photo's matches are shown later; those of all would fill the memory.
+            results.append(replace(query, answer=replace(answer, evidence=answer.evidence[:1])))
+        progress.advance()
+    return results
+
+
+def _evaluation(
+    localizer: Localizer,
+    results: Sequence[QueryResult],
+    *,
+    map_folder: Path,
+    query_folder: Path,
+    options: EvaluateOptions,
+) -> Evaluation:
+    subject = Subject(
+        map_folder=map_folder,
+        method=localizer.method,
+        features=localizer.features,
+        map=localizer.map,
+        map_hash=localizer.map_hash,
+        place_radius_px=localizer.place_radius_px,
+        build_seconds=localizer.build_seconds,
+        calibration_seconds=localizer.calibration_seconds,
+        index_bytes=localizer.index_bytes,
+        sequence=options.sequence,
+    )
+    rng = np.random.default_rng(options.seed)
+    return Evaluation(
+        subject=subject,
+        scheme="queries",
+        hide_within_px=None,
+        query_folder=query_folder,
+        results=tuple(results),
+        summary=summarise(results, place_radius_px=subject.place_radius_px, rng=rng),
+        seed=options.seed,
+        peak_rss_mb=peak_rss_mb(),
+        versions=versions(),
+    )
+
+
+def peak_rss_mb() -> float | None:
+    """Largest memory this process has had, 2^20 bytes; None on Windows, which has no such call."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
+
+
+def versions() -> dict[str, str]:
+    """Give the versions of what decides the results."""
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+        "faiss": faiss.__version__,
+        "experience-map": __version__,
+    }

@@ -1,0 +1,151 @@
+"""One map photo to a finished feature file: the unit of work of a build, run in worker processes."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import multiprocessing
+import os
+import signal
+import threading
+from dataclasses import dataclass, replace
+from multiprocessing.connection import wait
+from pathlib import Path
+
+import cv2
+
+from webapp.core.features.extract import extract
+from webapp.core.features.table import FeatureChoice
+from webapp.core.retrieval.engines.segment import PhotoEntry
+from webapp.errors import IndexDamaged, MapError, PhotoError
+from webapp.files.localize.features import read_segment, write_segment
+from webapp.files.localize.index_store import IndexFolder
+from webapp.files.localize.models import network
+from webapp.files.maps.folder import photo_path
+from webapp.files.photos.photo import read_facts, read_file, read_gray
+from webapp.settings import Settings, keep_freed_memory
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoJob:
+    """What a worker needs to know.
+
+    Attributes
+    ----------
+    id : int
+        Of the experience.
+    cfg : Path
+        The map.
+    photo : str
+        As it stands in the map.
+    folder : Path
+        Of the index.
+    choice : FeatureChoice
+    settings : Settings
+    indexed : tuple of str
+        SHA-256 of photos that the index holds already and that may be this one.
+    """
+
+    id: int
+    cfg: Path
+    photo: str
+    folder: Path
+    choice: FeatureChoice
+    settings: Settings
+    indexed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoDone:
+    """What became of one photo.
+
+    Attributes
+    ----------
+    id : int
+    bytes, mtime_ns : int
+        Of the file that was read; 0 when there was none.
+    content : str
+        SHA-256; empty when it could not be read.
+    error : str
+        Why there are no features; empty when there are.
+    extracted : bool
+        False when its features were there already: from an interrupted build, or under another name.
+    """
+
+    id: int
+    bytes: int = 0
+    mtime_ns: int = 0
+    content: str = ""
+    error: str = ""
+    extracted: bool = False
+
+
+def start_worker() -> None:
+    """Prepare a worker process: one native thread, and an end with its parent, however that ends."""
+    cv2.setNumThreads(1)
+    keep_freed_memory()
+    # Ctrl-C reaches all processes of a terminal, but it is the parent that decides how to stop.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
+
+
+def run(job: PhotoJob) -> PhotoDone:
+    """Read, describe and keep one photo; a bad photo is a result, not an exception.
+
+    Raises
+    ------
+    StorageError
+        The disk refused.
+    """
+    seen = PhotoDone(job.id, *size_and_time(job.cfg.parent / job.photo))
+    try:
+        data = read_file(photo_path(job.cfg, job.photo), limits=job.settings.photo)
+        content = hashlib.sha256(data).hexdigest()
+        target = IndexFolder(job.folder).spool_path(content)
+        there = content in job.indexed or _finished(target)
+        if not there:
+            write_segment(target, [_describe(data, content, job)])
+    except (MapError, PhotoError) as error:
+        return replace(seen, error=f"{error.message}; {error.hint}" if error.hint else error.message)
+    return replace(seen, content=content, extracted=not there)
+
+
+def size_and_time(path: Path) -> tuple[int, int]:
+    """Look up a file's bytes and when it was changed, in nanoseconds; zeros when there is none."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return 0, 0
+    return stat.st_size, stat.st_mtime_ns
+
+
+def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
+    settings = job.settings
+    gray = read_gray(data, limits=settings.photo, max_side=settings.extract.max_side_px)
+    fov = read_facts(data, limits=settings.photo).fov_deg
+    features = extract(
+        gray.pixels,
+        job.choice,
+        keypoints=settings.extract.keypoints,
+        scale=gray.scale,
+        photo_size=gray.full_size,
+        network=network(job.choice.model, settings.models, weights=job.choice.weights),
+    )
+    return PhotoEntry(content, math.nan if fov is None else fov, features)
+
+
+def _finished(path: Path) -> bool:
+    if not path.exists():
+        return False
+    try:
+        read_segment(path, mapped=False)
+    except IndexDamaged:
+        return False
+    return True

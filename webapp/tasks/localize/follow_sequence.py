@@ -1,0 +1,91 @@
+"""Goes on with a sequence whose frames come one by one, to whichever process answers.
+
+What is known of a sequence is a small file in the library's folder, which is forgotten after some minutes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.sequence import Belief, follow
+from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
+from webapp.files.atomic import write_text
+from webapp.files.part_file import discard
+from webapp.store.library import Library
+from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.sequence import motion
+
+KEPT_S = 600.0
+"""So long after its last frame a sequence is known."""
+
+_FOLDER = "sequences"
+
+
+def file_of(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
+    """Name the file of a sequence, and delete those that are old.
+
+    Parameters
+    ----------
+    library : Library
+    account_id : int
+        Whose sequence it is: nobody else's id names it.
+    map_id : int
+    id : str
+        Chosen by who asks.
+    """
+    folder = library.inner / _FOLDER
+    folder.mkdir(exist_ok=True)
+    for old in folder.iterdir():
+        if not _fresh(old):
+            discard(old)
+    name = hashlib.sha256(f"{account_id}/{map_id}/{id}".encode()).hexdigest()
+    return folder / f"{name[:32]}.json"
+
+
+def run(file: Path, answer: Answer, *, localizer: PhotoLocalizer, top: int) -> Answer:
+    """Join the answer about the next frame with what is known.
+
+    Parameters
+    ----------
+    file : Path
+        Of the sequence; written anew. A sequence without one begins.
+    answer : Answer
+        About the frame alone.
+    localizer : PhotoLocalizer
+        What gave it. The sequence begins anew when the map has changed since.
+    top : int
+        At most so many hypotheses.
+
+    Raises
+    ------
+    StorageError
+        The file cannot be written.
+    """
+    known = _read(file)
+    same = known.get("map") == localizer.map_hash
+    belief = belief_from_json(known["belief"]) if same else Belief()
+    belief, joined = follow(belief, answer, motion=motion(localizer), top=top)
+    write_text(file, json.dumps({"map": localizer.map_hash, "belief": belief_to_json(belief)}))
+    return joined
+
+
+def _read(file: Path) -> dict[str, Any]:
+    if not _fresh(file):
+        return {}
+    try:
+        known: dict[str, Any] = json.loads(file.read_text("utf-8"))
+    except FileNotFoundError:
+        return {}
+    return known
+
+
+def _fresh(file: Path) -> bool:
+    try:
+        return time.time() - file.stat().st_mtime <= KEPT_S
+    except FileNotFoundError:
+        return False

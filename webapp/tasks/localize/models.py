@@ -1,0 +1,160 @@
+"""Weights of networks: what is here, and how the others come here."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.errors import InputError, NotFound, StorageError, UsageError
+from webapp.files import atomic
+from webapp.files.localize.models import MODELS, ModelFile, how_to_get, is_that, models_folder
+from webapp.net.download import download
+from webapp.progress import Progress
+from webapp.settings import Settings
+
+Models = Mapping[str, tuple[ModelFile, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class ModelState:
+    """A file with weights, and whether it is here.
+
+    Attributes
+    ----------
+    model : str
+        What it is for: the name of features, or of a network that matches them.
+    file : ModelFile
+    state : {"here", "missing", "damaged"}
+    """
+
+    model: str
+    file: ModelFile
+    state: str
+
+
+def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
+    """Look which weights are here; the contents are compared."""
+    folder = models_folder(settings.models)
+    return [ModelState(name, f, _state(folder / f.name, f)) for name, files in models.items() for f in files]
+
+
+def missing(names: Collection[str], *, settings: Settings, models: Models = MODELS) -> list[str]:
+    """Tell which models with published files have no file here.
+
+    Parameters
+    ----------
+    names : collection of str
+        Models; all with published files when empty.
+    settings : Settings
+    models : mapping, optional
+
+    Raises
+    ------
+    UsageError
+        There is no model of a name, or no published file of it.
+    """
+    unknown = next((name for name in names if name not in models), None)
+    if unknown is not None:
+        raise UsageError(f"there is no model {unknown!r}", where="models", hint=f"known: {', '.join(models)}")
+    wanted = [name for name in models if name in names or (not names and models[name][0].published)]
+    own = next((models[name][0] for name in wanted if not models[name][0].published), None)
+    if own is not None:
+        hint = how_to_get(own)
+        raise UsageError("no published file is pinned, so none is fetched", where=own.name, hint=hint)
+    here = {state.model for state in states(settings, models=models) if state.state == "here"}
+    return [name for name in wanted if name not in here]
+
+
+def offered(name: str, source: Path | None, *, models: Models = MODELS) -> bool:
+    """Tell whether a file of a model is in a folder, or without one has an address."""
+    if source is None:
+        return bool(models[name][0].address)
+    return any((source / file.name).is_file() for file in models[name])
+
+
+def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> ModelFile:
+    """Choose which of a model's files is to come, for its licence to be read before.
+
+    Parameters
+    ----------
+    name : str
+    source : Path or None
+        Folder to take it from; None for its own address.
+    models : mapping, optional
+
+    Raises
+    ------
+    NotFound
+        The folder has none of them.
+    UsageError
+        It has no address.
+    """
+    files = models[name]
+    if source is None:
+        if not files[0].address:
+            hint = how_to_get(files[0])
+            raise UsageError("there is no sure address to fetch it from", where=files[0].name, hint=hint)
+        return files[0]
+    found = next((file for file in files if (source / file.name).is_file()), None)
+    if found is None:
+        wanted = " or ".join(file.name for file in files)
+        raise NotFound(f"the folder has no {wanted}", where=str(source), hint=f"it is from {files[0].source}")
+    return found
+
+
+def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress: Progress) -> Path:
+    """Bring a file here: downloaded, or copied from a folder; it is kept only if it is the published one.
+
+    Parameters
+    ----------
+    file : ModelFile
+    source : Path or None
+        Folder that holds it; None downloads it.
+    settings : Settings
+    progress : Progress
+
+    Returns
+    -------
+    Path
+        Where it is now.
+
+    Raises
+    ------
+    InputError
+        What came is something else than the published file.
+    StorageError, Cancelled
+    """
+    if source is not None:
+        came_from = str(source / file.name)
+        data = _read(source / file.name)
+    else:
+        came_from = file.address
+        data = download(file.address, size=file.bytes, progress=progress)
+    if not is_that(data, file):
+        raise InputError(
+            "this is not the published file, and was not kept",
+            where=came_from,
+            hint=f"it should have {file.bytes} bytes and SHA-256 {file.sha256}",
+        )
+    target = models_folder(settings.models) / file.name
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"cannot be made: {error.strerror}", where=str(target.parent)) from error
+    atomic.write_bytes(target, data)
+    return target
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise StorageError(f"cannot be read: {error.strerror}", where=str(path)) from error
+
+
+def _state(path: Path, file: ModelFile) -> str:
+    try:
+        return "here" if is_that(path.read_bytes(), file) else "damaged"
+    except OSError:
+        return "missing"

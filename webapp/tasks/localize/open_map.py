@@ -1,0 +1,375 @@
+"""Opens a map for localization: reads it, brings its index up to date, and loads that."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.table import FeatureChoice, Method, choose
+from webapp.core.hypotheses.places import place_radius_px
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.retrieval.engines.bruteforce import BruteForce
+from webapp.core.retrieval.engines.flann import Flann
+from webapp.core.retrieval.engines.ivf import InvertedFile
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.engines.tiers import tier_for
+from webapp.core.retrieval.engines.twostage import TwoStage
+from webapp.core.retrieval.engines.types import DescriptorSearch
+from webapp.core.retrieval.indexed import IndexedMap
+from webapp.errors import IndexDamaged, MapError, NotReady
+from webapp.files.localize.features import read_segment
+from webapp.files.localize.index_store import IndexFolder, Manifest, read_search_index
+from webapp.files.localize.models import pair_matcher, with_weights
+from webapp.files.localize.signatures import read_codebook, read_signatures
+from webapp.files.maps.folder import read_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize import build_index
+from webapp.tasks.localize.build_index import BuildReport, BuildRequest
+from webapp.tasks.localize.extract_photo import size_and_time
+from webapp.tasks.localize.index_location import index_bases, index_folder, newest_choice
+
+GUESSED_FOV_DEG = 65.0
+"""Of the longer side, where nothing is known: between a webcam (60) and a telephone (70)."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenOptions:
+    """What was asked for; None leaves the choice to the program."""
+
+    method: Method = "verified"
+    features: str = "auto"
+    detector: str | None = None
+    extractor: str | None = None
+    matcher: str | None = None
+    index: Path | None = None
+    """Folder for the indexes, instead of `derived` beside the map."""
+    jobs: int | None = None
+    map_fov_deg: float | None = None
+    """Horizontal field of view of map photos that do not tell theirs."""
+    right_within_px: float | None = None
+    """Instead of the map's own place radius."""
+    build: bool = True
+    """Bring the index up to date; else the one that is there is taken as it is."""
+
+    def choice(self) -> FeatureChoice:
+        """Resolve the features; `auto` takes the best there are.
+
+        Raises
+        ------
+        UsageError
+            The combination cannot work.
+        """
+        return choose(
+            self.method,
+            features=self.features,
+            detector=self.detector,
+            extractor=self.extractor,
+            matcher=self.matcher,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenMap:
+    """A map ready for localization.
+
+    Attributes
+    ----------
+    cfg : Path
+    map : Map
+    method : {"vote", "verified", "thorough"}
+    choice : FeatureChoice
+    folder : IndexFolder
+    writable : Path
+        Folder for what else is computed from the index; its own, unless that cannot be written.
+    manifest : Manifest
+    indexed : IndexedMap
+    built : BuildReport or None
+        When the index had to be built or brought up to date.
+    """
+
+    cfg: Path
+    map: Map
+    method: Method
+    choice: FeatureChoice
+    folder: IndexFolder
+    writable: Path
+    manifest: Manifest
+    indexed: IndexedMap
+    built: BuildReport | None
+
+    def beside(self, name: str) -> tuple[Path, Path]:
+        """Name the files in which something that is computed from the index may be; the last is written."""
+        return self.folder.folder / name, self.writable / name
+
+    @property
+    def contents(self) -> list[str]:
+        """SHA-256 of each experience's photo, in the map's order; empty where the index has none of it."""
+        return _contents(self.map, self.manifest)
+
+    @property
+    def not_indexed(self) -> int:
+        """How many photos of the map the index has not seen yet."""
+        return sum(e.id not in self.manifest.photos for e in self.map.experiences)
+
+    @property
+    def map_hash(self) -> str:
+        """Stands for the map's photos and positions, 16 hexadecimal characters."""
+        photos = [[e.id, c, *e.position] for e, c in zip(self.map.experiences, self.contents, strict=True)]
+        return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
+
+
+def run(
+    cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress, the_map: Map | None = None
+) -> OpenMap:
+    """Open a map.
+
+    Parameters
+    ----------
+    cfg : Path
+    options : OpenOptions
+    settings : Settings
+    progress : Progress
+    the_map : Map, optional
+        What is in the file, where that is known already.
+
+    Raises
+    ------
+    MapError
+        It cannot be read, or has no photo to recognise anything by.
+    UsageError
+        The combination of features cannot work.
+    NotReady
+        There is no index, and none is to be built.
+    MissingPart
+        The features need a model that is not here.
+    InputError
+        The user's file with the model is of another kind.
+    StorageError, IndexDamaged, Cancelled
+    """
+    bases = index_bases(cfg, options.index)
+    # What is missing is told before anything is built.
+    choice = with_weights(_choice(bases, options, settings=settings), settings.models, method=options.method)
+    the_map = read_map(cfg) if the_map is None else the_map
+    choice = within_memory(choice, the_map, options=options, settings=settings)
+    if not the_map.experiences:
+        raise MapError("the map has no photos", where=str(cfg), hint="place photos on it first")
+    folders = [IndexFolder(index_folder(b, choice, extract=settings.extract)) for b in bases]
+    folder, built = next((f for f in folders if _is_up_to_date(f, the_map, cfg, choice=choice)), None), None
+    if folder is None and not options.build:
+        folder = _as_it_is(folders, cfg=cfg)
+    if folder is None:
+        folder = folders[-1]
+        new = not folder.manifest_path.exists()
+        progress.note("building the index" if new else "the map has changed: updating its index")
+        request = BuildRequest(cfg, the_map, folder.folder, choice, options.jobs)
+        built = build_index.run(request, settings=settings, progress=progress)
+    manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
+    if options.method == "thorough":
+        indexed = replace(indexed, pair_matcher=pair_matcher(choice.name, settings.models))
+    choice = _as_built(choice, manifest)
+    return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
+
+
+def within_memory(
+    choice: FeatureChoice, the_map: Map, *, options: OpenOptions, settings: Settings
+) -> FeatureChoice:
+    """Take the matcher that fits into memory, unless one was asked for.
+
+    It goes by the photos and the keypoints that they may have, which is known before anything is computed.
+    """
+    if options.matcher is not None or choice.engine is None:
+        return choice
+    rows = len(the_map.experiences) * settings.extract.keypoints
+    memory_mb = settings.retrieval.memory_mb
+    return replace(choice, matcher=tier_for(rows, width=choice.width, kind=choice.kind, memory_mb=memory_mb))
+
+
+def _as_built(choice: FeatureChoice, manifest: Manifest) -> FeatureChoice:
+    """Take the engine that the index has: where nothing is to be built, it can be another one."""
+    return choice if choice.engine is None else replace(choice, matcher=manifest.engine)
+
+
+def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> OpenMap:
+    """Give an open map other positions; what was loaded of its index is used again.
+
+    Parameters
+    ----------
+    opened : OpenMap
+        Whose index is still the newest.
+    the_map : Map
+        May also have other photos than before.
+    options : OpenOptions
+        That it was opened with.
+    """
+    if not the_map.experiences:
+        raise MapError("the map has no photos", where=str(opened.cfg), hint="place photos on it first")
+    old = opened.indexed
+    loaded = _Loaded(old.segments, old.search)
+    indexed = _indexed(the_map, loaded, manifest=opened.manifest, options=options)
+    indexed = replace(indexed, pair_matcher=old.pair_matcher)
+    return replace(opened, map=the_map, indexed=indexed, built=None)
+
+
+def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
+    """Find the index that was written last, even if it lacks some photos.
+
+    Raises
+    ------
+    NotReady
+        There is none with any photo in it.
+    IndexDamaged
+    """
+    there = [f for f in folders if (manifest := f.read_manifest()) is not None and manifest.codebook]
+    if not there:
+        raise NotReady(
+            "the map has no index with these features yet", where=str(cfg), hint="run expmap build on it"
+        )
+    return max(there, key=lambda f: f.manifest_path.stat().st_mtime_ns)
+
+
+def _choice(bases: Sequence[Path], options: OpenOptions, *, settings: Settings) -> FeatureChoice:
+    """Resolve what was asked for; `auto` takes the newest index that is there."""
+    if options.features == "auto" and options.detector is None and options.extractor is None:
+        return newest_choice(
+            bases,
+            settings.extract,
+            method=options.method,
+            matcher=options.matcher,
+            models=settings.models,
+        )
+    return options.choice()
+
+
+def _is_up_to_date(folder: IndexFolder, the_map: Map, cfg: Path, *, choice: FeatureChoice) -> bool:
+    manifest = folder.read_manifest()
+    if manifest is None or choice.engine not in (None, manifest.engine):
+        return False
+    return _current(the_map, manifest, map_folder=cfg.parent)
+
+
+def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
+    if manifest.photos.keys() != {e.id for e in the_map.experiences}:
+        return False
+    return all(
+        build_index.is_current(e, manifest, map_folder=map_folder)
+        or _still_failing(e, manifest, map_folder=map_folder)
+        for e in the_map.experiences
+    )
+
+
+def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
+    """Tell whether a photo that could not be used is still the same file, or still missing."""
+    record = manifest.photos[experience.id]
+    if not record.error or record.photo != experience.photo:
+        return False
+    return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
+
+
+def _load_latest(
+    the_map: Map, folder: IndexFolder, *, cfg: Path, choice: FeatureChoice, options: OpenOptions
+) -> tuple[Manifest, IndexedMap]:
+    """Load what the manifest names; once more where a build replaced it and its files meanwhile."""
+    manifest = folder.read_manifest()
+    while manifest is not None and manifest.codebook:
+        try:
+            return manifest, _load(the_map, folder, manifest=manifest, choice=choice, options=options)
+        except IndexDamaged:
+            before, manifest = manifest, folder.read_manifest()
+            if manifest == before:
+                raise
+    raise MapError(
+        "no photo of the map has features to recognise it by",
+        where=str(cfg),
+        hint="run expmap map check on it",
+    )
+
+
+def _contents(the_map: Map, manifest: Manifest) -> list[str]:
+    """Look up the content of each experience's photo; empty where the index has none of it."""
+    records = [manifest.photos.get(e.id) for e in the_map.experiences]
+    same = zip(records, the_map.experiences, strict=True)
+    return [r.content if r is not None and r.photo == e.photo else "" for r, e in same]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loaded:
+    """What is in the files of an index."""
+
+    segments: Sequence[Segment]
+    search: DescriptorSearch | TwoStage
+
+
+def _load(
+    the_map: Map, folder: IndexFolder, *, manifest: Manifest, choice: FeatureChoice, options: OpenOptions
+) -> IndexedMap:
+    choice = _as_built(choice, manifest)
+    in_file = choice.matcher == "vlad"
+    segments = [read_segment(folder.segment_path(s.name), in_file=in_file) for s in manifest.segments]
+    loaded = _Loaded(segments, _search(folder, manifest, segments, choice=choice))
+    return _indexed(the_map, loaded, manifest=manifest, options=options)
+
+
+def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: OpenOptions) -> IndexedMap:
+    segments = loaded.segments
+    contents = [c for s in segments for c in s.content]
+    # Of several experiences with one photo the first speaks for it.
+    number = {c: i for i, c in reversed([*enumerate(_contents(the_map, manifest))])}
+    position = np.array([e.position for e in the_map.experiences], np.float64).reshape(-1, 2)
+    photo_of_entry = np.array([number.get(c, -1) for c in contents], np.int64)
+    radius = options.right_within_px or place_radius_px(
+        position, width=the_map.satellite.width, height=the_map.satellite.height
+    )
+    return IndexedMap(
+        ids=np.array([e.id for e in the_map.experiences], np.int64),
+        position=position,
+        fov_deg=_fields_of_view(the_map, segments, photo_of_entry, given=options.map_fov_deg),
+        segments=segments,
+        photo_of_entry=photo_of_entry,
+        search=loaded.search,
+        place_radius_px=radius,
+    )
+
+
+def _search(
+    folder: IndexFolder, manifest: Manifest, segments: list[Segment], *, choice: FeatureChoice
+) -> DescriptorSearch | TwoStage:
+    trained, engine = manifest.codebook, manifest.engine
+    codes = [folder.codes_path(s.name, codebook=trained, engine=engine) for s in manifest.segments]
+    if choice.matcher == "ivf":
+        return InvertedFile([read_search_index(p, choice.kind) for p in codes])
+    if choice.matcher == "vlad":
+        codebook = read_codebook(folder.codebook_path(trained))
+        return TwoStage(codebook, [read_signatures(p, codebook) for p in codes], segments=segments)
+    descriptors = [s.descriptors for s in segments]
+    if choice.matcher == "flann":
+        return Flann(descriptors, choice.kind)
+    return BruteForce(descriptors, choice.matcher)
+
+
+def _fields_of_view(
+    the_map: Map, segments: Sequence[Segment], photo_of_entry: NDArray[np.int64], *, given: float | None
+) -> NDArray[np.float64]:
+    """Field of view of each photo: from the map, from its EXIF, as given, or guessed."""
+    fov = np.array([math.nan if e.fov_deg is None else e.fov_deg for e in the_map.experiences])
+    exif = np.concatenate([s.fov_deg for s in segments])
+    size = np.concatenate([s.photo_size for s in segments])
+    for entry, photo in enumerate(photo_of_entry):
+        if photo >= 0 and math.isnan(fov[photo]):
+            width, height = size[entry]
+            guess = given or guessed_fov_deg(int(width), int(height))
+            fov[photo] = guess if math.isnan(exif[entry]) else exif[entry]
+    return fov
+
+
+def guessed_fov_deg(width: int, height: int) -> float:
+    """Guess the horizontal field of view of a photo from its shape alone."""
+    focal = max(width, height) / 2.0 / math.tan(math.radians(GUESSED_FOV_DEG) / 2.0)
+    return math.degrees(2.0 * math.atan(width / 2.0 / focal))

@@ -1,0 +1,279 @@
+"""Finds out how a map's photos were held and how far away is what they see; keeps it beside the index."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.lightglue import PairMatcher
+from webapp.core.features.table import PAIR_MATCHERS
+from webapp.core.geometry.orientations import Orientations
+from webapp.core.reconstruction.depths import Sightings, sightings_of
+from webapp.core.reconstruction.orientation import orient
+from webapp.core.reconstruction.pairs import Pairs, joined, pairs_of, surest
+from webapp.files.localize import orientations
+from webapp.files.localize.orientations import StoredOrientations, StoredPairs
+from webapp.progress import Progress
+from webapp.tasks.localize.open_map import OpenMap
+from webapp.threads import in_threads
+
+_AT_ONCE, _AT_ONCE_BY_NETWORK = 32, 4
+"""Photos between two looks at whether to stop: a fraction of a second, or some seconds."""
+
+_SAVED_EVERY_S = 20.0
+_MOVED = 0.5
+"""A photo that has been moved farther since, in place radii, has no known orientation."""
+
+_NOTE = "comparing the map's photos with each other"
+_NOTE_BY_NETWORK = "comparing them by a network"
+
+_WELL_KNOWN = 2.0
+"""Sum of trust from which on comparing a photo by a network would tell little more."""
+
+
+def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
+    """Bring the orientations of a map's photos up to date and attach them to it.
+
+    Where the method has a network to match photos with, those of which little is known are compared by it
+    again, all of them: on two cores about a second each.
+    What was found out of single photos is kept: photos that are new are compared with the others, and one
+    that is moved changes nothing but the last, quick step. Killed, it goes on where it was.
+
+    Parameters
+    ----------
+    opened : OpenMap
+        A method that verifies.
+    map_fov_deg : float or None
+        As given for photos that do not tell theirs.
+    progress : Progress
+        A stage of comparing, and where there is a network a second one; one step a photo that is new to it.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    InputError
+        The network is of a file that the user supplied, and OpenCV cannot run it.
+    """
+    key = f"{opened.map_hash} {map_fov_deg}"
+    usual, again = _comparisons(opened, map_fov_deg)
+    everyone = range(len(opened.indexed.ids))
+    files = _usual_paths(opened)
+    stored = _up_to_date(
+        opened, files, key=key, progress=progress, compare=lambda: usual.run(everyone, progress)
+    )
+    if again is not None:
+        little = np.flatnonzero(stored.orientations.trust < _WELL_KNOWN).tolist()
+        stored = _up_to_date(
+            opened,
+            _own_paths(opened),
+            key=f"{key} {again.weights}",
+            progress=progress,
+            compare=lambda: surest(
+                joined([usual.run(everyone, progress, stage=False), again.run(little, progress)])
+            ),
+        )
+    return attach(opened, stored)
+
+
+def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> Sightings | None:
+    """Tell what each stored pair of a map's photos says of depths; None where it has no orientations.
+
+    Raises
+    ------
+    StorageError
+    """
+    known = opened.indexed.orientations
+    if known is None:
+        return None
+    pairs = surest(joined([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None]))
+    indexed = opened.indexed
+    return sightings_of(pairs, indexed.position, orientations=known, place_radius_px=indexed.place_radius_px)
+
+
+def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Comparison, _Comparison | None]:
+    """Give the usual comparison of photos, and the one by the method's network, where it has one."""
+    usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
+    network = opened.indexed.pair_matcher
+    if network is None:
+        return usual, None
+    return usual, _Comparison(opened, _with_network(opened), network, map_fov_deg)
+
+
+def _up_to_date(
+    opened: OpenMap, files: tuple[Path, Path], *, key: str, progress: Progress, compare: Callable[[], Pairs]
+) -> StoredOrientations:
+    """Take the orientations that are in one of the files, or work them out and write them."""
+    known = next((k for k in _there(files) if k.key == key), None)
+    if known is not None:
+        progress.size(0)
+        return known
+    pairs = compare()
+    progress.note("working out how the photos were held")
+    position = opened.indexed.position
+    found = orient(pairs, position, place_radius_px=opened.indexed.place_radius_px)
+    stored = StoredOrientations(found, opened.contents, position, key)
+    orientations.write(files[-1], stored)
+    return stored
+
+
+def paths(opened: OpenMap) -> tuple[Path, ...]:
+    """Name the files in which a map's orientations may be, the better ones later; the last one is written."""
+    usual, own = _usual_paths(opened), _own_paths(opened)
+    return own if own == usual else (*usual, *own)
+
+
+def newest(opened: OpenMap) -> StoredOrientations | None:
+    """Read the stored orientations; None where there are none.
+
+    The best that are of the map as it is, else the best of it as it was.
+    """
+    known = _there(paths(opened))
+    return next((k for k in known if k.key.startswith(opened.map_hash)), known[0] if known else None)
+
+
+def _usual_paths(opened: OpenMap) -> tuple[Path, Path]:
+    return opened.beside(f"orientations-{opened.choice.matcher}.arrays")
+
+
+def _own_paths(opened: OpenMap) -> tuple[Path, Path]:
+    """Name the files with the orientations that are worked out for the map's method."""
+    if opened.indexed.pair_matcher is None:
+        return _usual_paths(opened)
+    return opened.beside(f"orientations-{_with_network(opened)}.arrays")
+
+
+def _there(files: tuple[Path, ...]) -> list[StoredOrientations]:
+    """Read those files that can be read, the last one first."""
+    return [k for path in reversed(files) if (k := orientations.read(path)) is not None]
+
+
+def _with_network(opened: OpenMap) -> str:
+    return f"{opened.choice.matcher}-{PAIR_MATCHERS[opened.choice.name]}"
+
+
+def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
+    """Give an open map the orientations of those of its photos that are where they were."""
+    if stored is None:
+        return opened
+    indexed = opened.indexed
+    number = _numbers(stored.contents)
+    row = np.array([number.get(content, -1) for content in opened.contents], np.int64)
+    moved = np.hypot(*(indexed.position - stored.position[row]).T)
+    known = (row >= 0) & (moved <= _MOVED * indexed.place_radius_px)
+    there = stored.orientations
+    # Of several photos with the same content the index has the first, and so have the pairs.
+    first = _numbers(opened.contents)
+    now = np.array([i if known[i := first.get(c, -1)] else -1 for c in stored.contents], np.int64)
+    found = Orientations(
+        rotation=there.rotation[row],
+        height=there.height[row],
+        trust=np.where(known, there.trust[row], 0.0),
+        depths=there.depths.taken(now),
+    )
+    return replace(opened, indexed=replace(indexed, orientations=found))
+
+
+class _Known(NamedTuple):
+    """Pairs by the map's numbers, and the contents of the photos whose partners have been looked for."""
+
+    pairs: Pairs
+    done: set[str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Comparison:
+    """How photos of a map are compared with each other.
+
+    Attributes
+    ----------
+    opened : OpenMap
+    name : str
+        Of what matches; it has a file of its own.
+    matcher : PairMatcher or None
+    map_fov_deg : float or None
+    """
+
+    opened: OpenMap
+    name: str
+    matcher: PairMatcher | None
+    map_fov_deg: float | None
+
+    @property
+    def weights(self) -> str:
+        """What stands for the network; empty where there is none."""
+        return self.matcher.weights if self.matcher else ""
+
+    @property
+    def _key(self) -> str:
+        return f"{self.name} {self.map_fov_deg} {self.weights}".strip()
+
+    @property
+    def _files(self) -> tuple[Path, Path]:
+        return self.opened.beside(f"pairs-{self.name}.arrays")
+
+    def known(self) -> _Known:
+        """Read the stored pairs whose photos are both still in the map."""
+        there = (orientations.read_pairs(path) for path in reversed(self._files))
+        stored = next((k for k in there if k is not None and k.key == self._key), None)
+        if stored is None:
+            return _Known(joined([]), set())
+        number = _numbers(self.opened.contents)
+        now: NDArray[np.int64] = np.array([number.get(c, -1) for c in stored.contents], np.int64)
+        first, second = now[stored.pairs.first], now[stored.pairs.second]
+        which = np.flatnonzero((first >= 0) & (second >= 0))
+        pairs = stored.pairs.taken(which, first=first[which], second=second[which])
+        return _Known(pairs, set(stored.contents[: stored.done]))
+
+    def run(self, photos: Iterable[int], progress: Progress, *, stage: bool = True) -> Pairs:
+        """Compare those of some photos that are not yet; gives all pairs that are known.
+
+        Without `stage` the progress is not told how many there are.
+        """
+        contents = self.opened.contents
+        number = _numbers(contents)
+        known, done = self.known()
+        parts = [known]
+        todo = [i for i in photos if number.get(contents[i]) == i and contents[i] not in done]
+        if todo:
+            progress.note(_NOTE if self.matcher is None else _NOTE_BY_NETWORK)
+        if stage:
+            progress.size(len(todo))
+        saved = time.monotonic()
+        at_once = _AT_ONCE if self.matcher is None else _AT_ONCE_BY_NETWORK
+        for first in range(0, len(todo), at_once):
+            progress.check()
+            chunk = todo[first : first + at_once]
+            parts += in_threads(self._compare, chunk)
+            done |= {contents[i] for i in chunk}
+            progress.advance(len(chunk))
+            last = first + at_once >= len(todo)
+            if last or time.monotonic() > saved + _SAVED_EVERY_S:
+                parts = [joined(parts)]
+                _store(self._files[-1], parts[0], contents=contents, done=done, key=self._key)
+                saved = time.monotonic()
+        return joined(parts)
+
+    def _compare(self, photo: int) -> Pairs:
+        return pairs_of(self.opened.indexed, photo, matcher=self.matcher)
+
+
+def _numbers(contents: list[str]) -> dict[str, int]:
+    """Number photos by content; of several with the same the first stands for all, and is compared."""
+    return {content: i for i, content in reversed([*enumerate(contents)]) if content}
+
+
+def _store(path: Path, pairs: Pairs, *, contents: list[str], done: set[str], key: str) -> None:
+    """Write pairs by content: the photos that are done come first."""
+    ordered = sorted({c for c in contents if c}, key=lambda c: c not in done)
+    place = {c: i for i, c in enumerate(ordered)}
+    number = np.array([place.get(c, -1) for c in contents], np.int64)
+    every = np.arange(len(pairs))
+    stored = pairs.taken(every, first=number[pairs.first], second=number[pairs.second])
+    count = sum(c in done for c in ordered)
+    orientations.write_pairs(path, StoredPairs(stored, ordered, count, key))

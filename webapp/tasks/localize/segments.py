@@ -1,0 +1,145 @@
+"""Joins finished photos into the segments of an index, and trains its codebook."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+
+from webapp.core.retrieval.engines.segment import PhotoEntry, Segment
+from webapp.errors import IndexDamaged
+from webapp.files.localize.features import read_segment, write_segment
+from webapp.files.localize.index_store import IndexFolder, Manifest, SegmentRecord
+from webapp.progress import Progress
+from webapp.tasks.localize.coding import Coding
+
+PHOTOS_PER_SEGMENT = 1000
+"""Bounds the memory of a build: so many photos are joined at once."""
+
+_MOST_SMALL = 16
+"""When there are more segments than this with less than half of that, they are joined."""
+
+_MOST_DEAD = 0.3
+"""Share of a segment's photos no longer in the map from which the rest of it is written anew."""
+
+_RETRAIN_GROWTH = 4
+"""A codebook trained on a map this many times smaller no longer divides it well."""
+
+
+def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifest:
+    """Leave out of a manifest what its files no longer hold: `join` makes it anew.
+
+    Parameters
+    ----------
+    index : IndexFolder
+    manifest : Manifest
+    coding : Coding
+        Of the engine that the index should have.
+
+    Returns
+    -------
+    Manifest
+        The same one where no file is missing or damaged.
+    """
+    codebook = manifest.codebook if manifest.engine == coding.engine else ""
+    if codebook and not coding.holds(None, codebook=codebook):
+        codebook = ""
+    kept: list[SegmentRecord] = []
+    held: set[str] = set()
+    for record in manifest.segments:
+        try:
+            held.update(read_segment(index.segment_path(record.name)).content)
+        except IndexDamaged:
+            continue
+        whole = codebook and coding.holds(record, codebook=codebook)
+        kept.append(record if whole else replace(record, codes=""))
+    photos = {i: p for i, p in manifest.photos.items() if not p.content or p.content in held}
+    return replace(manifest, segments=tuple(kept), photos=photos, codebook=codebook, engine=coding.engine)
+
+
+def join(index: IndexFolder, manifest: Manifest, *, coding: Coding, progress: Progress) -> Manifest:
+    """Make segments and codes of all photos that the manifest names.
+
+    Parameters
+    ----------
+    index : IndexFolder
+    manifest : Manifest
+        The photos as they should be; segments and codebook as they are.
+    coding : Coding
+    progress : Progress
+
+    Returns
+    -------
+    Manifest
+        With the segments and the codebook that hold those photos; their files are on disk.
+    """
+    wanted = {p.content: None for p in manifest.photos.values() if p.content}
+    opened = {s.name: read_segment(index.segment_path(s.name)) for s in manifest.segments}
+    kept = _worth_keeping(manifest.segments, opened, wanted=wanted)
+    held = {c for s in kept for c in opened[s.name].content}
+    entry = _Source(index, opened.values())
+    missing = (c for c in wanted if c not in held)
+    while chunk := list(islice(missing, PHOTOS_PER_SEGMENT)):
+        progress.note("joining")
+        progress.check()
+        entries = [entry(c) for c in chunk]
+        name = write_segment(index.segment_path("{hash}"), entries)
+        kept.append(SegmentRecord(name, len(entries), sum(len(e.features) for e in entries), codes=""))
+    total = sum(s.descriptors for s in kept)
+    if not total:
+        return replace(manifest, segments=tuple(kept), codebook="", trained_for=0)
+    if not manifest.codebook or total > _RETRAIN_GROWTH * manifest.trained_for:
+        progress.note("training")
+        codebook = coding.train(kept, total=total)
+        kept = [replace(s, codes="") for s in kept]
+        manifest = replace(manifest, codebook=codebook, trained_for=total)
+    coded = []
+    for segment in kept:
+        progress.check()
+        codes = segment.codes or coding.encode(segment.name, codebook=manifest.codebook)
+        coded.append(replace(segment, codes=codes))
+    return replace(manifest, segments=tuple(coded))
+
+
+def descriptors_in_map(index: IndexFolder, manifest: Manifest) -> int:
+    """Count the descriptors of the photos that the manifest names."""
+    wanted = {p.content for p in manifest.photos.values()}
+    total = 0
+    for record in manifest.segments:
+        segment = read_segment(index.segment_path(record.name))
+        named = [c in wanted for c in segment.content]
+        total += int(np.diff(segment.first)[named].sum())
+    return total
+
+
+def _worth_keeping(
+    records: Collection[SegmentRecord], opened: Mapping[str, Segment], *, wanted: Collection[str]
+) -> list[SegmentRecord]:
+    """Leave out the segments that are better written anew: small and many, or with much that is gone."""
+
+    def small(record: SegmentRecord) -> bool:
+        return record.photos < PHOTOS_PER_SEGMENT // 2
+
+    def worn(record: SegmentRecord) -> bool:
+        dead = sum(c not in wanted for c in opened[record.name].content)
+        return dead > _MOST_DEAD * record.photos
+
+    crowded = sum(map(small, records)) > _MOST_SMALL
+    return [r for r in records if not worn(r) and not (crowded and small(r))]
+
+
+class _Source:
+    """Finds a photo's features in the old segments, or else in the spool."""
+
+    def __init__(self, index: IndexFolder, segments: Collection[Segment]) -> None:
+        self._index = index
+        self._place = {c: (s, i) for s in segments for i, c in enumerate(s.content)}
+
+    def __call__(self, content: str) -> PhotoEntry:
+        if content in self._place:
+            segment, photo = self._place[content]
+            return segment.entry(photo)
+        # Not mapped: a map keeps its file open, and a process may not have a thousand files open.
+        return read_segment(self._index.spool_path(content), mapped=False).entry(0)

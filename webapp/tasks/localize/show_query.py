@@ -1,0 +1,62 @@
+"""Finds the file of a photo that was asked about, or a preview of it, for those who may see it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from webapp.errors import NotFound
+from webapp.files.atomic import write_bytes
+from webapp.files.part_file import discard, told_as
+from webapp.files.photos.preview import SIDES, Kind, make_previews
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.localize import queries
+from webapp.store.schema import QueryRecord
+
+
+def original(library: Library, query: QueryRecord) -> Path:
+    """Find the file of a query, as it came.
+
+    Raises
+    ------
+    NotFound
+        It is missing on the disk.
+    """
+    path = queries.folder(library, query.map_id) / query.file
+    if not path.is_file():
+        raise NotFound("the photo of this answer is missing", where=query.name, hint="ask again")
+    return path
+
+
+def preview(library: Library, query: QueryRecord, *, kind: Kind, settings: Settings) -> Path:
+    """Find a preview of a query, and make it when it is wanted for the first time.
+
+    Raises
+    ------
+    NotFound, PhotoError
+        The photo is missing or damaged.
+    StorageError
+        The disk refused.
+    """
+    path = _preview_path(library, query, kind)
+    if not path.exists():
+        source = original(library, query)
+        with told_as(query.name, source):
+            made = make_previews(source, limits=settings.photo)
+        for other, data in made.items():
+            write_bytes(_preview_path(library, query, other), data)
+    return path
+
+
+def delete_files(library: Library, rows: Iterable[QueryRecord]) -> None:
+    """Delete the files of queries whose records are gone."""
+    for query in rows:
+        for kind in SIDES:
+            discard(_preview_path(library, query, kind))
+        discard(queries.folder(library, query.map_id) / query.file)
+
+
+def _preview_path(library: Library, query: QueryRecord, kind: Kind) -> Path:
+    stem = Path(query.file).stem
+    return queries.folder(library, query.map_id) / f"{stem}-{SIDES[kind]}.jpg"

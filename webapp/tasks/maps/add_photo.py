@@ -1,0 +1,230 @@
+"""Takes one complete file into a map: checked, kept, placed by its GPS, its previews made."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import LatLon
+from webapp.errors import NotFound
+from webapp.files.part_file import move_in, told_as
+from webapp.files.photos import preview
+from webapp.files.photos.exif_gps import ABSENT, Gps
+from webapp.files.photos.photo import PhotoFacts, read_facts
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.place_photos import place
+from webapp.tasks.maps.placing import image_of, queue_index
+from webapp.tasks.maps.survey_photos import State, Surveyed
+
+PHOTOS = "photos"
+"""Folder of a map that its photos are in."""
+
+_SUFFIXES: Mapping[str, str] = {
+    "JPEG": "jpg",
+    "MPO": "jpg",
+    "PNG": "png",
+    "HEIF": "heic",
+    "AVIF": "avif",
+    "WEBP": "webp",
+    "TIFF": "tif",
+    "BMP": "bmp",
+    "JPEG2000": "jp2",
+    "GIF": "gif",
+}
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
+_HASH_AT_END = re.compile(r"-([0-9a-f]{8,64})$")
+_MAX_STEM = 40
+_MAX_NAME = 300
+_HASH_DIGITS = (8, 16, 64)
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """What became of a file.
+
+    Attributes
+    ----------
+    id : int
+        Of the photo in the map.
+    name : str
+        Of the file, as it is kept.
+    duplicate : bool
+        The map had a photo of the same content already: nothing was changed.
+    placed : bool
+        It has a place on the satellite image.
+    gps_problem : str or None
+        Why it was not placed by its GPS, for people.
+    job : int or None
+        That takes it into the index.
+    """
+
+    id: int
+    name: str
+    duplicate: bool
+    placed: bool
+    gps_problem: str | None
+    job: int | None
+
+
+def run(
+    library: Library, map_id: int, *, source: Path, name: str, settings: Settings, by_gps: bool = True
+) -> Intake:
+    """Take a photo into a map.
+
+    When this returns, photo and record are on the disk. Killed at any point, the map has the photo or has it
+    not; at most its file waits without a record, until it comes again or is swept away.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    source : Path
+        Complete, on the same disk as the library (its uploads folder); is moved or deleted.
+    name : str
+        Of the file as it came; any text.
+    settings : Settings
+    by_gps : bool
+        Place it by its GPS where map and photo know where they are.
+
+    Returns
+    -------
+    Intake
+
+    Raises
+    ------
+    PhotoError
+        It is no photo of a known format, damaged, cut off, or larger than the limits. `source` is as it was.
+    NotFound
+        The map is gone.
+    DiskFull, StorageError
+        The disk refused.
+    """
+    name = tidy_name(name)
+    with told_as(name, source):
+        facts = read_facts(source, limits=settings.photo)
+        previews = preview.make_previews(source, limits=settings.photo)
+    sha256 = _sha256(source)
+    with library.database.write() as session:
+        record = _record(session, map_id)
+        folder = library.map_folder(record.slug)
+        row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
+        row.path = _free_path(folder, row, suffix=suffix_of(facts))
+        problem = _place(row, record, facts) if by_gps else None
+        before = record.revision
+        kept = maps.add_photo(session, record, row=row)
+        _keep(source, folder / kept.path)
+        duplicate, placed = record.revision == before, kept.x_px is not None
+        job = queue_index(session, record) if placed and not duplicate and image_of(record) else None
+        intake = Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, job)
+    if kept is row:
+        preview.write_previews(folder, intake.id, previews=previews)
+    return intake
+
+
+def suffix_of(facts: PhotoFacts) -> str:
+    """Give the ending of a photo's file, by its content."""
+    return _SUFFIXES[facts.format]
+
+
+def tidy_name(name: str) -> str:
+    """Give a file's name as it can be kept: no control characters, no halves of characters, not endless."""
+    text = name.encode("utf-8", "replace").decode("utf-8")
+    text = "".join(c for c in text if unicodedata.category(c) != "Cc").strip()
+    return text[-_MAX_NAME:] or "photo"
+
+
+def named_by_content(path: Path) -> bool:
+    """Tell whether a file has a name that only a photo taken in has: its own hash stands in it."""
+    found = _HASH_AT_END.search(path.stem)
+    return found is not None and _sha256(path).startswith(found[1])
+
+
+def why_no_gps(facts: PhotoFacts) -> str | None:
+    """Say why a photo has no GPS position, and what helps; None when it has one."""
+    if isinstance(facts.gps, Gps):
+        return None
+    reason = facts.gps.reason
+    if facts.gps != ABSENT:
+        return reason
+    if facts.maker is None:
+        return (
+            f"{reason}, nor any other EXIF: messengers, screenshots and some galleries remove it; "
+            "take the original file from the device"
+        )
+    if facts.maker.lower() == "apple":
+        return (
+            f"{reason}: iOS leaves it out when “Location” is off in the options of the photo picker, "
+            "or when the camera may not use the location"
+        )
+    return (
+        f"{reason}: was the location switched on in the camera? Android leaves it out of photos that are "
+        "chosen in the gallery of a browser; choose them as files, or copy them by cable"
+    )
+
+
+def _record(session: Session, map_id: int) -> MapRecord:
+    record = session.get(MapRecord, map_id, with_for_update=True)
+    if record is None or record.binned_at is not None:
+        raise NotFound("the map is gone, or in the bin")
+    return record
+
+
+def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo:
+    gps = facts.gps if isinstance(facts.gps, Gps) else None
+    return Photo(
+        name=name,
+        sha256=sha256,
+        size_bytes=size_bytes,
+        width=facts.width,
+        height=facts.height,
+        taken_at=facts.taken_at,
+        fov_deg=facts.fov_deg,
+        gps_lat=gps.lat if gps else None,
+        gps_lon=gps.lon if gps else None,
+        gps_accuracy_m=gps.accuracy_m if gps else None,
+        gps_problem=why_no_gps(facts),
+        heading_deg=facts.heading_deg,
+    )
+
+
+def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:
+    """Place a new photo by its GPS; gives the reason why it lies outside, if it does."""
+    image = image_of(record)
+    if image is None or image.georeference is None or row.gps_lat is None or row.gps_lon is None:
+        return None
+    verdict = place(Surveyed(row.name, facts, LatLon(row.gps_lat, row.gps_lon)), image, photo=row.path)
+    if verdict.state is not State.PLACED or verdict.experience is None:
+        return verdict.reason
+    row.x_px, row.y_px = verdict.experience.position
+    return None
+
+
+def _free_path(folder: Path, row: Photo, *, suffix: str) -> str:
+    """Choose the path of a photo; that of a file with the same content, where one waits without a record."""
+    last = PurePosixPath(row.name.replace("\\", "/")).stem
+    plain = unicodedata.normalize("NFKD", last).encode("ascii", "ignore").decode()
+    stem = _NOT_PLAIN.sub("-", plain)[:_MAX_STEM].strip("-") or "photo"
+    paths = [f"{PHOTOS}/{stem}-{row.sha256[:digits]}.{suffix}" for digits in _HASH_DIGITS]
+    free = (p for p in paths if not (folder / p).exists() or _sha256(folder / p) == row.sha256)
+    return next(free, paths[-1])
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _keep(source: Path, target: Path) -> None:
+    if target.exists():
+        source.unlink()
+    else:
+        move_in(source, target)

@@ -1,0 +1,269 @@
+"""Takes a map folder of the library into the database as it is; no file is copied or changed."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.errors import Conflict, MapError, PhotoError, UsageError
+from webapp.files.maps.folder import photo_path, read_map
+from webapp.files.maps.map_json import georeference_fields
+from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.photo import read_facts, read_file
+from webapp.files.satellite.image_probe import check_decodes
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits, Settings
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
+from webapp.tasks.maps.export import file_sha256
+from webapp.tasks.maps.placing import queue_index
+from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, PYRAMID_JOB
+
+_SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What a map folder holds, ready to be registered.
+
+    Attributes
+    ----------
+    map : Map
+    cfg_sha256 : str or None
+        Of the `map.cfg` that was read.
+    photos : tuple of Photo
+        Records with their ids; of no map yet.
+    problems : tuple of str
+        One sentence for each photo that is missing or unreadable. Its record has no size and no EXIF.
+    tray : tuple of Photo
+        Records of photos without a place; their ids are those that follow the map's.
+    """
+
+    map: Map
+    cfg_sha256: str | None
+    photos: tuple[Photo, ...]
+    problems: tuple[str, ...]
+    tray: tuple[Photo, ...] = ()
+
+
+def run(
+    library: Library,
+    slug: str,
+    *,
+    account_id: int,
+    name: str | None = None,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> int:
+    """Register the folder of a map that is in the library but not in the database.
+
+    Ids, revision and files stay as they are. A photo that is missing or unreadable keeps its place on the
+    map; the linter tells.
+
+    Parameters
+    ----------
+    library : Library
+    slug : str
+        Name of the folder, which has a `map.cfg`.
+    account_id : int
+        Who owns the map from then on.
+    name : str or None
+        For people; by default made from the slug.
+    settings : Settings, optional
+        The limits of photos count.
+    progress : Progress, optional
+        One step a photo.
+
+    Returns
+    -------
+    int
+        Id of the map.
+
+    Raises
+    ------
+    MapError
+        The folder cannot be read as a map.
+    UsageError
+        The folder's name cannot stand in an address, or the name is none.
+    Conflict
+        The database has such a map already.
+    """
+    if not _SLUG.fullmatch(slug) or slug in maps.RESERVED:
+        raise UsageError(
+            f"{slug!r} cannot name a map of the library", hint="rename the folder: letters, digits, -"
+        )
+    limits = (settings or Settings()).photo
+    contents = read(library.cfg(slug), limits=limits, progress=progress or Progress())
+    for problem in contents.problems:
+        (progress or Progress()).note(problem)
+    with library.database.write() as session:
+        if session.scalars(select(MapRecord.id).where(MapRecord.slug == slug)).first() is not None:
+            raise Conflict(f"the library has a map {slug} already", where=slug)
+        record = MapRecord(slug=slug, name=maps.checked_name(name or slug.replace("-", " ").capitalize()))
+        session.add(record)
+        session.flush()
+        session.add(Member(map_id=record.id, account_id=account_id, role="owner"))
+        fill(session, record, contents)
+        return record.id
+
+
+def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> Contents:
+    """Read a map folder and look at each of its photos.
+
+    Raises
+    ------
+    MapError
+        The folder cannot be read as a map.
+    Cancelled
+        The user stopped it.
+    """
+    sha256 = file_sha256(cfg)  # before it is read: a change in between is noticed as one from outside
+    map_ = read_map(cfg)
+    _check_placements(map_, cfg)
+    progress.size(len(map_.experiences))
+    photos, problems = [], []
+    taken: set[str] = set()
+    for e in map_.experiences:
+        progress.check()
+        row, problem = photo_row(cfg, e, limits=limits)
+        if row.sha256 in taken:
+            row.sha256 = salted(row.sha256, e.id)
+        taken.add(row.sha256)
+        photos.append(row)
+        problems += [problem] if problem else []
+        progress.advance()
+    return Contents(map_, sha256, tuple(photos), tuple(problems))
+
+
+def fill(session: Session, record: MapRecord, contents: Contents) -> None:
+    """Give a record without photos the contents of its folder; the files count as written by us.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    record : MapRecord
+        In the database, without photos.
+    contents : Contents
+    """
+    map_ = contents.map
+    record.satellite_revision = record.exported_revision = map_.revision
+    record.revision = map_.revision + bool(contents.tray)  # which the files do not tell of
+    record.exported_sha256, record.next_id = contents.cfg_sha256, map_.next_id + len(contents.tray)
+    record.satellite_path = map_.satellite.path
+    record.satellite_width, record.satellite_height = map_.satellite.width, map_.satellite.height
+    record.georeference = georeference_fields(map_.georeference)
+    photos = (*contents.photos, *contents.tray)
+    for row in photos:
+        row.map_id, row.revision = record.id, record.revision
+    session.add_all(photos)
+    session.add_all(_placed(record.id, map_))
+    session.flush()
+    queue_derived(session, record)
+
+
+def queue_derived(session: Session, record: MapRecord) -> None:
+    """Have the worker make what is derived from a map that came as a whole: its index, tiles of its image."""
+    if record.photos:
+        queue_index(session, record)
+    if max(record.satellite_width or 0, record.satellite_height or 0) > DISPLAY_SIDE_PX:
+        jobs.enqueue(session, PYRAMID_JOB, map_id=record.id, key=record.satellite_path or "")
+
+
+def salted(sha256: str, id: int) -> str:
+    """Give the second of two lines with the same photo a hash of its own: a map has each hash once.
+
+    The first line keeps the true one, by which the photo is recognised when it is uploaded again.
+    """
+    return hashlib.sha256(f"{sha256}/{id}".encode()).hexdigest()
+
+
+def photo_row(cfg: Path, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, str | None]:
+    """Make the record of an experience's photo; what the map says goes before its EXIF.
+
+    Parameters
+    ----------
+    cfg : Path
+    e : Experience
+    limits : PhotoLimits
+
+    Returns
+    -------
+    row : Photo
+        Of no map yet. With size 0 where the photo cannot be read.
+    problem : str or None
+        Why it cannot be read.
+    """
+    row = Photo(
+        id=e.id,
+        name=e.photo.rsplit("/", 1)[-1],
+        path=e.photo,
+        sha256=hashlib.sha256(f"no photo {e.id}".encode()).hexdigest(),
+        size_bytes=0,
+        width=0,
+        height=0,
+        taken_at=e.taken_at,
+        fov_deg=e.fov_deg,
+        gps_accuracy_m=e.gps_accuracy_m,
+        x_px=e.position.x,
+        y_px=e.position.y,
+        heading_deg=e.heading_deg,
+    )
+    try:
+        _look(row, photo_path(cfg, e.photo), limits=limits)
+    except (MapError, PhotoError) as error:
+        problem = f"{e.photo}: {error.message}"
+        row.gps_problem = problem
+        return row, problem
+    return row, None
+
+
+def tray_row(path: Path, *, limits: PhotoLimits) -> Photo:
+    """Make the record of a photo without a place; of no map yet, without id and path.
+
+    Raises
+    ------
+    PhotoError
+        It is no photo.
+    """
+    row = Photo(name=path.name)
+    _look(row, path, limits=limits)
+    return row
+
+
+def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:
+    """Complete a record by what the file says."""
+    check_decodes(path, limits=limits)
+    data = read_file(path, limits=limits)
+    facts = read_facts(data, limits=limits)
+    row.sha256, row.size_bytes = hashlib.sha256(data).hexdigest(), len(data)
+    row.width, row.height = facts.width, facts.height
+    row.taken_at = row.taken_at or facts.taken_at
+    row.fov_deg = facts.fov_deg if row.fov_deg is None else row.fov_deg
+    if isinstance(facts.gps, Gps):
+        row.gps_lat, row.gps_lon = facts.gps.lat, facts.gps.lon
+        row.gps_accuracy_m = facts.gps.accuracy_m if row.gps_accuracy_m is None else row.gps_accuracy_m
+    else:
+        row.gps_problem = facts.gps.reason
+
+
+def _check_placements(map_: Map, cfg: Path) -> None:
+    """Refuse placements whose files are one, or the map's own, on any disk: they could not be written."""
+    names = [cfg.stem.casefold(), *(placement.name.casefold() for placement in map_.placements)]
+    if len(set(names)) < len(names):
+        raise MapError("two placements have one file name", where=str(cfg), hint="rename one of them")
+
+
+def _placed(map_id: int, map_: Map) -> Iterator[PlacedElsewhere]:
+    for placement in map_.placements:
+        for id, at in placement.positions.items():
+            yield PlacedElsewhere(map_id=map_id, placement=placement.name, photo_id=id, x_px=at.x, y_px=at.y)

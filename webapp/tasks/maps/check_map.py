@@ -1,0 +1,175 @@
+"""Says what is wrong with a map and how to fix it, all of it in one go."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import LatLon
+from webapp.core.mapmodel.checks import FileFacts, FolderFacts, check_folder, check_lines
+from webapp.core.mapmodel.findings import Finding
+from webapp.errors import MapError, PhotoError
+from webapp.files.listing import Spelling, list_photos, normal_name
+from webapp.files.maps.cfg import read_bytes
+from webapp.files.maps.cfg_scan import Scan, scan
+from webapp.files.maps.folder import photo_path
+from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.photo import read_facts
+from webapp.files.satellite.image_probe import check_decodes, image_size
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits, Settings
+from webapp.tasks.maps.check_beside import check_beside
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What the check of a map found.
+
+    Attributes
+    ----------
+    cfg_path : Path
+    photos : int
+        Lines of photos that could be read.
+    findings : tuple of Finding
+        Those of the `.cfg` first, in the order of the lines, then those of the files beside it.
+    """
+
+    cfg_path: Path
+    photos: int
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> int:
+        """Number of findings that make the map unusable."""
+        return sum(finding.severity == "error" for finding in self.findings)
+
+    @property
+    def warnings(self) -> int:
+        """Number of findings that leave the map usable."""
+        return len(self.findings) - self.errors
+
+
+def run(cfg_path: Path, *, settings: Settings, progress: Progress, content: bytes | None = None) -> Report:
+    """Check a map file, the files beside it and the photos it names.
+
+    Parameters
+    ----------
+    cfg_path : Path
+    settings : Settings
+        The limits of photos count.
+    progress : Progress
+        One step a photo.
+    content : bytes, optional
+        Of the map file, instead of what stands in it.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    MapError
+        There is no such file, or it cannot be read at all.
+    Cancelled
+        The user stopped it.
+    """
+    pieces = scan(read_bytes(cfg_path) if content is None else content)
+    beside = check_beside(cfg_path, pieces)
+    findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *beside.findings]
+    judge = _Judge(cfg_path, settings.photo, beside.georeference)
+    facts = _folder_facts(judge, pieces, progress=progress)
+    findings += check_folder(pieces.image, pieces.photos, facts=facts)
+    findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
+    return Report(cfg_path, len(pieces.photos), tuple(findings))
+
+
+@dataclass(frozen=True, slots=True)
+class _Judge:
+    """Looks at the files that a map names."""
+
+    cfg_path: Path
+    limits: PhotoLimits
+    georeference: Georeference | None
+
+    def find(self, name: str) -> FileFacts:
+        """Tell whether the file is there."""
+        try:
+            path = photo_path(self.cfg_path, name)
+        except MapError as error:
+            return FileFacts("outside", error.message)
+        return FileFacts("ok" if path.is_file() else "missing")
+
+    def photo(self, name: str) -> FileFacts:
+        """Tell whether a photo that is there can be decoded, and where its GPS puts it."""
+        path = photo_path(self.cfg_path, name)
+        try:
+            check_decodes(path, limits=self.limits)
+            gps = read_facts(path, limits=self.limits).gps if self.georeference else None
+        except PhotoError as error:
+            return FileFacts("unreadable", error.message)
+        if self.georeference is None or not isinstance(gps, Gps):
+            return FileFacts("ok")
+        pixel = self.georeference.pixel_of(LatLon(gps.lat, gps.lon))
+        return FileFacts("ok", gps=pixel if math.isfinite(pixel.x) and math.isfinite(pixel.y) else None)
+
+    def image(self, name: str) -> tuple[FileFacts, tuple[int, int] | None]:
+        """Tell whether an image that is there can be read, and its size in pixels."""
+        try:
+            return FileFacts("ok"), image_size(photo_path(self.cfg_path, name))
+        except PhotoError as error:
+            return FileFacts("unreadable", error.message), None
+
+
+def _folder_facts(judge: _Judge, pieces: Scan, *, progress: Progress) -> FolderFacts:
+    present = list_photos(judge.cfg_path.parent)
+    orphans = orphan_photos(judge.cfg_path, pieces, present=present)
+    listed, unused = Spelling(present), Spelling(orphans)
+
+    def spelled(name: str, found: FileFacts) -> FileFacts:
+        actual = listed.same(normal_name(name))
+        if found.state == "missing" and actual is None:
+            actual = unused.similar(name)
+        return replace(found, actual=actual)
+
+    photos: dict[str, FileFacts] = {}
+    named = dict.fromkeys(line.photo for line in pieces.photos if line.photo is not None)
+    progress.size(len(named))
+    for name in named:
+        progress.check()
+        found = judge.find(name)
+        photos[name] = spelled(name, judge.photo(name) if found.state == "ok" else found)
+        progress.advance()
+    satellite, size = FileFacts("ok"), None
+    image = pieces.image.image if pieces.image else None
+    if image is not None:
+        satellite = judge.find(image)
+        if satellite.state == "ok":
+            satellite, size = judge.image(image)
+        satellite = spelled(image, satellite)
+    return FolderFacts(satellite, size, photos, orphans)
+
+
+def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> list[str]:
+    """List the photos that no map in the folder names, not even on a line that could not be read.
+
+    Parameters
+    ----------
+    cfg_path : Path
+    pieces : Scan
+        Of the map file.
+    present : sequence of str
+        Photos below the folder.
+    """
+    others = [
+        scan(read_bytes(p)) for p in sorted(cfg_path.parent.glob("*.cfg")) if p.is_file() and p != cfg_path
+    ]
+    named: set[str] = set()
+    for each in (pieces, *others):
+        named |= {normal_name(line.photo) for line in each.photos if line.photo is not None}
+        if each.image and each.image.image is not None:
+            named.add(normal_name(each.image.image))
+    unread = "\n".join(text for each in (pieces, *others) for text in each.unread)
+    return [name for name in present if name not in named and name not in unread]

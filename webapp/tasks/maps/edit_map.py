@@ -1,0 +1,134 @@
+"""Edits that people make on the page of a map, checked and kept as one step each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotFound, UsageError
+from webapp.store.library import Library
+from webapp.store.maps import edits
+from webapp.store.maps.edits import Step
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps import export, placements
+
+KINDS = ("place", "move", "turn", "unplace", "remove")
+"""Words for a step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """What shall change.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    changes : mapping of int to mapping
+        New values of `x_px`, `y_px`, `heading_deg` or `removed` by photo. x and y come together; None for
+        both puts the photo back into the tray.
+    placement : str or None
+        Whose positions change; None for the main one.
+    seen : int or None
+        Newest revision that who edits knows of.
+    """
+
+    kind: str
+    changes: Mapping[int, Mapping[str, Any]]
+    placement: str | None = None
+    seen: int | None = None
+
+
+def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | None:
+    """Make an edit, and bring the files of the map up to date.
+
+    Returns
+    -------
+    int or None
+        Revision of the edit; None when everything was so already.
+
+    Raises
+    ------
+    UsageError
+        A position outside the image, a value that is none.
+    Conflict
+        Somebody else has changed one of the photos since `seen`.
+    NotFound
+    """
+    if edit.kind not in KINDS:
+        raise UsageError(f"{edit.kind!r} is no kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id)
+        if edit.placement is not None:
+            placements.check_name(session, record, edit.placement)
+        changes: dict[str, Mapping[str, Any] | None] = {}
+        for id, fields in edit.changes.items():
+            _check_there(session, record, id)
+            changes |= _targets(record, id, fields=fields, placement=edit.placement)
+        done = edits.apply(
+            session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
+        )
+    export.follow(library, map_id)
+    return None if done is None else done.turn
+
+
+def turn(library: Library, map_id: int, *, way: Literal["undo", "redo"], account_id: int) -> Step | None:
+    """Undo or redo the account's last edit; None when there is none."""
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id)
+        step = (edits.undo if way == "undo" else edits.redo)(session, record, account_id=account_id)
+    export.follow(library, map_id)
+    return step
+
+
+def _check_there(session: Session, record: MapRecord, id: int) -> None:
+    photo = session.get(Photo, (record.id, id))
+    if photo is None or photo.removed:
+        raise NotFound(f"the map has no photo {id}", where=f"photo/{id}", hint="somebody may have removed it")
+
+
+def _targets(
+    record: MapRecord, id: int, *, fields: Mapping[str, Any], placement: str | None
+) -> dict[str, Mapping[str, Any] | None]:
+    known = dict(fields)
+    if ("x_px" in known) != ("y_px" in known):
+        raise UsageError("x_px and y_px come together", where=f"photo/{id}", hint="give both")
+    if known.get("heading_deg") is not None:
+        known["heading_deg"] = _heading(known["heading_deg"], id)
+    if "x_px" not in known:
+        return {f"photo/{id}": known} if known else {}
+    at = {axis: known.pop(axis) for axis in ("x_px", "y_px")}
+    if (at["x_px"] is None) != (at["y_px"] is None):
+        raise UsageError("one of x_px and y_px is missing", where=f"photo/{id}", hint="give both or neither")
+    _check_inside(record, at, id=id)
+    if placement is None:
+        return {f"photo/{id}": {**at, **known}}
+    target = f"placed/{placement}/{id}"
+    return {target: None if at["x_px"] is None else at, **({f"photo/{id}": known} if known else {})}
+
+
+def _heading(value: float, id: int) -> float:
+    if not math.isfinite(value):
+        raise UsageError("the heading is no number", where=f"photo/{id}", hint="degrees clockwise from north")
+    return float(value % 360.0 % 360.0)  # -1e-20 % 360 is 360
+
+
+def _check_inside(record: MapRecord, at: Mapping[str, float | None], *, id: int) -> None:
+    x, y = at["x_px"], at["y_px"]
+    if x is None or y is None:
+        return
+    width, height = record.satellite_width, record.satellite_height
+    if width is None or height is None:
+        raise UsageError(
+            "the map has no satellite image to place photos on", where=f"photo/{id}", hint="set one first"
+        )
+    if not (0 <= x <= width and 0 <= y <= height):  # not a number is outside too
+        raise UsageError(
+            f"the position ({x:g}, {y:g}) is outside the image",
+            where=f"photo/{id}",
+            hint=f"x is from 0 to {width}, y from 0 to {height} pixels",
+        )

@@ -1,0 +1,224 @@
+"""What the linter finds about a map of the library, with what can be put right by a button."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import LatLon
+from webapp.core.mapmodel.findings import Code, Finding
+from webapp.core.mapmodel.model import Map
+from webapp.core.mapmodel.positions import whole_pixel
+from webapp.files.listing import list_photos, normal_name
+from webapp.files.maps.cfg_scan import scan
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps import check_map, export, outside_edit
+from webapp.tasks.maps.library_map import as_map, georeference
+from webapp.tasks.satellite.unused import images_of
+from webapp.tasks.told_below import finding_below
+
+Fix = Literal["to-tray", "remove", "swap", "adopt", "image-size", "outside-take", "outside-discard"]
+
+FIXES: dict[Code, Fix] = {
+    Code.POSITION_OUTSIDE_IMAGE: "to-tray",
+    Code.SWAPPED_XY: "swap",
+    Code.MISSING_PHOTO: "remove",
+    Code.UNREADABLE_PHOTO: "remove",
+    Code.PATH_LEAVES_FOLDER: "remove",
+    Code.DUPLICATE_PHOTO: "remove",
+    Code.IMAGE_SIZE_DIFFERS: "image-size",
+    Code.ORPHAN_PHOTO: "adopt",
+}
+"""Kinds of findings that a button puts right."""
+
+FIX_NAMES: tuple[Fix, ...] = get_args(Fix)
+
+OUTSIDE = "outside-edit"
+_TOGETHER = 5
+"""More findings of one kind are told as one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something that is wrong with a library map.
+
+    Attributes
+    ----------
+    code : str
+        As the linter has it; `outside-edit` for a map file that was changed from outside.
+    severity : {"error", "warning"}
+    message : str
+    hint : str or None
+        What to do where no fix does it.
+    ids : tuple of int
+        Photos that it is about.
+    fixes : tuple of str
+    """
+
+    code: str
+    severity: Literal["error", "warning"]
+    message: str
+    hint: str | None
+    ids: tuple[int, ...]
+    fixes: tuple[Fix, ...]
+
+
+def run(
+    library: Library, map_id: int, *, settings: Settings, progress: Progress | None = None
+) -> list[Problem]:
+    """Check a map of the library as its records have it.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    settings : Settings
+    progress : Progress, optional
+        One step a photo.
+
+    Returns
+    -------
+    list of Problem
+        Errors first.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    outside = outside_edit.show(library, map_id, settings=settings)
+    if outside is None:
+        export.run(library, map_id)
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        cfg, map_ = library.cfg(record.slug), as_map(session, record)
+    problems = [] if outside is None else [_outside(outside)]
+    if map_ is not None:
+        report = check_map.run(cfg, settings=settings, progress=progress or Progress(), content=_lines(map_))
+        with library.database.read() as session:
+            record = session.get_one(MapRecord, map_id)
+            ours = [finding_below(f, cfg.parent) for f in report.findings if _counts(f)]
+            problems += _told(ours, map_, gps_swapped=swapped(record, maps.photos(session, record)))
+            problems += _extra(orphans(session, record, cfg))
+    return sorted(problems, key=lambda problem: problem.severity != "error")
+
+
+def orphans(session: Session, record: MapRecord, cfg: Path) -> list[str]:
+    """List photos in a map's folder that its records do not know, and that are no copies of known ones.
+
+    Parameters
+    ----------
+    session : Session
+    record : MapRecord
+    cfg : Path
+
+    Returns
+    -------
+    list of str
+        Relative to the folder.
+    """
+    rows = maps.photos(session, record)
+    known = {normal_name(row.path) for row in rows} | images_of(session, record)
+    hashes = {row.sha256 for row in rows}
+    found = check_map.orphan_photos(cfg, scan(b""), present=list_photos(cfg.parent))
+    return [name for name in found if name not in known and _sha256(cfg.parent / name) not in hashes]
+
+
+def swapped(record: MapRecord, rows: Iterable[Photo]) -> list[int]:
+    """List the photos that fit their GPS much better with x and y exchanged, by the linter's measure."""
+    where = georeference(record)
+    found = []
+    for row in rows:
+        if None in (where, row.x_px, row.y_px, row.gps_lat, row.gps_lon) or row.removed:
+            continue
+        assert where is not None and row.x_px is not None and row.y_px is not None
+        assert row.gps_lat is not None and row.gps_lon is not None
+        gps = where.pixel_of(LatLon(row.gps_lat, row.gps_lon))
+        if not all(abs(value) < 1e9 for value in gps):  # NaN too
+            continue
+        gx, gy = whole_pixel(gps)
+        far = max(abs(row.x_px - gx), abs(row.y_px - gy))
+        if 4 * max(abs(row.y_px - gx), abs(row.x_px - gy)) < far:
+            found.append(row.id)
+    return found
+
+
+def _lines(map_: Map) -> bytes:
+    """Write the records as a map file, also where that would be refused: the linter says why."""
+    image = map_.satellite
+    lines = [(image.path, image.width, image.height)]
+    lines += [(e.id, e.photo, *whole_pixel(e.position)) for e in map_.experiences]  # type: ignore[misc]
+    return "".join(";".join(map(str, line)) + "\n" for line in lines).encode("utf-8", "replace")
+
+
+def _counts(finding: Finding) -> bool:
+    """Leave out the files beside the map, which are written from the records, and photos without a record."""
+    return not finding.file and finding.code is not Code.ORPHAN_PHOTO
+
+
+def _told(findings: Sequence[Finding], map_: Map, *, gps_swapped: Sequence[int]) -> list[Problem]:
+    """Group the findings by kind, and know photos by their ids instead of lines."""
+    by_code: dict[Code, list[Finding]] = defaultdict(list)
+    for finding in findings:
+        by_code[finding.code].append(finding)
+    problems = []
+    for code, same in by_code.items():
+        groups = [same] if len(same) > _TOGETHER else [[finding] for finding in same]
+        for group in groups:
+            ids = tuple(gps_swapped) if code is Code.SWAPPED_XY and gps_swapped else _ids(map_, group)
+            problems.append(_problem(group, ids))
+    return problems
+
+
+def _extra(names: Sequence[str]) -> list[Problem]:
+    """Tell of photos in the folder that no record knows."""
+    if not names:
+        return []
+    shown = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
+    message = f"photos in the folder that are not in the map: {shown} ({len(names)})"
+    return [Problem(Code.ORPHAN_PHOTO, "warning", message, None, (), ("adopt",))]
+
+
+def _problem(group: Sequence[Finding], ids: tuple[int, ...]) -> Problem:
+    first = group[0]
+    more = f" (and {len(group) - 1} more like it)" if len(group) > 1 else ""
+    fix = FIXES.get(first.code)
+    return Problem(
+        code=first.code,
+        severity=first.severity,
+        message=first.message + more,
+        hint=first.fix if fix is None else None,
+        ids=ids,
+        fixes=() if fix is None else (fix,),
+    )
+
+
+def _ids(map_: Map, group: Sequence[Finding]) -> tuple[int, ...]:
+    """Give the photos that findings are about: line 2 is the first."""
+    lines = [finding.line - 2 for finding in group]
+    return tuple(map_.experiences[line].id for line in lines if 0 <= line < len(map_.experiences))
+
+
+def _outside(shown: dict[str, Any]) -> Problem:
+    counts = ", ".join(
+        f"{len(shown[what])} {what}" for what in ("added", "moved", "turned", "removed") if shown[what]
+    )
+    message = "map.cfg was changed outside of this program"
+    message += f": {shown['problem']}" if shown["problem"] else f" ({counts or 'nothing that counts'})"
+    fixes: tuple[Fix, ...] = ("outside-discard",) if shown["problem"] else ("outside-take", "outside-discard")
+    ids = tuple(photo["id"] for what in ("moved", "turned", "removed", "kept") for photo in shown[what])
+    return Problem(OUTSIDE, "error", message, None, ids, fixes)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,98 @@
+"""Finds the weak places of a map by localizing its own photos."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from webapp.core.hypotheses.model import Answer
+from webapp.core.mapmodel.health import judge
+from webapp.errors import StorageError
+from webapp.files.atomic import write_text
+from webapp.files.listing import DERIVED
+from webapp.files.localize import queries_csv
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize import evaluate, prepare
+from webapp.tasks.localize.evaluation_types import EvaluateOptions
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.photo import for_own_photos
+
+LIMIT = 200
+"""At most so many photos are tried, evenly spread over the map."""
+
+_FILE = "health.json"
+_VERSION = 1
+
+
+def run(
+    cfg: Path, *, settings: Settings, progress: Progress, options: OpenOptions | None = None
+) -> dict[str, Any]:
+    """Localize photos of the map as if they were not on it, and keep what that says about them.
+
+    Parameters
+    ----------
+    cfg : Path
+    settings : Settings
+    progress : Progress
+        Two steps a photo, after those of the index.
+    options : OpenOptions, optional
+
+    Returns
+    -------
+    dict
+        As `stored` gives it.
+
+    Raises
+    ------
+    MapError, UsageError, StorageError, Cancelled
+    """
+    localizer = prepare.run(cfg, options or OpenOptions(), settings=settings, progress=progress)
+    done = evaluate.run_self(
+        for_own_photos(localizer),
+        map_folder=cfg.parent,
+        options=EvaluateOptions(limit=LIMIT),
+        progress=progress,
+    )
+    tried = queries_csv.select(localizer.map.experiences, LIMIT)
+    answers: dict[int, list[Answer]] = defaultdict(list)
+    for evaluation in done:
+        for e, result in zip(tried, evaluation.results, strict=True):
+            if result.answer is not None:
+                answers[e.id].append(result.answer)
+    judged = judge(localizer.map.experiences, answers, place_radius_px=localizer.place_radius_px)
+    content = {
+        "version": _VERSION,
+        "revision": localizer.map.revision,
+        "place_radius_px": localizer.place_radius_px,
+        "photos": [asdict(photo) for photo in judged],
+    }
+    write_text(_path(cfg), json.dumps(content))
+    return content
+
+
+def stored(cfg: Path) -> dict[str, Any] | None:
+    """Read what was found last.
+
+    Returns
+    -------
+    dict or None
+        `revision` of the map then, `place_radius_px`, and `photos`: `id`, `state` (`confusable`, `lonely`,
+        `one-direction` or `good`), `taken_for`, `probability`. None where nothing of this version is there.
+    """
+    try:
+        content: dict[str, Any] = json.loads(_path(cfg).read_bytes())
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise StorageError(
+            "what was found about the map cannot be read", where=_FILE, hint="find it out again"
+        ) from error
+    return content if content.get("version") == _VERSION else None
+
+
+def _path(cfg: Path) -> Path:
+    return cfg.parent / DERIVED / _FILE

@@ -1,0 +1,71 @@
+"""A map of the library as the map model has it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
+from webapp.files.maps.map_json import parse_georeference
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
+
+
+def as_map(session: Session, record: MapRecord) -> Map | None:
+    """Build the map model from the records.
+
+    Parameters
+    ----------
+    session : Session
+    record : MapRecord
+
+    Returns
+    -------
+    Map or None
+        With the photos that have a place; None as long as there is no satellite image.
+    """
+    if record.satellite_path is None or not record.satellite_width or not record.satellite_height:
+        return None
+    photos = [p for p in maps.photos(session, record) if not p.removed]
+    experiences = tuple(e for p in photos if (e := _experience(p)) is not None)
+    return Map(
+        satellite=SatelliteImage(record.satellite_path, record.satellite_width, record.satellite_height),
+        experiences=experiences,
+        georeference=georeference(record),
+        placements=_placements(session, record, ids={e.id for e in experiences}),
+        next_id=record.next_id,
+        revision=record.revision,
+    )
+
+
+def georeference(record: MapRecord) -> Georeference | None:
+    """Read the georeference of a map."""
+    return parse_georeference(record.georeference, where=record.slug)
+
+
+def _experience(photo: Photo) -> Experience | None:
+    if photo.x_px is None or photo.y_px is None:
+        return None
+    return Experience(
+        id=photo.id,
+        photo=photo.path,
+        position=MapPixel(photo.x_px, photo.y_px),
+        heading_deg=photo.heading_deg,
+        fov_deg=photo.fov_deg,
+        gps_accuracy_m=photo.gps_accuracy_m,
+        taken_at=photo.taken_at,
+    )
+
+
+def _placements(session: Session, record: MapRecord, *, ids: set[int]) -> tuple[Placement, ...]:
+    """Collect the further placements; a photo that has no place in the main one has none here."""
+    found = select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)
+    positions: dict[str, dict[int, MapPixel]] = defaultdict(dict)
+    for row in session.scalars(found.order_by(PlacedElsewhere.placement, PlacedElsewhere.photo_id)):
+        if row.photo_id in ids:
+            positions[row.placement][row.photo_id] = MapPixel(row.x_px, row.y_px)
+    return tuple(Placement(name, at) for name, at in positions.items())

@@ -1,0 +1,189 @@
+"""Places photos in the tray by a GPX track and the times when they were taken."""
+
+from __future__ import annotations
+
+import math
+import re
+import zoneinfo
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, timezone, tzinfo
+
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.match import ClockOffset, Match, NoMatch, estimate_offset, match
+from webapp.core.trajectory.track import Track
+from webapp.errors import UsageError
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.placing import Placing, Spot, Wanted, find_spots, needed_image, place_spots
+
+_OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
+_EPOCH = datetime(1970, 1, 1)
+_MAX_S = 10 * 366 * 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """How the times of photos become those of the track.
+
+    Attributes
+    ----------
+    offset_s : float
+        Is added to every time of a photo.
+    zone : tzinfo
+        Of times that do not say their own.
+    max_gap_s : float
+        Largest time between two fixes of the track that is bridged.
+    """
+
+    offset_s: float = 0.0
+    zone: tzinfo = UTC
+    max_gap_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no time span.
+
+        Raises
+        ------
+        UsageError
+        """
+        if not (math.isfinite(self.offset_s) and abs(self.offset_s) <= _MAX_S):
+            raise UsageError("the offset of the clock is no number of seconds", where="offset_s")
+        if not (math.isfinite(self.max_gap_s) and 0.0 < self.max_gap_s <= _MAX_S):
+            raise UsageError("the largest gap must be above 0 seconds", where="max_gap_s")
+
+    def seconds(self, taken_at: str) -> float:
+        """Turn the time of a photo (ISO 8601) into seconds since 1970, UTC, the offset not added."""
+        moment = datetime.fromisoformat(taken_at)
+        ahead = moment.utcoffset() if moment.tzinfo else self.zone.utcoffset(moment)
+        # in two steps, because the first of January of the year 1 in Prague has no date in UTC
+        return (moment.replace(tzinfo=None) - _EPOCH - (ahead or timedelta())).total_seconds()
+
+
+@dataclass(frozen=True, slots=True)
+class Unmatched:
+    """A photo that the track says nothing about."""
+
+    id: int
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Where a photo in the tray comes by the track."""
+
+    spot: Spot
+    latlon: LatLon
+    gap_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What placing by the track would do.
+
+    Attributes
+    ----------
+    found : tuple of Found
+        Also those outside the image: their spot has a problem.
+    unmatched : tuple of Unmatched
+    suggested : ClockOffset or NoMatch
+        The offset by which photos that know their position fit the track best.
+    """
+
+    found: tuple[Found, ...]
+    unmatched: tuple[Unmatched, ...]
+    suggested: ClockOffset | NoMatch
+
+
+def parse_zone(text: str) -> tzinfo:
+    """Read a time zone: `Europe/Prague`, `UTC`, or an offset such as `+02:00`.
+
+    Raises
+    ------
+    UsageError
+    """
+    found = _OFFSET.fullmatch(text.strip())
+    if found and int(found[2]) < 24 and int(found[3]) < 60:
+        span = timedelta(hours=int(found[2]), minutes=int(found[3]))
+        return timezone(span if found[1] == "+" else -span)
+    try:
+        return UTC if text.strip() in ("", "UTC", "Z") else zoneinfo.ZoneInfo(text.strip())
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError) as error:
+        hint = "name it like Europe/Prague, or give the offset like +02:00"
+        raise UsageError(f"{text[:60]!r} is not a time zone", where="time_zone", hint=hint) from error
+
+
+def preview(library: Library, map_id: int, *, track: Track, clock: Clock) -> Preview:
+    """Say where the photos in the tray would come; nothing is changed.
+
+    Raises
+    ------
+    UsageError
+        The map has no satellite image, or that no georeference.
+    """
+    with library.database.read() as session:
+        return _match(session, session.get_one(MapRecord, map_id), track=track, clock=clock)
+
+
+def run(
+    library: Library, map_id: int, *, track: Track, clock: Clock, account_id: int
+) -> tuple[Placing, Preview]:
+    """Place the photos in the tray that the track knows, as one edit.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    track : Track
+    clock : Clock
+    account_id : int
+        Who does it, and can undo it.
+
+    Returns
+    -------
+    Placing
+    Preview
+        As `preview` would have given it.
+
+    Raises
+    ------
+    UsageError
+        The map has no satellite image, or that no georeference.
+    """
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id, with_for_update=True)
+        seen = _match(session, record, track=track, clock=clock)
+        spots = [found.spot for found in seen.found]
+        return place_spots(session, record, spots=spots, kind="place-gpx", account_id=account_id), seen
+
+
+def _match(session: Session, record: MapRecord, *, track: Track, clock: Clock) -> Preview:
+    image = needed_image(record, with_georeference=True)
+    photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+    tray = [photo for photo in photos if photo.x_px is None]
+    timed = [photo for photo in tray if photo.taken_at]
+    times = [clock.seconds(photo.taken_at or "") + clock.offset_s for photo in timed]
+    matches = match(track, times, max_gap_s=clock.max_gap_s)
+    unmatched = [Unmatched(p.id, p.name, "it does not say when it was taken") for p in tray if not p.taken_at]
+    unmatched += [
+        Unmatched(p.id, p.name, m.reason)
+        for p, m in zip(timed, matches, strict=True)
+        if isinstance(m, NoMatch)
+    ]
+    hits = [(p, m) for p, m in zip(timed, matches, strict=True) if isinstance(m, Match)]
+    spots = find_spots(image, [Wanted(p, m.position) for p, m in hits])
+    found = tuple(Found(s, m.position, m.gap_s) for s, (_, m) in zip(spots, hits, strict=True))
+    return Preview(found, tuple(unmatched), _suggested(photos, track, clock))
+
+
+def _suggested(photos: Sequence[Photo], track: Track, clock: Clock) -> ClockOffset | NoMatch:
+    known = [
+        (clock.seconds(p.taken_at), LatLon(p.gps_lat, p.gps_lon))
+        for p in photos
+        if p.taken_at and p.gps_lat is not None and p.gps_lon is not None
+    ]
+    return estimate_offset(track, [t for t, _ in known], latlon=[position for _, position in known])

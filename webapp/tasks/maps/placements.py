@@ -1,0 +1,143 @@
+"""Further placements of a library map: made, replaced and deleted, as edits that can be undone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.clusters import gather
+from webapp.core.mapmodel.positions import inside
+from webapp.errors import NotFound, UsageError
+from webapp.files.maps.map_json import check_placement_name
+from webapp.store.library import Library
+from webapp.store.maps import edits, maps
+from webapp.store.schema import MapRecord, PlacedElsewhere
+from webapp.tasks.maps import export
+
+KIND = "placement"
+"""Of the edit."""
+
+
+def put(
+    library: Library,
+    map_id: int,
+    *,
+    name: str,
+    account_id: int,
+    positions: Mapping[int, MapPixel] | None = None,
+    clusters_px: float | None = None,
+) -> int | None:
+    """Make a placement, or replace it.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    name : str
+    account_id : int
+    positions : mapping of int to MapPixel, optional
+        By photo; by default those of the map.
+    clusters_px : float, optional
+        Instead: photos within this radius are gathered at their centre.
+
+    Returns
+    -------
+    int or None
+        Revision that the edit made; None when nothing changed.
+
+    Raises
+    ------
+    UsageError
+        The name is taken by another file, a position is outside the image, or the map has no photos placed.
+    MapError
+        The name is none.
+    NotFound
+        A photo that is not placed on the map.
+    """
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id)
+        check_name(session, record, name)
+        there = {
+            photo.id: MapPixel(photo.x_px, photo.y_px)
+            for photo in maps.photos(session, record)
+            if not photo.removed and photo.x_px is not None and photo.y_px is not None
+        }
+        wanted = there if positions is None else positions
+        if clusters_px is not None:
+            wanted = gather(there, radius_px=clusters_px)
+        if not wanted:
+            raise UsageError("no photo is placed on the map yet", hint="place photos first")
+        _check(record, wanted, there)
+        changes: dict[str, Mapping[str, Any] | None] = {
+            f"placed/{name}/{id}": None for id in _placed(session, record, name) if id not in wanted
+        }
+        changes |= {f"placed/{name}/{id}": {"x_px": at.x, "y_px": at.y} for id, at in wanted.items()}
+        edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
+    export.follow(library, map_id)
+    return None if edit is None else edit.turn
+
+
+def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:
+    """Delete a placement; the photos and their places on the map stay. Gives the revision of the edit.
+
+    Raises
+    ------
+    NotFound
+        There is none of that name.
+    """
+    with library.database.write() as session:
+        record = session.get_one(MapRecord, map_id)
+        ids = _placed(session, record, name)
+        if not ids:
+            raise NotFound(f"the map has no placement {name[:80]!r}", hint="reload the page")
+        changes = {f"placed/{name}/{id}": None for id in ids}
+        edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
+    export.follow(library, map_id)
+    return None if edit is None else edit.turn
+
+
+def check_name(session: Session, record: MapRecord, name: str) -> None:
+    """Refuse a name whose file would be that of the map or of another placement, on any disk.
+
+    Raises
+    ------
+    MapError
+        It is no name at all.
+    UsageError
+    """
+    check_placement_name(name)
+    others = session.scalars(
+        select(PlacedElsewhere.placement).where(PlacedElsewhere.map_id == record.id).distinct()
+    )
+    taken = {"map"} | {other.casefold() for other in others if other != name}
+    if name.casefold() in taken:
+        raise UsageError(
+            f"a placement cannot have the name {name!r}: its file would replace another one",
+            where="name",
+            hint="choose another name",
+        )
+
+
+def _check(record: MapRecord, wanted: Mapping[int, MapPixel], there: Mapping[int, MapPixel]) -> None:
+    width, height = record.satellite_width or 0, record.satellite_height or 0
+    for id, at in wanted.items():
+        if id not in there:
+            raise NotFound(f"the photo {id} is not placed on the map", where=f"positions.{id}")
+        if not (math.isfinite(at.x) and inside(at, width=width, height=height)):
+            raise UsageError(
+                f"the position ({at.x:g}, {at.y:g}) is outside the image",
+                where=f"positions.{id}",
+                hint=f"x is from 0 to {width}, y from 0 to {height} pixels",
+            )
+
+
+def _placed(session: Session, record: MapRecord, name: str) -> list[int]:
+    found = select(PlacedElsewhere.photo_id).where(
+        PlacedElsewhere.map_id == record.id, PlacedElsewhere.placement == name
+    )
+    return list(session.scalars(found))

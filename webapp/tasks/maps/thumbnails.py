@@ -1,0 +1,72 @@
+"""Small pictures of a map's photos for exports: encoded anew, so that no EXIF goes along."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from webapp.core.blur import blur
+from webapp.core.mapmodel.model import Experience
+from webapp.errors import MapError, MissingPart, PhotoError
+from webapp.files.decode import Pixels
+from webapp.files.maps.folder import photo_path
+from webapp.files.photos.photo import read_upright
+from webapp.files.photos.preview import preview_path
+from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.settings import PhotoLimits, Settings
+from webapp.tasks.exchange.export_source import Source
+
+_QUALITY = 80
+
+
+def thumbnail(source: Source, experience: Experience, *, side: int, limits: PhotoLimits) -> bytes | None:
+    """Make a small picture of a photo, of its preview where there is one.
+
+    Parameters
+    ----------
+    source : Source
+    experience : Experience
+    side : int
+        Pixels of the longer side, at most.
+    limits : PhotoLimits
+
+    Returns
+    -------
+    bytes or None
+        JPEG without metadata; None where the photo is missing or unreadable.
+    """
+    cfg, id = source.cfg, experience.id
+    preview = preview_path(cfg.parent, id, kind="thumb" if side <= 256 else "preview")
+    try:
+        if preview.exists():
+            return encoded(read_upright(preview, limits=limits, max_side=side))
+        pixels = read_upright(photo_path(cfg, experience.photo), limits=limits, max_side=side)
+    except (MapError, PhotoError, MissingPart):
+        return None
+    return encoded(blur(pixels, source.blurred.get(id, ())))
+
+
+def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) -> Pixels | None:
+    """Read the satellite image, scaled down to at most `side` pixels.
+
+    Returns
+    -------
+    (h, w, 3) uint8 or None
+        Blue, green, red; None where the image is missing or unreadable.
+    """
+    try:
+        file = photo_path(cfg, path)
+        with opened_raster(file, limits=settings.satellite) as raster:
+            return np.ascontiguousarray(reduced(raster, side)[:, :, ::-1])
+    except (MapError, PhotoError, MissingPart):
+        return None
+
+
+def encoded(pixels: Pixels, suffix: str = ".jpg") -> bytes:
+    """Encode a picture as `.jpg` or `.webp`, without metadata."""
+    kind = cv2.IMWRITE_JPEG_QUALITY if suffix == ".jpg" else cv2.IMWRITE_WEBP_QUALITY
+    done, data = cv2.imencode(suffix, pixels, [kind, _QUALITY])
+    assert done, "pictures of at most a few thousand pixels can always be encoded"
+    return np.asarray(data).tobytes()

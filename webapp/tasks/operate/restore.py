@@ -1,0 +1,180 @@
+"""Makes a library of a backup.
+
+Everything is unpacked beside the library first, compared with the backup's manifest, and its database looked
+through. Only then it takes its place; what was there is kept under another name.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from sqlalchemy import select
+
+from webapp.errors import Conflict, InputError, UsageError
+from webapp.files.alive import any_alive
+from webapp.files.atomic import storage_error, sync_folder
+from webapp.files.operate.backup import read_manifest, unpack
+from webapp.missions.store import missions
+from webapp.progress import Progress
+from webapp.store.clock import now
+from webapp.store.library import DATABASE, INNER, open_library
+from webapp.store.operate import jobs, snapshot
+from webapp.store.operate.snapshot import Contents
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.export import INDEX_JOB
+from webapp.tasks.operate.backup import MAPS, MISSIONS, QUERIES
+
+_STAGE = ".restoring"
+_BEFORE = ".before-restore-"
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreReport:
+    """What was restored.
+
+    Attributes
+    ----------
+    made_at : str
+        When the backup was made, ISO 8601.
+    maps, photos, files : int
+    before : Path or None
+        Where the library is that was there before.
+    """
+
+    made_at: str
+    maps: int
+    photos: int
+    files: int
+    before: Path | None
+
+
+def run(archive: Path, folder: Path, *, force: bool = False, progress: Progress) -> RestoreReport:
+    """Restore a library.
+
+    Indexes are not part of a backup: the first worker builds them.
+
+    Parameters
+    ----------
+    archive : Path
+    folder : Path
+        Of the library; made when missing.
+    force : bool
+        Also where there is something already, which then is kept in a folder of its own.
+    progress : Progress
+        One step a file.
+
+    Returns
+    -------
+    RestoreReport
+
+    Raises
+    ------
+    UsageError
+        The folder is not empty.
+    Conflict
+        A server or a worker is running on it.
+    InputError
+        It is no backup, or is damaged; nothing was changed.
+    StorageError, DiskFull
+        The disk refused.
+    Cancelled
+    """
+    folder = folder.absolute()
+    manifest = read_manifest(archive)
+    stage, there = folder / _STAGE, _there(folder)
+    if there and not force:
+        raise UsageError(
+            "there is something in this folder already",
+            where=str(folder),
+            hint="choose an empty one, or --force, which keeps what is there under another name",
+        )
+    _check_idle(folder)
+    try:
+        shutil.rmtree(stage, ignore_errors=True)  # of one that was killed
+        stage.mkdir(parents=True)
+        try:
+            progress.note("unpacking")
+            files = _unpack(archive, stage, progress=progress)
+            contents = _prepare(stage)
+            before = _swap(folder, stage, there)
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+    except OSError as error:
+        raise storage_error(error, where=str(folder)) from error
+    return RestoreReport(str(manifest.get("made_at")), len(contents.maps), contents.photos, files, before)
+
+
+def _there(folder: Path) -> list[Path]:
+    """List what is in the folder, besides what earlier restores have left."""
+    if not folder.exists():
+        return []
+    if not folder.is_dir():
+        raise UsageError("this is no folder", where=str(folder))
+    return [p for p in folder.iterdir() if p.name != _STAGE and not p.name.startswith(_BEFORE)]
+
+
+def _check_idle(folder: Path) -> None:
+    if any_alive(folder / INNER / "workers"):
+        raise Conflict(
+            "a server or a worker is running on this library", where=str(folder), hint="stop it first"
+        )
+
+
+def _unpack(archive: Path, stage: Path, *, progress: Progress) -> int:
+    """Unpack a backup as a library; gives the number of its files."""
+
+    folders = {MAPS: stage, QUERIES: stage / INNER / QUERIES, MISSIONS: stage / missions.FOLDER}
+
+    def place(name: str) -> Path:
+        kind, _, rest = name.partition("/")
+        if name == DATABASE:
+            return stage / INNER / DATABASE
+        if kind not in folders or "/" not in rest or rest.startswith("."):
+            raise InputError("the backup holds what is no part of a library", where=name)
+        return folders[kind] / PurePosixPath(rest)
+
+    files = unpack(archive, stage, place=place, progress=progress)
+    if DATABASE not in files:
+        raise InputError("the backup has no database", where=str(archive))
+    return len(files)
+
+
+def _prepare(stage: Path) -> Contents:
+    """Look through the database, bring it up to date, and have the first worker build the indexes."""
+    contents = snapshot.check(stage / INNER / DATABASE)
+    library = open_library(stage)
+    try:
+        with library.database.write() as session:
+            placed = select(Photo.map_id).where(Photo.x_px.is_not(None), ~Photo.removed)
+            wanted = (
+                MapRecord.satellite_path.is_not(None),
+                MapRecord.binned_at.is_(None),
+                MapRecord.id.in_(placed),
+            )
+            for map_id in session.scalars(select(MapRecord.id).where(*wanted)):
+                jobs.enqueue(session, INDEX_JOB, map_id=map_id)
+    finally:
+        library.database.close()
+    return contents
+
+
+def _swap(folder: Path, stage: Path, there: list[Path]) -> Path | None:
+    """Give the new library its place: all by renaming, the database last."""
+    before = folder / f"{_BEFORE}{now():%Y%m%dT%H%M%S}" if there else None
+    moves = [(path, before / path.name) for path in there if before is not None]
+    moves += [(path, folder / path.name) for path in sorted(stage.iterdir(), key=lambda p: p.name == INNER)]
+    if before is not None:
+        before.mkdir()
+    done = []
+    try:
+        for path, target in moves:
+            path.rename(target)
+            done.append((path, target))
+    except OSError:
+        for path, target in reversed(done):
+            target.rename(path)
+        raise
+    sync_folder(folder)
+    return before

@@ -1,0 +1,75 @@
+"""Deletes what interrupted uploads have left behind."""
+
+from __future__ import annotations
+
+import time
+from datetime import timedelta
+from pathlib import Path
+
+from webapp.files.part_file import discard
+from webapp.settings import Settings
+from webapp.store.clock import now
+from webapp.store.library import Library
+from webapp.store.maps import maps, uploads
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.add_photo import PHOTOS, named_by_content
+
+
+def run(library: Library, *, settings: Settings) -> int:
+    """Give up uploads that nobody has gone on with for `upload.keep_hours`.
+
+    Parameters
+    ----------
+    library : Library
+    settings : Settings
+
+    Returns
+    -------
+    int
+        Files deleted.
+    """
+    keep = timedelta(hours=settings.upload.keep_hours)
+    with library.database.write() as session:
+        for upload in uploads.begun_before(session, now() - keep):
+            if _older(library.uploads / f"{upload.id}.part", keep):
+                uploads.finish(session, upload.id)
+        known = uploads.known_ids(session)
+        old = [p for p in library.uploads.iterdir() if p.suffix != ".lock" and _older(p, keep)]
+        gone = [path for path in old if path.stem not in known]
+        for path in gone:
+            discard(path)
+    return len(gone)
+
+
+def sweep_orphans(library: Library, map_id: int) -> int:
+    """Delete files in the photo folder of a map that no record knows: their intake was interrupted.
+
+    Files that a person may have put there are left alone: an orphan has a name that intake gives.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+
+    Returns
+    -------
+    int
+        Files deleted.
+    """
+    with library.database.write() as session:  # intake moves its files in a session that writes, too
+        record = session.get_one(MapRecord, map_id, with_for_update=True)
+        known = {photo.path for photo in maps.photos(session, record)}
+        folder = library.map_folder(record.slug) / PHOTOS
+        unknown = [path for path in folder.glob("*") if f"{PHOTOS}/{path.name}" not in known]
+        gone = [path for path in unknown if path.is_file() and named_by_content(path)]
+        for path in gone:
+            discard(path)
+    return len(gone)
+
+
+def _older(path: Path, age: timedelta) -> bool:
+    """Tell whether a file is gone, or was last written longer ago."""
+    try:
+        return time.time() - path.stat().st_mtime > age.total_seconds()
+    except FileNotFoundError:
+        return True

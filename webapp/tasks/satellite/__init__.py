@@ -1,0 +1,1 @@
+"""The image of a map and its georeference."""

@@ -1,0 +1,207 @@
+"""Gives a library map a new satellite image or georeference, as one edit with what becomes of its photos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.errors import Conflict, UsageError
+from webapp.files.maps.map_json import georeference_fields
+from webapp.store.maps import edits, maps
+from webapp.store.operate import jobs
+from webapp.store.schema import MapRecord, PlacedElsewhere
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.maps.placing import image_of, queue_index
+from webapp.tasks.satellite.moves import TRAY, ImageChange
+
+PYRAMID_JOB = "satellite-pyramid"
+DISPLAY_SIDE_PX = 4096
+"""An image with a longer side is shown by tiles."""
+
+Writes = Callable[[], AbstractContextManager[Session]]
+"""Opens a session that writes: the database's own, or that of a job that holds its lease."""
+
+
+@dataclass(frozen=True, slots=True)
+class NewImage:
+    """The image that a map shall have.
+
+    Attributes
+    ----------
+    path : str
+        Relative to the map's folder, where it is already.
+    image : MapImage
+        Its size and georeference.
+    """
+
+    path: str
+    image: MapImage
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Who gives a map an image, and what becomes of positions that would not lie on it.
+
+    Attributes
+    ----------
+    account_id : int or None
+    scale : bool
+        Whether positions grow with the image, where not both images are georeferenced.
+    tray : bool
+        Whether photos outside go back to the tray; else they are a reason to refuse the image.
+    seen : int or None
+        Newest revision that who does it knows of; an image that changed later is a conflict.
+    """
+
+    account_id: int | None
+    scale: bool = False
+    tray: bool = False
+    seen: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """What an edit of the image did.
+
+    Attributes
+    ----------
+    changed : tuple of int
+        Ids of the photos whose position or heading changed.
+    to_tray : int
+        How many of them went to the tray.
+    from_tray : int
+        How many came out of it, by their GPS.
+    """
+
+    changed: tuple[int, ...]
+    to_tray: int
+    from_tray: int
+
+
+def set_image(writes: Writes, map_id: int, *, new: NewImage, choice: Choice) -> Applied:
+    """Give a map an image.
+
+    Photos in the tray that have a GPS position are placed when the map had no georeference before. The same
+    file again, without a georeference, does not take the map's georeference away.
+
+    Parameters
+    ----------
+    writes : callable
+    map_id : int
+    new : NewImage
+    choice : Choice
+
+    Raises
+    ------
+    UsageError
+        Placed photos would not lie on it; nothing was changed.
+    Conflict
+    """
+    with writes() as session:
+        record = session.get_one(MapRecord, map_id, with_for_update=True)
+        old, image = image_of(record), new.image
+        same_file = new.path == record.satellite_path
+        if same_file and old is not None and image.georeference is None:
+            image = old
+        fields = {
+            "satellite_path": new.path,
+            "satellite_width": image.width,
+            "satellite_height": image.height,
+            "georeference": georeference_fields(image.georeference),
+        }
+        change = ImageChange(old, image, same_file=same_file, scale=choice.scale)
+        applied = _apply(session, record, change, fields=fields, choice=choice)
+        if max(image.width, image.height) > DISPLAY_SIDE_PX:
+            jobs.enqueue(session, PYRAMID_JOB, map_id=map_id, account_id=choice.account_id, key=new.path)
+    return applied
+
+
+def set_georeference(
+    writes: Writes, map_id: int, *, georeference: Georeference | None, choice: Choice
+) -> Applied:
+    """Say where the present image is on the Earth; None takes that away.
+
+    Raises
+    ------
+    UsageError
+        The map has no image.
+    Conflict
+    """
+    with writes() as session:
+        record = session.get_one(MapRecord, map_id, with_for_update=True)
+        old = image_of(record)
+        if old is None:
+            raise UsageError("the map has no satellite image yet", hint="add one, or start from a blank plan")
+        change = ImageChange(old, MapImage(old.width, old.height, georeference), same_file=True)
+        fields = {"georeference": georeference_fields(georeference)}
+        return _apply(session, record, change, fields=fields, choice=choice)
+
+
+def _apply(
+    session: Session, record: MapRecord, change: ImageChange, *, fields: Mapping[str, Any], choice: Choice
+) -> Applied:
+    if choice.seen is not None and record.satellite_revision > choice.seen:
+        raise Conflict("somebody has changed the satellite image in the meantime", hint="reload the page")
+    changes: dict[str, Mapping[str, Any] | None] = {"map": fields}
+    photos = maps.photos(session, record)
+    standing = [p for p in photos if p.x_px is not None and p.y_px is not None]
+    spots = change.moved([MapPixel(float(p.x_px or 0.0), float(p.y_px or 0.0)) for p in standing])
+    outside, from_tray = 0, 0
+    for photo, spot in zip(standing, spots, strict=True):
+        moved = change.placed(photo, spot)
+        if not change.on_it(MapPixel(moved["x_px"], moved["y_px"])):
+            moved = TRAY
+            outside += not photo.removed
+        changes[f"photo/{photo.id}"] = moved
+    for photo in photos:
+        by_gps = change.from_tray(photo) if photo.x_px is None and not photo.removed else None
+        if by_gps is not None:
+            changes[f"photo/{photo.id}"] = by_gps
+            from_tray += 1
+    outside += _move_placements(session, record, change, changes=changes)
+    # a photo whose place on the new georeference is gone goes to the tray: the image itself stays as it is
+    if outside and not choice.tray and not change.same_file:
+        raise _refusal(outside, change)
+    edit = edits.apply(
+        session,
+        record,
+        changes=changes,
+        kind="satellite" if "satellite_path" in fields else "georeference",
+        account_id=choice.account_id,
+    )
+    if from_tray:
+        queue_index(session, record)
+    done = [] if edit is None else [step["target"] for step in edit.changes]
+    ids = sorted({int(target.rsplit("/", 1)[1]) for target in done if target != "map"})
+    return Applied(tuple(ids), outside, from_tray)
+
+
+def _move_placements(
+    session: Session, record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
+) -> int:
+    """Move the further placements too; gives how many positions are outside."""
+    rows = list(session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)))
+    spots = change.moved([MapPixel(row.x_px, row.y_px) for row in rows])
+    for row, spot in zip(rows, spots, strict=True):
+        at = {"x_px": spot.x, "y_px": spot.y} if change.on_it(spot) else None
+        changes[f"placed/{row.placement}/{row.photo_id}"] = at
+    return sum(not change.on_it(spot) for spot in spots)
+
+
+def _refusal(outside: int, change: ImageChange) -> UsageError:
+    size = f"{change.new.width} x {change.new.height} pixels"
+    both = change.old is not None and change.old.georeference is not None
+    on_earth = both and change.new.georeference is not None
+    hint = "take a larger area" if on_earth else "scale the positions with the image (scale=1)"
+    return UsageError(
+        f"{outside} placed photos would lie outside of the new image of {size}",
+        where="file",
+        hint=f"{hint}, or put those photos back into the tray (tray=1)",
+    )

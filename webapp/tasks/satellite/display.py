@@ -1,0 +1,237 @@
+"""What browsers get of a satellite image: itself or a smaller copy, a thumbnail, and tiles of a large one.
+
+All of it lies in the map's `derived/satellite/KEY/` and can be made again; the key changes with the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.errors import NotFound
+from webapp.files.atomic import storage_error, write_bytes
+from webapp.files.decode import decode, opened
+from webapp.files.maps.folder import photo_path
+from webapp.files.satellite.pyramid import write_pyramid
+from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits, Settings
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord
+from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX
+
+PREVIEW_PX = 2048
+THUMBNAIL_PX = 480
+_QUALITY = 85
+_MIME = (
+    (b"\x89PNG\r\n\x1a\n", "image/png"),
+    (b"\xff\xd8\xff", "image/jpeg"),
+    (b"GIF8", "image/gif"),
+    (b"BM", "image/bmp"),
+    (b"RIFF", "image/webp"),
+)
+"""What every browser shows, by its first bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A file to send.
+
+    Attributes
+    ----------
+    path : Path
+    mime : str
+    key : str
+        Another one means another content.
+    """
+
+    path: Path
+    mime: str
+    key: str
+
+
+def key_of(library: Library, record: MapRecord) -> str | None:
+    """Give the key of a map's image file; None where there is none."""
+    if record.satellite_path is None:
+        return None
+    path = photo_path(library.cfg(record.slug), record.satellite_path)
+    return _key(path, record.satellite_path) if path.is_file() else None
+
+
+def has_tiles(library: Library, record: MapRecord) -> bool:
+    """Tell whether the tiles of a map's image are ready."""
+    key = key_of(library, record)
+    return key is not None and _tiles(library.map_folder(record.slug), key).is_dir()
+
+
+def whole(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
+    """Give the image for display: itself, or a smaller copy of a large or unusual one.
+
+    Raises
+    ------
+    NotFound
+        The map has no image.
+    PhotoError, StorageError
+        The copy cannot be made.
+    """
+    original = _original(library, record)
+    mime = _mime(original.path)
+    if mime is not None and max(record.satellite_width or 0, record.satellite_height or 0) <= DISPLAY_SIDE_PX:
+        return Shown(original.path, mime, original.key)
+    return _small(library, record, original, name="preview", settings=settings)
+
+
+def copy(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
+    """Give a copy without anything that the file says besides its pixels; see `whole`."""
+    return _small(library, record, _original(library, record), name="preview", settings=settings)
+
+
+def thumbnail(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
+    """Give a small copy for lists; see `whole`."""
+    return _small(library, record, _original(library, record), name="thumbnail", settings=settings)
+
+
+def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> Shown:
+    """Give a tile.
+
+    Raises
+    ------
+    NotFound
+        There is none, or not yet.
+    """
+    key = key_of(library, record)
+    if key is not None:
+        folder = _tiles(library.map_folder(record.slug), key) / f"{z}"
+        for suffix, mime in ((".jpg", "image/jpeg"), (".webp", "image/webp")):
+            path = folder / f"{x}_{y}{suffix}"
+            if path.is_file():
+                return Shown(path, mime, key)
+    raise NotFound("there is no such tile")
+
+
+def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: bool) -> None:
+    """Write the smaller copies of an image.
+
+    Parameters
+    ----------
+    folder : Path
+        The map's.
+    name : str
+        Of the image.
+    small : (h, w, 3) uint8
+        Red, green, blue; at least as large as a preview where the image is.
+    large : bool
+        Whether a preview is needed besides the thumbnail.
+    """
+    derived = _derived(folder, _key(folder / name, name))
+    if large:
+        _write(derived / "preview.jpg", small, PREVIEW_PX)
+    _write(derived / "thumbnail.jpg", small, THUMBNAIL_PX)
+
+
+def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: Progress) -> bool:
+    """Make the tiles of a map's image where it is large and has none; can be repeated.
+
+    Returns
+    -------
+    bool
+        False where the map says another size than the image has: its tiles would not fit.
+
+    Raises
+    ------
+    PhotoError, StorageError, Cancelled
+    """
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+    original = _original(library, record)
+    with opened_raster(original.path, limits=settings.satellite) as raster:
+        if (raster.width, raster.height) != (record.satellite_width, record.satellite_height):
+            return False
+        write_pyramid(raster, _tiles(library.map_folder(record.slug), original.key), progress=progress)
+    return True
+
+
+def forget(folder: Path, name: str) -> None:
+    """Delete an image, where it came from, and all that was made of it.
+
+    Parameters
+    ----------
+    folder : Path
+        The map's.
+    name : str
+        Of the image.
+    """
+    path = folder / name
+    if path.is_file():
+        shutil.rmtree(_derived(folder, _key(path, name)), ignore_errors=True)  # can be made again
+        path.with_suffix(".json").unlink(missing_ok=True)
+        path.unlink()
+
+
+def _small(library: Library, record: MapRecord, original: Shown, *, name: str, settings: Settings) -> Shown:
+    folder = library.map_folder(record.slug)
+    path = _derived(folder, original.key) / f"{name}.jpg"
+    if not path.is_file():
+        pixels = _read_small(original.path, settings=settings)
+        assert record.satellite_path is not None
+        write_small(folder, record.satellite_path, small=pixels, large=name == "preview")
+    return Shown(path, "image/jpeg", original.key)
+
+
+def _read_small(path: Path, *, settings: Settings) -> NDArray[np.uint8]:
+    mime = _mime(path)
+    if mime in ("image/png", "image/jpeg", None):
+        with opened_raster(path, limits=settings.satellite) as raster:
+            return reduced(raster, PREVIEW_PX)
+    limits = PhotoLimits(settings.satellite.max_mb, settings.photo.max_megapixels)
+    with opened(path, limits=limits) as image:
+        return decode(image, "RGB")
+
+
+def _original(library: Library, record: MapRecord) -> Shown:
+    key = key_of(library, record)
+    if key is None or record.satellite_path is None:
+        raise NotFound("the map has no satellite image", where=record.slug, hint="add one on its page Image")
+    return Shown(photo_path(library.cfg(record.slug), record.satellite_path), "", key)
+
+
+def _key(path: Path, name: str) -> str:
+    facts = path.stat()
+    return hashlib.sha256(f"{name}|{facts.st_size}|{facts.st_mtime_ns}".encode()).hexdigest()[:16]
+
+
+def _derived(folder: Path, key: str) -> Path:
+    return folder / "derived" / "satellite" / key
+
+
+def _tiles(folder: Path, key: str) -> Path:
+    return _derived(folder, key) / "tiles"
+
+
+def _mime(path: Path) -> str | None:
+    with path.open("rb") as file:
+        head = file.read(8)
+    return next((mime for magic, mime in _MIME if head.startswith(magic)), None)
+
+
+def shrunk(pixels: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
+    """Scale an image down until its longer side has at most so many pixels."""
+    height, width = pixels.shape[:2]
+    scale = min(1.0, side / max(width, height))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
+    bgr = cv2.cvtColor(shrunk(np.ascontiguousarray(pixels), side), cv2.COLOR_RGB2BGR)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise storage_error(error, where=path.name) from error
+    write_bytes(path, cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())

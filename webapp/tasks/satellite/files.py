@@ -1,0 +1,183 @@
+"""Files of satellite images in a map's folder: named by their content, never changed, never replaced."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ImageOps
+
+from webapp.errors import PhotoError
+from webapp.extras import extra
+from webapp.files.atomic import storage_error, write_bytes, write_text
+from webapp.files.decode import opened
+from webapp.files.part_file import move_in
+from webapp.files.satellite.raster import Raster, opened_raster
+from webapp.settings import PhotoLimits, Settings
+
+_AS_PNG_PIXELS = 40_000_000
+"""A TIFF with more becomes a JPEG."""
+
+_MAX_JPEG_SIDE = 65500
+_QUALITY = 92
+_UPRIGHT = 1
+_ORIENTATION = 0x0112
+
+
+def keep_file(source: Path, folder: Path) -> str:
+    """Move a PNG or JPEG file under its name for the map.
+
+    Parameters
+    ----------
+    source : Path
+        On the same disk; is gone afterwards.
+    folder : Path
+        The map's.
+
+    Returns
+    -------
+    str
+        `satellite-<8 hexadecimal digits of its hash>.png` or `.jpg`.
+    """
+    with source.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        file.seek(0)
+        suffix = ".png" if file.read(4) == b"\x89PNG" else ".jpg"
+    name = f"satellite-{digest[:8]}{suffix}"
+    move_in(source, folder / name)
+    return name
+
+
+def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = True) -> str:
+    """Write an image under its name for the map.
+
+    Parameters
+    ----------
+    pixels : (h, w, 3) uint8
+        Blue, green, red.
+    folder : Path
+        The map's.
+    lossless : bool
+        PNG, else JPEG.
+
+    Returns
+    -------
+    str
+        As of `keep_file`.
+    """
+    if lossless:
+        data = cv2.imencode(".png", pixels)[1].tobytes()
+    else:
+        data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    name = f"satellite-{hashlib.sha256(data).hexdigest()[:8]}{'.png' if lossless else '.jpg'}"
+    with _writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_bytes(folder / name, data)
+    return name
+
+
+def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
+    """Write down beside an image where it comes from, above all whom to name for it."""
+    write_text(
+        (folder / name).with_suffix(".json"), json.dumps(dict(source), indent=1, ensure_ascii=False) + "\n"
+    )
+
+
+def source_of(folder: Path, name: str) -> dict[str, Any]:
+    """Read where an image comes from; empty where nothing is known."""
+    beside = (folder / name).with_suffix(".json")
+    if not name.startswith("satellite-") or not beside.is_file():
+        return {}
+    try:
+        content = json.loads(beside.read_text("utf-8"))
+    except (OSError, ValueError):  # only words are lost: the image is shown all the same
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
+    """Give an upright PNG or JPEG of an uploaded image: itself, or a copy beside `scratch`.
+
+    Parameters
+    ----------
+    path : Path
+        PNG, JPEG or TIFF.
+    scratch : Path
+        Folder for temporary files.
+    settings : Settings
+
+    Raises
+    ------
+    PhotoError
+        It is damaged, too large, or of another format.
+    StorageError
+        The disk refused.
+    """
+    copy = scratch / f"{secrets.token_hex(8)}.image"
+    with opened_raster(path, limits=settings.satellite) as raster:
+        if raster.kind == "GTiff":
+            _convert(raster, copy, scratch=scratch)
+            return copy
+        if raster.kind == "PNG":
+            return path
+        pixels = raster.width * raster.height
+    # what a drone's camera wrote may lie on its side; viewers disagree on whether to turn it
+    limits = PhotoLimits(max_mb=settings.satellite.max_mb, max_megapixels=settings.photo.max_megapixels)
+    if _orientation(path) == _UPRIGHT:
+        return path
+    if pixels > limits.max_megapixels * 1e6:
+        raise PhotoError(
+            "the image lies on its side and is too large to be turned", hint="turn it and save it"
+        )
+    with opened(path, limits=limits) as image:
+        ImageOps.exif_transpose(image).convert("RGB").save(copy, format="JPEG", quality=95)
+    return copy
+
+
+def _orientation(path: Path) -> int:
+    limits = PhotoLimits(max_mb=1e9, max_megapixels=1e9)
+    with opened(path, limits=limits) as image:
+        return int(image.getexif().get(_ORIENTATION) or _UPRIGHT)
+
+
+def _convert(raster: Raster, target: Path, *, scratch: Path) -> None:
+    """Write a TIFF as PNG or JPEG, with memory for a few rows only."""
+    with extra("geotiff"):
+        import rasterio
+        import rasterio.shutil
+    large = raster.width * raster.height > _AS_PNG_PIXELS or raster.lossy
+    jpeg = large and max(raster.width, raster.height) <= _MAX_JPEG_SIDE
+    plain = scratch / f"{secrets.token_hex(8)}.tif"
+    size = {"width": raster.width, "height": raster.height, "count": 3, "dtype": "uint8"}
+    options = {"QUALITY": _QUALITY} if jpeg else {"ZLEVEL": 6}
+    try:
+        with _writing(scratch):
+            out = rasterio.open(plain, "w", driver="GTiff", interleave="pixel", photometric="RGB", **size)
+        with out:
+            top = 0
+            for strip in raster.strips():
+                window = ((top, top + len(strip)), (0, raster.width))
+                with _writing(scratch):
+                    out.write(strip.transpose(2, 0, 1), window=window)
+                top += len(strip)
+        with _writing(scratch):
+            rasterio.shutil.copy(plain, target, driver="JPEG" if jpeg else "PNG", **options)
+    finally:
+        plain.unlink(missing_ok=True)
+
+
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Tell a disk that refuses from an image that is damaged."""
+    try:
+        yield
+    except OSError as error:
+        raise storage_error(error, where=folder.name) from error

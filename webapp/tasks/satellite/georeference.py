@@ -1,0 +1,145 @@
+"""The georeference of a library map's image, looked at before it is applied."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from webapp.core.geo.controlpoints import ControlPoint, Model, from_control_points
+from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.fit import Fit
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.errors import UsageError
+from webapp.files.maps.map_json import georeference_fields
+from webapp.files.satellite.world_file import parse_worldfile
+
+Kind = Literal["corners", "control-points", "worldfile"]
+
+
+@dataclass(frozen=True, slots=True)
+class GeoWish:
+    """What a person says about where an image is.
+
+    Attributes
+    ----------
+    kind : {"corners", "control-points", "worldfile"}
+    corners : Corners or None
+    points : sequence of ControlPoint
+    model : {"similarity", "affine", "projective"} or None
+        For control points.
+    worldfile : str or None
+        Content of the file.
+    crs : str or None
+        Coordinate system of the world file.
+    """
+
+    kind: Kind
+    corners: Corners | None = None
+    points: Sequence[ControlPoint] = ()
+    model: Model | None = None
+    worldfile: str | None = None
+    crs: str | None = None
+
+
+def fit(wish: GeoWish, *, width: int, height: int) -> Fit:
+    """Make the georeference that a person describes.
+
+    Raises
+    ------
+    UsageError
+        What its kind needs is missing.
+    GeoreferenceError
+        It describes none.
+    """
+    if wish.kind == "corners":
+        if wish.corners is None:
+            raise UsageError(
+                "the corners are missing", where="corners", hint="give top_left and bottom_right"
+            )
+        return from_corners(wish.corners, width=width, height=height)
+    if wish.kind == "worldfile":
+        if wish.worldfile is None:
+            raise UsageError("the world file is missing", where="worldfile", hint="give its six lines")
+        return parse_worldfile(
+            wish.worldfile, where="world file", width=width, height=height, crs=wish.crs or None
+        )
+    return from_control_points(wish.points, width=width, height=height, model=wish.model)
+
+
+def preview(found: Fit, wish: GeoWish, *, width: int, height: int) -> dict[str, Any]:
+    """Describe a georeference, for somebody to judge it.
+
+    Parameters
+    ----------
+    found : Fit
+    wish : GeoWish
+        That it was made from.
+    width, height : int
+        Of the image, pixels.
+
+    Returns
+    -------
+    dict
+        `kind` (the fit), `residuals` (metres, one a control point), `rms_m`, `warnings`, `corners`
+        (`top_left` and so on, each `lat`, `lon`), `metres_per_pixel`, `north_deg`, `points` (for each control
+        point `x`, `y`, `lat`, `lon` as given, `fitted_x`, `fitted_y` where its latitude and longitude come on
+        the image, `fitted_lat`, `fitted_lon` where its pixel comes on the Earth, `residual_m`) and
+        `georeference` as in `map.json`.
+    """
+    georeference = found.georeference
+    residuals = list(found.residuals_m)
+    return {
+        "kind": georeference.method,
+        "residuals": residuals,
+        "rms_m": math.sqrt(sum(r * r for r in residuals) / len(residuals)) if residuals else None,
+        "warnings": list(found.warnings),
+        "points": _points(georeference, wish.points, residuals) if wish.kind == "control-points" else [],
+        "georeference": georeference_fields(georeference),
+        **on_earth(georeference, width=width, height=height),
+    }
+
+
+def on_earth(georeference: Georeference, *, width: int, height: int) -> dict[str, Any]:
+    """Give the image's `corners`, `metres_per_pixel` and `north_deg` in its middle; null where unknown."""
+    names = ("top_left", "top_right", "bottom_right", "bottom_left")
+    around = georeference.latlon_from_pixel([(0, 0), (width, 0), (width, height), (0, height)])
+    middle = MapPixel(width / 2, height / 2)
+    corners = {
+        name: {"lat": lat, "lon": lon} if np.isfinite([lat, lon]).all() else None
+        for name, (lat, lon) in zip(names, around.tolist(), strict=True)
+    }
+    return {
+        "corners": corners,
+        "metres_per_pixel": _finite(georeference.metres_per_pixel(middle)),
+        "north_deg": _finite(georeference.north_deg(middle)),
+    }
+
+
+def _points(
+    georeference: Georeference, points: Sequence[ControlPoint], residuals: Sequence[float]
+) -> list[dict[str, Any]]:
+    pixels = georeference.pixel_from_latlon([p.position for p in points]).tolist()
+    places = georeference.latlon_from_pixel([p.pixel for p in points]).tolist()
+    return [
+        {
+            "x": point.pixel.x,
+            "y": point.pixel.y,
+            "lat": point.position.lat,
+            "lon": point.position.lon,
+            "fitted_x": _finite(x),
+            "fitted_y": _finite(y),
+            "fitted_lat": _finite(lat),
+            "fitted_lon": _finite(lon),
+            "residual_m": residual,
+        }
+        for point, (x, y), (lat, lon), residual in zip(points, pixels, places, residuals, strict=True)
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

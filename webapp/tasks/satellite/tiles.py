@@ -1,0 +1,211 @@
+"""Gives a library map an image from a map tile service: tiles side by side, cropped, nothing resampled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from webapp.core.geo.tilegrid import TILE_PX, Box, Tile, TileCut, cut_of
+from webapp.errors import InputError, PhotoError, UsageError
+from webapp.files.decode import opened
+from webapp.net.services import TileService, named, tile_services
+from webapp.net.tiles import TileFetcher
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits, Settings
+from webapp.store.clock import now
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.satellite import display
+from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, NewImage
+from webapp.tasks.satellite.files import keep_pixels, keep_source
+
+TILES_JOB = "satellite-tiles"
+_MISSING = 204
+"""Grey where the service has no tile."""
+
+_TILE_LIMITS = PhotoLimits(max_mb=4.0, max_megapixels=1.0)
+_PNG = b"\x89PNG"
+
+
+@dataclass(frozen=True, slots=True)
+class TileWish:
+    """What is wanted from a service.
+
+    Attributes
+    ----------
+    service : str
+        Its name.
+    box : Box
+    zoom : int
+    """
+
+    service: str
+    box: Box
+    zoom: int
+
+
+@dataclass(frozen=True, slots=True)
+class Fetched:
+    """What was fetched.
+
+    Attributes
+    ----------
+    new : NewImage
+        To be given to the map.
+    metres_per_pixel : float
+        In its middle.
+    tiles, missing : int
+        How many it has, and of how many the service has none.
+    attribution : str
+        Whom to name for it.
+    """
+
+    new: NewImage
+    metres_per_pixel: float
+    tiles: int
+    missing: int
+    attribution: str
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences for people."""
+        if not self.missing:
+            return ()
+        return (f"the service has no image for {self.missing} of {self.tiles} tiles: they are grey",)
+
+
+def plan(wish: TileWish, *, settings: Settings) -> tuple[TileService, TileCut]:
+    """Find what would be fetched, and refuse what is too much.
+
+    Raises
+    ------
+    NotFound
+        There is no such service.
+    UsageError, GeoreferenceError
+        The area is none, or too large for this zoom; or the service has no such zoom.
+    """
+    service = named(tile_services(settings.tile_services), wish.service)
+    if wish.zoom > service.max_zoom:
+        raise UsageError(
+            f"{service.name} has no zoom {wish.zoom}", where="zoom", hint=f"choose at most {service.max_zoom}"
+        )
+    cut = cut_of(wish.box, wish.zoom)
+    most = min(settings.tiles.max_tiles, service.max_tiles or settings.tiles.max_tiles)
+    if cut.tile_count > most:
+        raise UsageError(
+            f"this area has {cut.tile_count} tiles at zoom {wish.zoom}, and {most} are allowed",
+            where="zoom",
+            hint="choose a smaller area or a smaller zoom",
+        )
+    return service, cut
+
+
+def run(library: Library, map_id: int, *, wish: TileWish, settings: Settings, progress: Progress) -> Fetched:
+    """Fetch an area and keep its image in the map's folder; `satellite_apply.set_image` gives it to the map.
+
+    Tiles that were fetched stay in the library's cache: work that is stopped goes on where it was.
+
+    Parameters
+    ----------
+    library : Library
+    map_id : int
+    wish : TileWish
+    settings : Settings
+    progress : Progress
+        A step is a tile.
+
+    Raises
+    ------
+    NotFound, UsageError, GeoreferenceError
+        As of `plan`.
+    InputError
+        The service does not answer, refuses, or has no tile of the area at all.
+    StorageError, Cancelled
+    """
+    service, cut = plan(wish, settings=settings)
+    with library.database.read() as session:
+        folder = library.map_folder(session.get_one(MapRecord, map_id).slug)
+    progress.size(cut.tile_count)
+    progress.note(service.name)
+    fetcher = TileFetcher(service, cache=library.inner / "tiles", settings=settings.tiles)
+    canvas, missing, lossless = _stitch(cut, fetcher, progress=progress)
+    if missing == cut.tile_count:
+        raise InputError(
+            f"{service.name} has no image of this area at zoom {wish.zoom}",
+            hint="choose a smaller zoom or another service",
+        )
+    name = keep_pixels(canvas, folder, lossless=lossless)
+    keep_source(folder, name, source=_source(service, wish, missing=missing))
+    small = display.shrunk(canvas, display.PREVIEW_PX)[:, :, ::-1]
+    large = max(cut.width, cut.height) > DISPLAY_SIDE_PX
+    display.write_small(folder, name, small=small, large=large)
+    new = NewImage(name, MapImage(cut.width, cut.height, cut.georeference))
+    return Fetched(new, cut.metres_per_pixel, cut.tile_count, missing, service.attribution)
+
+
+def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[NDArray[np.uint8], int, bool]:
+    """Put tiles side by side.
+
+    Returns
+    -------
+    canvas : (height, width, 3) uint8
+        Blue, green, red.
+    missing : int
+    lossless : bool
+        Whether every tile came as PNG.
+    """
+    canvas = np.full((cut.height, cut.width, 3), _MISSING, np.uint8)
+    # at small zooms, a cut across the 180th meridian can show a tile twice
+    where: dict[Tile, list[tuple[int, int]]] = {}
+    for tile, left, top in cut.tiles():
+        where.setdefault(tile, []).append((left, top))
+    missing, lossless = 0, True
+    for tile, data in fetcher.fetch(where, zoom=cut.zoom, progress=progress):
+        if data is None:
+            missing += len(where[tile])
+        else:
+            lossless &= data.startswith(_PNG)
+            pixels = _decoded(data)[:, :, ::-1]
+            for left, top in where[tile]:
+                _paste(canvas, pixels, left=left, top=top)
+        progress.advance(len(where[tile]))
+    return canvas, missing, lossless
+
+
+def _decoded(data: bytes) -> NDArray[np.uint8]:
+    try:
+        with opened(data, limits=_TILE_LIMITS) as image:
+            if image.size == (TILE_PX, TILE_PX):
+                ground = Image.new("RGBA", image.size, (_MISSING, _MISSING, _MISSING, 255))
+                ground.alpha_composite(image.convert("RGBA"))
+                return np.asarray(ground.convert("RGB"))
+            size = f"{image.width} x {image.height}"
+    except PhotoError as error:
+        raise InputError(f"the service sent a damaged tile: {error.message}", hint="try again") from error
+    raise InputError(
+        f"the service's tiles have {size} pixels, not {TILE_PX} x {TILE_PX}", hint="choose another service"
+    )
+
+
+def _paste(canvas: NDArray[np.uint8], pixels: NDArray[np.uint8], *, left: int, top: int) -> None:
+    part = canvas[max(top, 0) : top + TILE_PX, max(left, 0) : left + TILE_PX]
+    y, x = max(-top, 0), max(-left, 0)
+    part[:] = pixels[y : y + part.shape[0], x : x + part.shape[1]]
+
+
+def _source(service: TileService, wish: TileWish, *, missing: int) -> Mapping[str, Any]:
+    return {
+        "source": "tiles",
+        "service": service.name,
+        "attribution": service.attribution,
+        "zoom": wish.zoom,
+        "box": wish.box._asdict(),
+        "missing_tiles": missing,
+        "fetched_at": now().isoformat(timespec="seconds"),
+    }

@@ -1,0 +1,1 @@
+"""What is prepared before a map is shown to others."""

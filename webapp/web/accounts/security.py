@@ -1,0 +1,139 @@
+"""What every answer and every request goes through: headers, cookies, CSRF, rate limits."""
+
+from __future__ import annotations
+
+from flask import Flask, Response, current_app, g, has_request_context, request, session
+from flask.sessions import SecureCookieSessionInterface
+from flask_limiter import Limiter
+from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
+
+from webapp.web.accounts import access
+from webapp.web.accounts.sessions import bearer, is_api
+from webapp.web.state import settings
+
+_PAGE_FORM_BYTES = 1_000_000
+"""Forms of pages are small; files go to the API."""
+
+_JSON_BYTES = 16_000_000
+"""JSON is read into memory; files come as forms."""
+
+_SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "same-origin",
+    "Permissions-Policy": "camera=(self), geolocation=(self), microphone=(), payment=(), usb=()",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+
+_csrf = CSRFProtect()
+
+
+def allow_images(*origins: str) -> None:
+    """Let the page of this request load images from elsewhere too: the tiles of a slippy map.
+
+    Parameters
+    ----------
+    *origins : str
+        `https://host` each, from the settings and never from a client.
+    """
+    g.image_origins = (*g.get("image_origins", ()), *origins)
+
+
+def allow_framing() -> None:
+    """Let other sites show the page of this request in a frame: it must do nothing in anybody's name."""
+    g.framable = True
+
+
+def init_app(app: Flask) -> None:
+    """Have every request checked and every answer protected."""
+    app.config.update(
+        SESSION_COOKIE_NAME="expmap",
+        SESSION_COOKIE_HTTPONLY=True,
+        SESSION_COOKIE_SAMESITE="Lax",
+        WTF_CSRF_CHECK_DEFAULT=False,  # done here, before the body is read
+        WTF_CSRF_TIME_LIMIT=None,  # as long as the session: pages stay open for days
+    )
+    app.session_interface = _Sessions()
+    _limit(app)
+    access.init_app(app)
+    _csrf.init_app(app)
+    app.before_request(_protect)
+    app.before_request(_limit_json)
+    app.after_request(_add_headers)
+
+
+class _Sessions(SecureCookieSessionInterface):
+    def get_cookie_secure(self, app: Flask) -> bool:
+        """Keep the cookie to https where the page came by it."""
+        return has_request_context() and request.is_secure
+
+
+def _limit(app: Flask) -> None:
+    limiter = Limiter(_who, app=app, storage_uri="memory://", application_limits=[_requests_per_minute])
+    limiter.request_filter(lambda: not is_api())
+
+
+def _requests_per_minute() -> str:
+    return f"{settings().web.requests_per_minute} per minute"
+
+
+def _who() -> str:
+    """Count by account, which the signed session names, or else by address."""
+    return str(session.get("_user_id") or request.remote_addr)
+
+
+def _protect() -> None:
+    """Refuse what another site made a browser send."""
+    if request.method in _SAFE or bearer() is not None:
+        return
+    if is_api() and _takes_no_session():
+        return
+    if not is_api():
+        request.max_content_length = _PAGE_FORM_BYTES
+        _csrf.protect()
+        return
+    try:
+        validate_csrf(request.headers.get("X-CSRFToken"))
+    except ValueError as error:
+        raise CSRFError(str(error)) from error
+
+
+def _limit_json() -> None:
+    """Refuse JSON that no edit needs, before it fills the memory."""
+    if request.is_json:
+        request.max_content_length = min(_JSON_BYTES, request.max_content_length or _JSON_BYTES)
+
+
+def _takes_no_session() -> bool:
+    """Tell whether the address is open to everyone, where a session gives nothing."""
+    view = current_app.view_functions.get(request.endpoint or "")
+    return view is not None and access.is_public(view)
+
+
+def _add_headers(response: Response) -> Response:
+    for name, value in _HEADERS.items():
+        response.headers.setdefault(name, value)
+    if g.get("framable", False):
+        del response.headers["X-Frame-Options"]
+    response.headers.setdefault("Content-Security-Policy", _policy())
+    if request.endpoint != "static":
+        response.headers.setdefault("Cache-Control", "private, no-cache")
+    return response
+
+
+def _policy() -> str:
+    frames = "*" if g.get("framable", False) else "'none'"
+    images = " ".join(("'self'", "data:", "blob:", *g.get("image_origins", ())))
+    rules = (
+        "default-src 'self'",
+        f"img-src {images}",
+        "media-src 'self' blob:",
+        "worker-src 'self'",
+        "object-src 'none'",
+        f"frame-ancestors {frames}",
+        "base-uri 'none'",
+        "form-action 'self'",
+    )
+    return "; ".join(rules)

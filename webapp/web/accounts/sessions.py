@@ -1,0 +1,112 @@
+"""Who is signed in: by the session cookie of a browser, or by the token of a program."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from flask import Flask, g, request, session
+from flask_login import LoginManager, UserMixin, current_user, login_user, logout_user
+
+from webapp.errors import NotSignedIn
+from webapp.store.accounts import accounts
+from webapp.store.clock import now
+from webapp.store.schema import Account
+from webapp.web.state import library
+
+API = "/api/"
+"""Where tokens count, and errors are JSON."""
+
+
+_USE_NOTED_EVERY = timedelta(hours=1)
+"""Not by each request: that would be a write each."""
+
+
+class User(UserMixin):  # type: ignore[misc]
+    """An account, as Flask-Login wants it.
+
+    Parameters
+    ----------
+    account : Account
+    """
+
+    def __init__(self, account: Account) -> None:
+        self.account = account
+
+    def get_id(self) -> str:
+        """Give what the session holds; it is worth nothing once the account's epoch is another."""
+        return f"{self.account.id}.{self.account.epoch}"
+
+
+def init_app(app: Flask) -> None:
+    """Connect Flask-Login."""
+    manager = LoginManager(app)
+    manager.session_protection = None  # phones change their address all the time
+    manager.user_loader(_load)
+
+
+def is_api() -> bool:
+    """Tell whether the request is for the API."""
+    return request.path.startswith(API)
+
+
+def bearer() -> str | None:
+    """Give the token of the request, which counts for the API alone."""
+    given = request.authorization
+    return given.token if given is not None and given.type == "bearer" and is_api() else None
+
+
+def signed_in() -> Account | None:
+    """Tell who asks; a token goes before a session.
+
+    Raises
+    ------
+    NotSignedIn
+        The token is not known.
+    """
+    if "expmap_account" not in g:
+        g.expmap_account = None  # also while the answer says that the token is not known
+        token = bearer()
+        g.expmap_account = _of_session() if token is None else _of_token(token)
+    found: Account | None = g.expmap_account
+    return found
+
+
+def sign_in(account: Account) -> None:
+    """Begin a session; nothing of the one before is kept."""
+    session.clear()
+    session.permanent = True
+    login_user(User(account))
+    g.expmap_account = account
+
+
+def sign_out() -> None:
+    """End the session of this browser."""
+    logout_user()
+    session.clear()
+    g.pop("expmap_account", None)
+
+
+def _of_session() -> Account | None:
+    return current_user.account if current_user.is_authenticated else None
+
+
+def _of_token(token: str) -> Account:
+    database = library().database
+    with database.read() as db:
+        found = accounts.by_token(db, token)
+    if found is None:
+        raise NotSignedIn("the token is not known", hint="make a new one on the account page")
+    account, known = found
+    if known.used_at is None or now() - known.used_at > _USE_NOTED_EVERY:
+        with database.write() as db:
+            accounts.note_use(db, known.id)
+    return account
+
+
+def _load(user_id: str) -> User | None:
+    id_, _, epoch = user_id.partition(".")
+    if not (id_.isdecimal() and epoch.isdecimal()):
+        return None
+    with library().database.read() as db:
+        account = db.get(Account, int(id_))
+    return User(account) if account is not None and account.epoch == int(epoch) else None

@@ -1,0 +1,1 @@
+"""Maps in and out through the API."""

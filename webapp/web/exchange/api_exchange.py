@@ -1,0 +1,212 @@
+"""Maps on their way in and out through the API: exports, imports, copies."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import PurePosixPath
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Dict, File, Integer, List, String
+from apiflask.validators import Length, OneOf
+from flask import Response, jsonify, request, send_from_directory
+from flask_babel import gettext as _
+
+from webapp.errors import NotFound, UsageError
+from webapp.files.part_file import receive
+from webapp.render import export_file
+from webapp.render.export_file import FORMATS
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.schema import MapRecord
+from webapp.tasks.exchange import duplicate_map, export_cfg, import_map
+from webapp.tasks.exchange.export_source import Download
+from webapp.tasks.exchange.import_map import MapRefused
+from webapp.tasks.maps.add_photo import tidy_name
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.errors import as_json
+from webapp.web.openapi import file_answer, json_answer
+
+blueprint = APIBlueprint("api_exchange", __name__, url_prefix="/api/v1/maps", tag="Import and export")
+
+_AT_ONCE_BYTES = 30_000_000
+"""A smaller zip is imported before the answer, a larger one by a job."""
+
+_MAX_NAME = 120
+_PARTS = 20
+
+
+class ImportIn(Schema):
+    """A zip with a `.cfg`, its image and its photos."""
+
+    file = File(required=True)  # type: ignore[no-untyped-call]
+    name = String(
+        load_default=None,
+        validate=Length(max=_MAX_NAME),
+        metadata={"description": "of the new map; by default that of the file"},
+    )
+
+
+class NewMapOut(Schema):
+    """The new map; `job` fills it where that takes a while."""
+
+    slug = String()
+    job = Integer(allow_none=True)
+    findings = List(Dict(), metadata={"description": "warnings of the linter: code, severity, message, fix"})
+    left_out = List(
+        String(),
+        metadata={"description": "files that are no part of a map; photos of `unplaced/` with the reason"},
+    )
+
+
+class CopyIn(Schema):
+    """The name of the copy."""
+
+    name = String(load_default=None, allow_none=True, validate=Length(max=_MAX_NAME))
+
+
+class ExportIn(Schema):
+    """What shall be made."""
+
+    format = String(required=True, validate=OneOf(FORMATS))
+
+
+class JobOut(Schema):
+    """The job that does it."""
+
+    job = Integer()
+
+
+@blueprint.get("/<slug>/map.cfg")
+@blueprint.doc(responses=file_answer("The map file.", "*/*"))
+def cfg(slug: str) -> Response:
+    """Take the map file away, as it is on the disk."""
+    return _sent(export_cfg.run(library(), open_map(slug).id))
+
+
+@blueprint.get("/<slug>/placements/<name>.cfg")
+@blueprint.doc(responses=file_answer("The map file of the placement.", "*/*"))
+def placement_cfg(slug: str, name: str) -> Response:
+    """Take the map file of a further placement away."""
+    return _sent(export_cfg.run(library(), open_map(slug).id, placement=name))
+
+
+@blueprint.get("/<slug>/export.<string(maxlength=8):form>")
+@blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
+def export(slug: str, form: str) -> Response:
+    """Take a map away as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline."""
+    if form not in FORMATS:
+        raise NotFound(f"there is no export {form!r}", hint=f"there are {', '.join(FORMATS)}")
+    return _sent(export_file.run(library(), open_map(slug).id, form=form, settings=settings()))
+
+
+@blueprint.post("/<slug>/exports")
+@blueprint.input(ExportIn, arg_name="wish")
+@blueprint.output(JobOut, status_code=202)
+def export_by_job(slug: str, wish: dict[str, str]) -> dict[str, int]:
+    """Have a large export made by a job; its result names the file to fetch."""
+    record, who = open_map(slug), account()
+    with library().database.write() as session:
+        job = jobs.enqueue(
+            session, "export", map_id=record.id, account_id=who.id, arguments=wish, key=wish["format"]
+        )
+        session.flush()
+        return {"job": job.id}
+
+
+@blueprint.get("/<slug>/exports/<string(maxlength=200):name>")
+@blueprint.doc(responses=file_answer("The file.", "*/*"))
+def exported(slug: str, name: str) -> Response:
+    """Fetch what an export job has made."""
+    folder = export_file.exports_folder(library(), open_map(slug).slug)
+    there = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    if name not in there or name.endswith(".part"):
+        raise NotFound("there is no such export, or not any more", hint="export the map again")
+    return send_from_directory(folder, name, as_attachment=True)
+
+
+@blueprint.post("/import")
+@blueprint.input(ImportIn, location="form_and_files", arg_name="given")
+@blueprint.output(NewMapOut, status_code=201)
+@blueprint.doc(responses=json_answer("A job fills the new map.", NewMapOut, status=202))
+def import_zip(given: dict[str, Any]) -> Any:
+    """Make a map of a zip: at once, or by a job (202) where it is large."""
+    who, place = account(), library()
+    name = _name_of(given["name"], given["file"].filename)
+    token = secrets.token_hex(16)
+    archive = import_map.archive_path(place, token)
+    kept = False
+    try:
+        size = receive(archive, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
+        if size > _AT_ONCE_BYTES:
+            answer = _by_job(name, token)
+            kept = True
+            return answer, 202
+        done = import_map.run(place, archive, account_id=who.id, name=name, settings=settings())
+    except MapRefused as refused:
+        response = jsonify(error=as_json(refused), findings=_told(refused.findings))
+        response.status_code = 422
+        return response
+    finally:
+        if not kept:
+            archive.unlink(missing_ok=True)
+    return {"slug": done.slug, "job": None, "findings": _told(done.findings), "left_out": done.left_out}
+
+
+@blueprint.post("/<slug>/duplicate")
+@blueprint.input(CopyIn, arg_name="wish")
+@blueprint.output(NewMapOut, status_code=201)
+def duplicate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+    """Copy a map; who copies it owns the copy."""
+    record, who = open_map(slug), account()
+    name = wish["name"] or _("%(name)s (copy)", name=record.name)[:_MAX_NAME]
+    copy = duplicate_map.run(library(), record.id, account_id=who.id, name=name)
+    return {"slug": copy, "job": None, "findings": [], "left_out": []}
+
+
+@blueprint.before_request
+def limit_parts() -> None:
+    """Refuse requests of many parts while they are read."""
+    request.max_form_parts = _PARTS
+
+
+def _by_job(name: str, token: str) -> dict[str, Any]:
+    """Make an empty map, and a job that fills it."""
+    who, place = account(), library()
+    folders = [path.name for path in place.folder.iterdir()]
+    with place.database.write() as session:
+        record: MapRecord = maps.create(session, name, account_id=who.id, folders=folders)
+        job = jobs.enqueue(session, "import", map_id=record.id, account_id=who.id, arguments={"token": token})
+        session.flush()
+        return {"slug": record.slug, "job": job.id, "findings": [], "left_out": []}
+
+
+def _name_of(given: str | None, filename: str | None) -> str:
+    """Choose the name of an imported map.
+
+    Raises
+    ------
+    UsageError
+        One was given that is none.
+    """
+    if given:
+        return maps.checked_name(given)
+    stem = PurePosixPath(tidy_name(filename or "").replace("\\", "/")).stem
+    try:
+        return maps.checked_name(stem[:_MAX_NAME])
+    except UsageError:
+        return str(_("Imported map"))
+
+
+def _told(findings: Any) -> list[dict[str, str]]:
+    return [
+        {"code": str(f.code), "severity": f.severity, "message": f.message, "fix": f.fix} for f in findings
+    ]
+
+
+def _sent(download: Download) -> Response:
+    """Send a file piece by piece, to be saved under its own name."""
+    response = Response(download.pieces, content_type=download.media_type)
+    response.headers.set("Content-Disposition", "attachment", filename=download.name)
+    response.headers["Cache-Control"] = "private, no-store"
+    return response

@@ -1,0 +1,324 @@
+"""Where photos were taken, through the API."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, File, Float, Integer, List, String
+from apiflask.validators import Length, OneOf, Range, Regexp
+from flask import current_app, request
+from flask.blueprints import BlueprintSetupState
+from sqlalchemy.orm import Session
+from werkzeug.datastructures import FileStorage
+
+from webapp.core.features.table import BUNDLES, METHODS, Method, choose
+from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.near import Near
+from webapp.errors import IndexDamaged, NotReady, UsageError
+from webapp.files.localize.models import usable_features, usable_methods
+from webapp.files.part_file import check_space, discard, receive
+from webapp.store.localize import queries
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.localize import follow_sequence, show_query, upload
+from webapp.tasks.localize.adopt_query import link_or_copy
+from webapp.tasks.localize.open_maps import ReadyMaps, Way
+from webapp.tasks.localize.upload import MOST_PHOTOS, Asked, Question, Sent
+from webapp.tasks.maps.add_photo import tidy_name
+from webapp.tasks.maps.export import INDEX_JOB
+from webapp.tasks.maps.library_map import georeference
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.localize.answer_schemas import AnswerOut
+from webapp.web.state import KEY as STATE
+
+blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
+
+_READY = "expmap-ready-maps"
+_MOST_TOP = 20
+_MOST_KEY = 100
+_OTHER_BYTES = 100_000
+"""Of a request, beside its files."""
+
+
+class QuestionIn(Schema):
+    """A photo, or several of one spot, and what is known besides."""
+
+    file = List(
+        File(),  # type: ignore[no-untyped-call]
+        load_default=[],
+        validate=Length(max=MOST_PHOTOS),
+        metadata={"description": "repeated: several photos that were taken at one spot"},
+    )
+    method = String(load_default="verified", validate=OneOf(METHODS))
+    features = String(load_default="auto", validate=OneOf(("auto", *BUNDLES)))
+    top = Integer(load_default=5, validate=Range(1, _MOST_TOP))
+    fov = Float(
+        validate=Range(1, 179),
+        metadata={"description": "Horizontal field of view of the upright photo, degrees."},
+    )
+    hint_x_px = Float(
+        metadata={"description": "About where it was: places in this circle gain, and none is left out."}
+    )
+    hint_y_px = Float()
+    hint_radius_px = Float(validate=Range(0, min_inclusive=False))
+    heading_deg = Float(
+        metadata={"description": "About where the camera looked, clockwise from north, by a compass."}
+    )
+    sequence = String(
+        validate=Regexp(r"^[A-Za-z0-9_-]{1,64}$"),
+        metadata={
+            "description": "Chosen by you, the same one for all frames of a sequence, asked in their order: "
+            "the frames before count, too. Forgotten ten minutes after the last frame."
+        },
+    )
+    query = Integer(metadata={"description": "Ask again about the photo of this answer, instead of a file."})
+    keep = Boolean(load_default=True, metadata={"description": "Remember photo and answer."})
+
+
+class KeyIn(Schema):
+    """By what a question is known when it is sent once more."""
+
+    key = String(
+        load_default=None,
+        data_key="Idempotency-Key",
+        validate=Length(1, _MOST_KEY),
+        metadata={
+            "description": "Chosen by you, another one for each question: sent again, it is asked once."
+        },
+    )
+
+
+class PixelIn(Schema):
+    """A position on the image."""
+
+    x_px = Float(required=True)
+    y_px = Float(required=True)
+
+
+class CoordinatesOut(Schema):
+    """A position in the notations of maps and radios; null where there is none."""
+
+    lat = Float(allow_none=True)
+    lon = Float(allow_none=True)
+    decimal = String(allow_none=True)
+    dms = String(allow_none=True)
+    utm = String(allow_none=True)
+    mgrs = String(allow_none=True)
+
+
+@blueprint.record_once
+def _make_ready(state: BlueprintSetupState) -> None:
+    made_with = state.app.extensions[STATE]
+    state.app.extensions[_READY] = ReadyMaps(made_with.library, made_with.settings)
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse what is too large while it is read."""
+    request.max_content_length = int(settings().photo.max_mb * 1e6 * MOST_PHOTOS) + _OTHER_BYTES
+
+
+@blueprint.post("/localize")
+@blueprint.input(QuestionIn, location="form_and_files", arg_name="given")
+@blueprint.input(KeyIn, location="headers", arg_name="sent")
+@blueprint.output(AnswerOut)
+def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
+    """Tell where a photo was taken."""
+    record, key = open_map(slug), sent["key"] if given["keep"] else None
+    with library().database.read() as session:
+        known = queries.keyed(session, record, key=key, account_id=account().id)
+    if known is not None:
+        return {"id": known.id, **known.answer}
+    way = _way(given["method"], given["features"])
+    files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
+    with received(record, files, again=given.get("query")) as photos:
+        question = replace(_question(photos, way, given), key=key, sequence=_sequence(record, given))
+        asked = ask(record, question)
+        id = None
+        if given["keep"]:
+            id = upload.remember(
+                library(),
+                record.id,
+                asked=asked,
+                question=question,
+                account_id=account().id,
+                settings=settings(),
+            )
+    extra = {"calibrated": asked.ready.calibrated, "not_indexed": asked.ready.not_indexed}
+    return {"id": id, **asked.form, **extra}
+
+
+@blueprint.get("/coordinates")
+@blueprint.input(PixelIn, location="query", arg_name="point")
+@blueprint.output(CoordinatesOut)
+def coordinates(slug: str, point: dict[str, float]) -> dict[str, Any]:
+    """Write a position on the image as latitude and longitude, UTM and MGRS."""
+    found = georeference(open_map(slug))
+    position = None if found is None else found.latlon_of(MapPixel(point["x_px"], point["y_px"]))
+    if position is None or not abs(position.lat) <= 90:  # NaN, where the image has no counterpart
+        return dict.fromkeys(CoordinatesOut().fields)
+    grid = utm(position)
+    return {
+        "lat": position.lat,
+        "lon": position.lon,
+        "decimal": decimal(position),
+        "dms": degrees_minutes_seconds(position),
+        "utm": None if grid is None else str(grid),
+        "mgrs": mgrs(position),
+    }
+
+
+def ready_maps() -> ReadyMaps:
+    """Give the maps that this process keeps open."""
+    return cast(ReadyMaps, current_app.extensions[_READY])
+
+
+@contextmanager
+def received(record: MapRecord, files: list[FileStorage], *, again: int | None) -> Iterator[tuple[Sent, ...]]:
+    """Write what was sent to files, which are gone afterwards.
+
+    Parameters
+    ----------
+    record : MapRecord
+    files : list of FileStorage
+    again : int or None
+        Id of an answer whose photo is asked about, instead of files.
+
+    Raises
+    ------
+    UsageError, InputError, NotFound, StorageError
+    """
+    if bool(files) == (again is not None):
+        raise UsageError(
+            "send a photo", where="file", hint="one or more files, or the id of an earlier query"
+        )
+    folder, limits = library().uploads, settings()
+    sent: list[Sent] = []
+    try:
+        for file in files:
+            check_space(folder, 0, reserve_mb=limits.upload.reserve_mb)
+            part = folder / f"{secrets.token_hex(16)}.part"
+            sent.append(Sent(part, tidy_name(file.filename or "")))
+            receive(part, file.stream, max_bytes=int(limits.photo.max_mb * 1e6))
+        if again is not None:
+            with library().database.read() as session:
+                query = queries.find(session, record, again)
+            part = folder / f"{secrets.token_hex(16)}.part"
+            sent.append(Sent(part, query.name))
+            link_or_copy(show_query.original(library(), query), part)
+        yield tuple(sent)
+    finally:
+        for one in sent:
+            discard(one.path)
+
+
+def _way(method: Method, features: str) -> Way:
+    """Give method and features as asked for, where this server has what they need."""
+    folder = settings().models
+    here = usable_features(folder, method=method)
+    if (choose(method).name if features == "auto" else features) in here:
+        return Way(method, features)
+    if features == "auto" or not here:
+        hint = f"these work: {', '.join(usable_methods(folder))}"
+        raise UsageError(f"this server has no models for method {method}", where="method", hint=hint)
+    raise UsageError(
+        f"features {features} cannot be used with method {method} on this server",
+        where="features",
+        hint=f"these can: {', '.join(here)}",
+    )
+
+
+def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Question:
+    x, y, radius = (given.get(f"hint_{part}_px") for part in ("x", "y", "radius"))
+    near = None
+    if x is not None and y is not None and radius is not None:
+        near = Near(x, y, radius)
+    elif (x, y, radius) != (None, None, None):
+        raise UsageError(
+            "the hint is not complete", where="hint_x_px", hint="give hint_x_px, hint_y_px and hint_radius_px"
+        )
+    return Question(
+        photos,
+        way,
+        top=given["top"],
+        fov_deg=given.get("fov"),
+        near=near,
+        heading_deg=given.get("heading_deg"),
+    )
+
+
+def _sequence(record: MapRecord, given: dict[str, Any]) -> Path | None:
+    id = given.get("sequence")
+    if id is None:
+        return None
+    return follow_sequence.file_of(library(), account_id=account().id, map_id=record.id, id=id)
+
+
+def ask(record: MapRecord, question: Question) -> Asked:
+    """Ask; where the index is missing, or lacks photos, it is built in the background.
+
+    Raises
+    ------
+    NotReady
+        It is being built.
+    PhotoError, UsageError, MapError, NotFound
+    """
+    method, features = question.way.resolved()
+    try:
+        asked = upload.run(ready_maps(), record.id, question=question, settings=settings())
+    except (NotReady, IndexDamaged) as error:
+        if not _build_index(record, features):
+            raise
+        raise NotReady(
+            "the index of this map is being built",
+            where=record.slug,
+            hint="ask again in a moment; the list of jobs shows how far it is",
+        ) from error
+    if asked.ready.not_indexed:
+        _build_index(record, features)
+    if asked.ready.to_calibrate:
+        _calibrate(record, method, features)
+    return asked
+
+
+def _build_index(record: MapRecord, features: str) -> bool:
+    """Have the index built, if nobody has yet; False for a map that has nothing to build from."""
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        if not maps.counts(session, row)[1] or row.satellite_path is None:
+            return False
+        at_work = _index_jobs(session, row.id, key=_job_key("verified", features))
+    if all(job.state in jobs.ENDED for job in at_work):
+        _enqueue(record, "verified", features)
+    return True
+
+
+def _calibrate(record: MapRecord, method: Method, features: str) -> None:
+    """Have the map calibrated for a method, but not again at once where that has just failed."""
+    with library().database.read() as session:
+        at_work = _index_jobs(session, record.id, key=_job_key(method, features))
+    if all(job.state == "done" for job in at_work):
+        _enqueue(record, method, features)
+
+
+def _job_key(method: Method, features: str) -> str:
+    other = "" if features == Way().resolved()[1] else features
+    return other if method == "verified" else f"{features} {method}"
+
+
+def _index_jobs(session: Session, map_id: int, *, key: str) -> list[Job]:
+    return [job for job in jobs.current(session, map_id) if job.kind == INDEX_JOB and job.key == key]
+
+
+def _enqueue(record: MapRecord, method: Method, features: str) -> None:
+    arguments, key = {"features": features, "method": method}, _job_key(method, features)
+    with library().database.write() as session:
+        jobs.enqueue(session, INDEX_JOB, map_id=record.id, arguments=arguments, key=key)

@@ -1,0 +1,227 @@
+"""Photos that were asked about, through the API: the history of a map, and what becomes of them."""
+
+from __future__ import annotations
+
+import mimetypes
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Dict, Float, Integer, List, Nested, String
+from apiflask.validators import Range
+from flask import Response, send_file, url_for
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import MapPixel
+from webapp.errors import NotAllowed, UsageError
+from webapp.files.photos.preview import Kind
+from webapp.store.localize import queries
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, QueryRecord
+from webapp.tasks.localize import adopt_query, show_query
+from webapp.tasks.localize.adopt_query import Spot
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.localize.answer_schemas import Located
+from webapp.web.openapi import file_answer
+
+blueprint = APIBlueprint(
+    "api_queries", __name__, url_prefix="/api/v1/maps/<slug>/queries", tag="Localization"
+)
+
+_MOST = 100
+_ID = "<int(max=2147483647):id>"
+
+
+class ListIn(Schema):
+    """Which part of the history."""
+
+    before = Integer(load_default=None, metadata={"description": "Only older ones than this id."})
+    limit = Integer(load_default=50, validate=Range(1, _MOST))
+
+
+class QueryOut(Schema):
+    """A photo that was asked about."""
+
+    id = Integer()
+    name = String()
+    at = String()
+    who = String(allow_none=True)
+    width = Integer()
+    height = Integer()
+    options = Dict()
+    answer = Nested(Located)
+    adopted = Integer(allow_none=True, metadata={"description": "Id of the photo that it has become."})
+    photo = String()
+    preview = String()
+    thumb = String()
+
+
+class QueryList(Schema):
+    """The history of a map, the newest first."""
+
+    queries = List(Nested(QueryOut))
+
+
+class MatchesOut(Schema):
+    """Matches between the query and one photo of the map, pixels of the upright photos."""
+
+    experience = Integer()
+    query_xy = List(List(Float()))
+    photo_xy = List(List(Float()))
+    inlier = List(Integer(), metadata={"description": "1 where a match agrees with the geometry."})
+
+
+class MatchesList(Schema):
+    """Matches with the photos that speak for the hypotheses, the best first."""
+
+    matches = List(Nested(MatchesOut))
+
+
+class AdoptIn(Schema):
+    """Where the photo was taken; by default where it was found."""
+
+    x_px = Float(allow_none=True, load_default=None)
+    y_px = Float(allow_none=True, load_default=None)
+    heading_deg = Float(allow_none=True, load_default=None)
+
+
+class AdoptOut(Schema):
+    """The new experience."""
+
+    id = Integer()
+    x_px = Float()
+    y_px = Float()
+    heading_deg = Float(allow_none=True)
+    job = Integer(allow_none=True)
+
+
+@blueprint.get("")
+@blueprint.input(ListIn, location="query", arg_name="query")
+@blueprint.output(QueryList)
+def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
+    """List what was asked of a map."""
+    record = open_map(slug)
+    with library().database.read() as session:
+        return {"queries": _told(session, record, queries.listed(session, record, **query))}
+
+
+@blueprint.get(f"/{_ID}")
+@blueprint.output(QueryOut)
+def show(slug: str, id: int) -> dict[str, Any]:
+    """Give one answer."""
+    record = open_map(slug)
+    with library().database.read() as session:
+        return _told(session, record, [queries.find(session, record, id)])[0]
+
+
+@blueprint.get(f"/{_ID}/matches")
+@blueprint.output(MatchesList)
+def matches(slug: str, id: int) -> dict[str, Any]:
+    """Give the matches with photos of the map."""
+    record = open_map(slug)
+    with library().database.read() as session:
+        return {"matches": queries.find(session, record, id).evidence}
+
+
+@blueprint.delete(f"/{_ID}")
+@blueprint.output({}, status_code=204)
+def delete(slug: str, id: int) -> str:
+    """Forget an answer and its photo: one's own, or any of a map that one may edit."""
+    record, who = open_map(slug), account()
+    with library().database.write() as session:
+        row = queries.find(session, record, id)
+        if row.account_id != who.id and maps.role_of(session, record, account=who) == "viewer":
+            raise NotAllowed("somebody else has asked this", hint="ask an editor of the map")
+        session.delete(row)
+    show_query.delete_files(library(), [row])
+    return ""
+
+
+@blueprint.post(f"/{_ID}/adopt")
+@blueprint.input(AdoptIn, arg_name="place")
+@blueprint.output(AdoptOut, status_code=201)
+def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, Any]:
+    """Make the photo an experience of the map."""
+    record = open_map(slug, "editor")
+    x, y = place["x_px"], place["y_px"]
+    if (x is None) != (y is None):
+        raise UsageError("one of x_px and y_px is missing", where="x_px", hint="give both or neither")
+    position = None if x is None or y is None else MapPixel(x, y)
+    done = adopt_query.run(
+        library(),
+        record.id,
+        query_id=id,
+        spot=Spot(position, place["heading_deg"]),
+        account_id=account().id,
+        settings=settings(),
+    )
+    at = {"x_px": done.position.x, "y_px": done.position.y, "heading_deg": done.heading_deg}
+    return {"id": done.id, **at, "job": done.job}
+
+
+@blueprint.get(f"/{_ID}/photo")
+@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+def photo(slug: str, id: int) -> Response:
+    """Get the file of a query as it came."""
+    row = _find(slug, id)
+    path = show_query.original(library(), row)
+    response = _lasting(path)
+    last = PurePosixPath(row.name.replace("\\", "/")).name
+    response.headers.set("Content-Disposition", "attachment", filename=last or path.name)
+    return response
+
+
+@blueprint.get(f"/{_ID}/preview")
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
+def preview(slug: str, id: int) -> Response:
+    """Get a query as a picture that fills a screen."""
+    return _preview(slug, id, "preview")
+
+
+@blueprint.get(f"/{_ID}/thumb")
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+def thumb(slug: str, id: int) -> Response:
+    """Get a query as a small picture."""
+    return _preview(slug, id, "thumb")
+
+
+def _told(session: Session, record: MapRecord, rows: list[QueryRecord]) -> list[dict[str, Any]]:
+    who = queries.names(session, rows)
+    return [_one(record.slug, row, who.get(row.account_id or -1)) for row in rows]
+
+
+def _one(slug: str, row: QueryRecord, who: str | None) -> dict[str, Any]:
+    addresses = {
+        kind: url_for(f"api_queries.{kind}", slug=slug, id=row.id) for kind in ("photo", "preview", "thumb")
+    }
+    return {
+        "id": row.id,
+        "name": row.name,
+        "at": row.at.isoformat(timespec="seconds"),
+        "who": who,
+        "width": row.width,
+        "height": row.height,
+        "options": row.options,
+        "answer": row.answer,
+        "adopted": row.adopted_id,
+        **addresses,
+    }
+
+
+def _find(slug: str, id: int) -> QueryRecord:
+    record = open_map(slug)
+    with library().database.read() as session:
+        return queries.find(session, record, id)
+
+
+def _preview(slug: str, id: int, kind: Kind) -> Response:
+    row = _find(slug, id)
+    return _lasting(show_query.preview(library(), row, kind=kind, settings=settings()))
+
+
+def _lasting(path: Path) -> Response:
+    """Send a file that never changes under its address."""
+    kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    response = send_file(path, mimetype=kind, etag=path.name, conditional=True)
+    response.headers["Cache-Control"] = "private, max-age=31536000, immutable"
+    return response

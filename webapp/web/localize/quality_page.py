@@ -1,0 +1,154 @@
+"""The page that tells how well photos are found on a map, by the map's own photos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from flask import Blueprint, render_template
+from flask_babel import format_decimal, format_percent
+from flask_babel import gettext as _
+from markupsafe import Markup
+
+from webapp.core.evaluation.summary import WITHIN_PX
+from webapp.core.geo.types import MapPixel
+from webapp.errors import StorageError
+from webapp.render.charts import ChartWords, error_chart, reliability_chart
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.schema import MapRecord
+from webapp.tasks.localize import stored_evaluation
+from webapp.tasks.localize.stored_evaluation import Kept
+from webapp.tasks.maps.library_map import georeference
+from webapp.web.context import account, library, open_map
+
+blueprint = Blueprint("quality_page", __name__)
+
+KIND = "evaluate"
+"""Of the job."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line of the table: what, its value, and its 95 % interval where there is one."""
+
+    words: str
+    value: str
+    interval: str
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One scheme of the evaluation, ready to be shown."""
+
+    title: str
+    about: str
+    lines: list[Line]
+    charts: list[tuple[str, Markup]]
+    """Each with its title."""
+
+
+@blueprint.get("/maps/<slug>/quality")
+def show(slug: str) -> str:
+    """Show the last evaluation, and a button for a new one."""
+    record = open_map(slug)
+    with library().database.read() as session:
+        can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
+        placed = maps.counts(session, record)[1]
+        going = [
+            job.id for job in jobs.current(session, record.id) if job.kind == KIND and job.ended_at is None
+        ]
+    kept, error = _kept(record)
+    return render_template(
+        "quality/show.html",
+        map=record,
+        tab="quality",
+        page={"map": slug, "job": next(iter(going), None)},
+        can_edit=can_edit,
+        placed=placed,
+        kept=kept[0] if kept else None,
+        parts=[_part(one, _metres(record)) for one in kept],
+        error=error,
+    )
+
+
+def _kept(record: MapRecord) -> tuple[tuple[Kept, ...], StorageError | None]:
+    try:
+        return stored_evaluation.read(library().cfg(record.slug)), None
+    except StorageError as error:
+        return (), error
+
+
+def _metres(record: MapRecord) -> float | None:
+    """Tell how many metres a pixel in the middle of the image has; None without a place on the Earth."""
+    where = georeference(record)
+    if where is None:
+        return None
+    return where.metres_per_pixel(
+        MapPixel((record.satellite_width or 0) / 2, (record.satellite_height or 0) / 2)
+    )
+
+
+def _part(kept: Kept, metres: float | None) -> Part:
+    figures, words = kept.figures, _chart_words()
+    one_out = figures["scheme"] == "leave-one-out"
+    radius = figures["place_radius_px"]
+    return Part(
+        _("As the map is") if one_out else _("Away from its photos"),
+        _("Each photo was looked for on the map without that photo.")
+        if one_out
+        else _(
+            "Each photo was looked for without all photos within %(distance)s of it, "
+            "as if it had been taken between the places of the map.",
+            distance=_distance(figures["hide_within_px"], metres),
+        ),
+        _lines(figures, metres),
+        [
+            (words.error_title, error_chart(kept.errors, place_radius_px=radius, words=words)),
+            (words.reliability_title, reliability_chart(kept.reliability, words=words)),
+        ],
+    )
+
+
+def _lines(figures: dict[str, Any], metres: float | None) -> list[Line]:
+    within = [
+        _share(figures, f"within_{radius}px", _("Within %(distance)s", distance=_distance(radius, metres)))
+        for radius in WITHIN_PX
+    ]
+    median = figures["median_px"]
+    return [
+        *within,
+        Line(_("Median error"), "–" if median is None else _distance(median, metres), ""),
+        _share(figures, "answered_at_99_precision", _("Answered, where 99 in 100 must be right")),
+        Line(_("Answered “not on this map”"), str(figures["abstained"]), ""),
+        Line(_("Photos tried"), str(figures["queries"]), ""),
+    ]
+
+
+def _share(figures: dict[str, Any], name: str, words: str) -> Line:
+    low_high = figures["intervals_95"].get(name)
+    interval = "" if low_high is None else " – ".join(format_percent(value) for value in low_high)
+    return Line(words, format_percent(figures[name]), interval)
+
+
+def _distance(pixels: float, metres: float | None) -> str:
+    text = str(_("%(n)s px", n=round(pixels)))
+    if metres is None:
+        return text
+    length = pixels * metres
+    return f"{text} ({format_decimal(length, '#,##0.0' if length < 10 else '#,##0')}\u00a0m)"
+
+
+def _chart_words() -> ChartWords:
+    return ChartWords(
+        error_title=_("Error curve: share of photos with at most this error"),
+        error=_("error of the first answer, map pixels"),
+        queries=_("photos"),
+        place_radius=_("still right"),
+        reliability_title=_("Reliability: share of right answers over stated probability"),
+        stated=_("stated probability of the first answer"),
+        right=_("of these right"),
+        diagonal=_("as sure as right"),
+        bin=_("{count} photos: {stated} stated, {right} right"),
+        vertical=_("vertical axis"),
+    )

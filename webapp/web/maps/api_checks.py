@@ -1,0 +1,215 @@
+"""What is wrong with a map, and which of its places are weak, through the API."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
+from apiflask.validators import Length
+from flask_babel import LazyString, lazy_gettext
+from sqlalchemy import select
+
+from webapp.errors import Conflict
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import ENDED
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.maps import findings, fix_findings, health, outside_edit
+from webapp.tasks.maps.findings import Fix
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.maps import state as map_state
+from webapp.web.maps.schemas import EditAnswer
+
+blueprint = APIBlueprint("api_checks", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
+
+_MOST = 10_000
+_HEALTH_JOB = "health"
+
+LABELS: dict[Fix, LazyString] = {
+    "to-tray": lazy_gettext("Put back into the tray"),
+    "remove": lazy_gettext("Take out of the map"),
+    "swap": lazy_gettext("Swap x and y"),
+    "adopt": lazy_gettext("Add to the tray"),
+    "image-size": lazy_gettext("Use the true size"),
+    "outside-take": lazy_gettext("Take the changes over"),
+    "outside-discard": lazy_gettext("Write the file anew"),
+}
+"""Words on the button of each fix."""
+
+
+class FixOut(Schema):
+    """A button."""
+
+    code = String(metadata={"enum": list(LABELS)})
+    label = String()
+
+
+class FindingOut(Schema):
+    """Something that is wrong."""
+
+    code = String()
+    severity = String(metadata={"enum": ["error", "warning"]})
+    message = String()
+    hint = String(allow_none=True)
+    ids = List(Integer(), metadata={"description": "Photos that it is about."})
+    fixes = List(Nested(FixOut))
+
+
+class FindingsOut(Schema):
+    """All that is wrong with a map, errors first."""
+
+    revision = Integer()
+    findings = List(Nested(FindingOut))
+
+
+class FixIn(Schema):
+    """A fix, and the photos that it is for."""
+
+    code = String(required=True, validate=Length(max=40))
+    ids = List(Integer(), load_default=list, validate=Length(max=_MOST))
+
+
+class PhotoHealthOut(Schema):
+    """What is known of one photo."""
+
+    id = Integer()
+    state = String(metadata={"enum": ["confusable", "lonely", "one-direction", "good"]})
+    taken_for = Integer(allow_none=True, metadata={"description": "The photo that it was taken for."})
+    probability = Float(allow_none=True)
+
+
+class HealthOut(Schema):
+    """The weak places of a map."""
+
+    revision = Integer(allow_none=True, metadata={"description": "Of the map then; null: not known yet."})
+    current = Boolean(metadata={"description": "Whether nothing was changed since."})
+    place_radius_px = Float(allow_none=True)
+    photos = List(Nested(PhotoHealthOut))
+    job = Integer(allow_none=True, metadata={"description": "That finds it out just now."})
+
+
+class OutsideOut(Schema):
+    """How `map.cfg` on the disk differs from the map, where somebody has changed it there."""
+
+    changed = Boolean()
+    sha256 = String(metadata={"description": "Of the file; `take` and `discard` want it back."})
+    problem = String(allow_none=True, metadata={"description": "Why it cannot be taken over."})
+    moved = List(Dict())
+    turned = List(Dict())
+    added = List(Dict())
+    removed = List(Dict())
+    kept = List(Dict(), metadata={"description": "Changed here too: they stay as they are here."})
+    left_out = List(String())
+    placements = List(String())
+    georeference = Boolean()
+
+
+class OutsideSeen(Schema):
+    """The file that was shown."""
+
+    sha256 = String(required=True, validate=Length(equal=64))
+
+
+class OutsideAnswer(EditAnswer):
+    """What taking the file over has changed."""
+
+    left_out = List(String())
+
+
+@blueprint.get("/findings")
+@blueprint.output(FindingsOut)
+def show_findings(slug: str) -> dict[str, Any]:
+    """Check the map."""
+    record = open_map(slug)
+    found = findings.run(library(), record.id, settings=settings())
+    told = [
+        {**asdict(problem), "fixes": [{"code": fix, "label": str(LABELS[fix])} for fix in problem.fixes]}
+        for problem in found
+    ]
+    return {"revision": record.revision, "findings": told}
+
+
+@blueprint.post("/findings/fix")
+@blueprint.input(FixIn, arg_name="wish")
+@blueprint.output(EditAnswer)
+def fix(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+    """Put something right; undo takes it back."""
+    record, who = open_map(slug, "editor"), account()
+    revision = fix_findings.run(
+        library(), record.id, fix=wish["code"], ids=wish["ids"], account_id=who.id, settings=settings()
+    )
+    return _answer(record, revision)
+
+
+@blueprint.get("/health")
+@blueprint.output(HealthOut)
+def show_health(slug: str) -> dict[str, Any]:
+    """Tell what was found out last about the weak places of the map."""
+    return _health(open_map(slug))
+
+
+@blueprint.post("/health")
+@blueprint.output(HealthOut, status_code=202)
+def find_health(slug: str) -> dict[str, Any]:
+    """Have the weak places of the map found out by a job."""
+    record, who = open_map(slug), account()
+    with library().database.write() as session:
+        jobs.enqueue(session, _HEALTH_JOB, map_id=record.id, account_id=who.id)
+    return _health(record)
+
+
+@blueprint.get("/outside-edit")
+@blueprint.output(OutsideOut)
+def show_outside(slug: str) -> dict[str, Any]:
+    """Tell whether `map.cfg` was changed outside of this program, and how."""
+    return _outside(open_map(slug))
+
+
+@blueprint.post("/outside-edit/take")
+@blueprint.input(OutsideSeen, arg_name="wish")
+@blueprint.output(OutsideAnswer)
+def take_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+    """Take the changed file over as one edit, which undo takes back."""
+    record, who = open_map(slug, "editor"), account()
+    taken = outside_edit.take(
+        library(), record.id, account_id=who.id, settings=settings(), sha256=wish["sha256"]
+    )
+    return {**_answer(record, taken.revision), "left_out": taken.left_out}
+
+
+@blueprint.post("/outside-edit/discard")
+@blueprint.input(OutsideSeen, arg_name="wish")
+@blueprint.output(OutsideOut)
+def discard_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+    """Write the file anew, as the map is here."""
+    record = open_map(slug, "editor")
+    if outside_edit.show(library(), record.id, settings=settings()) is None:
+        raise Conflict("nobody has changed the file", hint="look at it again")
+    outside_edit.discard(library(), record.id, sha256=wish["sha256"])
+    return _outside(record)
+
+
+def _health(record: MapRecord) -> dict[str, Any]:
+    found = health.stored(library().cfg(record.slug))
+    with library().database.read() as session:
+        running = select(Job.id).where(
+            Job.map_id == record.id, Job.kind == _HEALTH_JOB, Job.state.not_in(ENDED)
+        )
+        job = session.scalars(running.limit(1)).first()
+    if found is None:
+        return {"revision": None, "current": False, "place_radius_px": None, "photos": [], "job": job}
+    return {**found, "current": found["revision"] == record.revision, "job": job}
+
+
+def _outside(record: MapRecord) -> dict[str, Any]:
+    shown = outside_edit.show(library(), record.id, settings=settings())
+    return {"changed": False} if shown is None else {"changed": True, **shown}
+
+
+def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
+    """Tell what an edit changed."""
+    who = account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return map_state.edited(session, row, account=who, revision=revision)

@@ -1,0 +1,268 @@
+"""Maps and their photos' places, for pages and programs: list, state, edits, undo and redo."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Float, Integer, List, Nested, String
+from apiflask.validators import Length, OneOf, Range
+from flask import request
+
+from webapp.errors import Conflict, UsageError
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps import delete_map, edit_map
+from webapp.tasks.maps.edit_map import KINDS, Edit
+from webapp.web.context import account, library, open_map
+from webapp.web.maps import state
+from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState
+from webapp.web.openapi import json_answer
+
+blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps")
+
+_MOST = 10_000
+"""Photos in one edit."""
+
+
+class NewMap(Schema):
+    """A map that shall be made, or its new name."""
+
+    name = String(required=True, metadata={"example": "Stromovka park"})
+
+
+class MapQuery(Schema):
+    """Which maps are listed."""
+
+    bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
+
+
+class DeleteQuery(Schema):
+    """How a map is deleted."""
+
+    forever = Boolean(load_default=False, metadata={"description": "For good; only maps in the bin."})
+
+
+class MapSummary(Schema):
+    """A map in a list."""
+
+    slug = String()
+    name = String()
+    role = String(metadata={"enum": list(maps.ROLES)})
+    photos = Integer()
+    placed = Integer()
+    changed_at = String()
+    binned = Boolean()
+    revision = Integer()
+
+
+class MapList(Schema):
+    """Maps, the last changed first."""
+
+    maps = List(Nested(MapSummary))
+
+
+class PhotoChange(Schema):
+    """New values for one photo; x and y come together, null puts it back into the tray."""
+
+    x_px = Float(allow_none=True)
+    y_px = Float(allow_none=True)
+    heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
+
+
+class NumberedChange(PhotoChange):
+    """... with the photo's id."""
+
+    id = Integer(required=True)
+
+
+class EditRequest(Schema):
+    """Several photos changed in one step."""
+
+    seen = Integer(metadata={"description": "Newest revision you know; later changes are a conflict."})
+    kind = String(load_default="move", validate=OneOf(KINDS))
+    placement = String(allow_none=True, load_default=None)
+    changes = List(Nested(NumberedChange), required=True, validate=Length(1, _MOST))
+
+
+class RemoveRequest(Schema):
+    """Photos that shall be taken out of the map."""
+
+    seen = Integer()
+    ids = List(Integer(), required=True, validate=Length(1, _MOST))
+
+
+class Since(Schema):
+    """From where on."""
+
+    since = Integer(load_default=-1, validate=Range(min=-1))
+
+
+@blueprint.get("")
+@blueprint.input(MapQuery, location="query", arg_name="query")
+@blueprint.output(MapList)
+def list_maps(query: dict[str, Any]) -> dict[str, Any]:
+    """List the maps that you may see."""
+    who = account()
+    with library().database.read() as session:
+        found = maps.listed(session, who, binned=query["bin"])
+        return {"maps": [state.summary(session, record, account=who) for record in found]}
+
+
+@blueprint.post("")
+@blueprint.input(NewMap, arg_name="wish")
+@blueprint.output(MapSummary, status_code=201)
+def create(wish: dict[str, str]) -> dict[str, Any]:
+    """Make an empty map."""
+    who, place = account(), library()
+    folders = [path.name for path in place.folder.iterdir()]
+    with place.database.write() as session:
+        record = maps.create(session, wish["name"], account_id=who.id, folders=folders)
+        return state.summary(session, record, account=who)
+
+
+@blueprint.get("/<slug>")
+@blueprint.doc(responses=json_answer("The whole state of a map.", MapState))
+def show(slug: str) -> dict[str, Any]:
+    """Tell everything about a map."""
+    record, who = open_map(slug, binned=True), account()
+    with library().database.read() as session:
+        return state.whole(session, session.get_one(MapRecord, record.id), account=who)
+
+
+@blueprint.patch("/<slug>")
+@blueprint.input(NewMap, arg_name="wish")
+@blueprint.output(MapSummary)
+def rename(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+    """Give a map another name; its address stays."""
+    record, who = open_map(slug, "owner"), account()
+    with library().database.write() as session:
+        row = session.get_one(MapRecord, record.id)
+        row.name = maps.checked_name(wish["name"])
+        return state.summary(session, row, account=who)
+
+
+@blueprint.delete("/<slug>")
+@blueprint.input(DeleteQuery, location="query", arg_name="query")
+@blueprint.output(MapSummary)
+def put_into_bin(slug: str, query: dict[str, Any]) -> dict[str, Any]:
+    """Put a map into the bin, from where it can be restored; or delete one there for good."""
+    if not query["forever"]:
+        return _binned(slug, into=True)
+    record, who = open_map(slug, "owner", binned=True), account()
+    with library().database.read() as session:
+        last = state.summary(session, session.get_one(MapRecord, record.id), account=who)
+    delete_map.run(library(), record.id)
+    return last
+
+
+@blueprint.post("/<slug>/restore")
+@blueprint.output(MapSummary)
+def restore(slug: str) -> dict[str, Any]:
+    """Take a map out of the bin."""
+    return _binned(slug, into=False)
+
+
+@blueprint.get("/<slug>/changes")
+@blueprint.input(Since, location="query", arg_name="query")
+@blueprint.doc(responses=json_answer("What changed, and the jobs of the map.", MapChanges))
+def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
+    """Tell what changed since a revision."""
+    record, who = open_map(slug), account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.changes(session, row, account=who, since=query["since"])
+
+
+@blueprint.patch("/<slug>/experiences")
+@blueprint.input(EditRequest, arg_name="wish")
+@blueprint.output(EditAnswer)
+def edit_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+    """Place, move or turn photos, all of them or none."""
+    wanted: dict[int, dict[str, Any]] = {}
+    for change in wish["changes"]:
+        wanted.setdefault(change.pop("id"), {}).update(change)
+    edit = Edit(wish["kind"], wanted, placement=wish["placement"], seen=wish.get("seen"))
+    return _edited(slug, edit)
+
+
+@blueprint.delete("/<slug>/experiences")
+@blueprint.input(RemoveRequest, arg_name="wish")
+@blueprint.output(EditAnswer)
+def remove_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+    """Take photos out of the map; undo brings them back."""
+    gone = {id: {"removed": True} for id in wish["ids"]}
+    return _edited(slug, Edit("remove", gone, seen=wish.get("seen")))
+
+
+@blueprint.patch("/<slug>/experiences/<int:id>")
+@blueprint.input(PhotoChange, arg_name="wish")
+@blueprint.output(EditAnswer)
+def edit_one(slug: str, id: int, wish: dict[str, Any]) -> dict[str, Any]:
+    """Place, move or turn one photo; `If-Match` has the revision that you know."""
+    kind = "move" if "x_px" in wish else "turn"
+    return _edited(slug, Edit(kind, {id: wish}, seen=_if_match()))
+
+
+@blueprint.delete("/<slug>/experiences/<int:id>")
+@blueprint.output(EditAnswer)
+def remove_one(slug: str, id: int) -> dict[str, Any]:
+    """Take a photo out of the map; undo brings it back."""
+    return _edited(slug, Edit("remove", {id: {"removed": True}}, seen=_if_match()))
+
+
+@blueprint.post("/<slug>/undo")
+@blueprint.output(EditAnswer)
+def undo(slug: str) -> dict[str, Any]:
+    """Take back your last edit of the map."""
+    return _turned(slug, "undo")
+
+
+@blueprint.post("/<slug>/redo")
+@blueprint.output(EditAnswer)
+def redo(slug: str) -> dict[str, Any]:
+    """Do your last undone edit of the map again."""
+    return _turned(slug, "redo")
+
+
+def _binned(slug: str, *, into: bool) -> dict[str, Any]:
+    record, who = open_map(slug, "owner", binned=True), account()
+    with library().database.write() as session:
+        row = session.get_one(MapRecord, record.id)
+        (maps.put_into_bin if into else maps.take_from_bin)(row)
+        return state.summary(session, row, account=who)
+
+
+def _edited(slug: str, edit: Edit) -> dict[str, Any]:
+    record = open_map(slug, "editor")
+    return _answer(record, edit_map.run(library(), record.id, edit=edit, account_id=account().id))
+
+
+def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
+    record = open_map(slug, "editor")
+    step = edit_map.turn(library(), record.id, way=way, account_id=account().id)
+    if step is None:
+        raise Conflict(f"there is nothing to {way}", hint="only your own edits of this map can be taken back")
+    if step.clash is not None:
+        hint = f"your edit stays out of {way} from now on; the one before it can be taken back"
+        raise Conflict(step.clash, where=f"map {slug}", hint=hint)
+    return _answer(record, step.edit.turn)
+
+
+def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
+    """Tell what an edit changed, and nothing of what others did at the same time: `changes` tells that."""
+    who = account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.edited(session, row, account=who, revision=revision)
+
+
+def _if_match() -> int | None:
+    """Read the revision of the header; ETag quotes are allowed."""
+    text = request.headers.get("If-Match")
+    if text is None:
+        return None
+    number = text.strip().strip('"')
+    if not number.isdecimal():
+        raise UsageError(f"{text!r} is no revision", where="If-Match", hint="send the number you were told")
+    return int(number)

@@ -1,0 +1,193 @@
+"""Many photos placed at once: by their GPS, by a list of file names, by a GPX track. Each is one edit."""
+
+from __future__ import annotations
+
+import secrets
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, File, Float, Integer, List, Nested, String
+from flask import request
+from werkzeug.datastructures import FileStorage
+
+from webapp.core.trajectory.match import ClockOffset
+from webapp.files.maps.gpx import parse_gpx
+from webapp.files.part_file import discard, receive, told_as
+from webapp.files.text_file import MAX_BYTES
+from webapp.tasks.maps import place_by_file, place_by_gps, place_by_track
+from webapp.tasks.maps.add_photo import tidy_name
+from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
+from webapp.tasks.maps.placing import Placing
+from webapp.web.context import account, after_change, library, open_map
+
+blueprint = APIBlueprint("api_placing", __name__, url_prefix="/api/v1/maps/<slug>", tag="Placing")
+
+
+class NotPlacedOut(Schema):
+    """A photo that was not placed."""
+
+    id = Integer()
+    name = String()
+    reason = String()
+
+
+class PlacingOut(Schema):
+    """What was placed, as one step that can be undone."""
+
+    placed = List(Integer(), metadata={"description": "ids of the photos"})
+    outside = List(Nested(NotPlacedOut), metadata={"description": "photos that lie beside the image"})
+    job = Integer(allow_none=True, metadata={"description": "that brings the index up to date"})
+
+
+class ListedOut(PlacingOut):
+    """What a list of positions did."""
+
+    unknown_names = List(
+        String(),
+        attribute="unknown",
+        data_key="unknown",
+        metadata={"description": "names in the list that no photo has"},
+    )
+    ambiguous = List(String(), metadata={"description": "names that several photos have, or one photo twice"})
+    missing = Integer(metadata={"description": "photos without a place that the list does not name"})
+
+
+class FileIn(Schema):
+    """A file."""
+
+    file = File(required=True)  # type: ignore[no-untyped-call]
+
+
+class GpxIn(FileIn):
+    """A GPX file, and how the camera's clock was set."""
+
+    offset_s = Float(load_default=0.0, metadata={"description": "seconds to add to the camera's time"})
+    max_gap_s = Float(load_default=60.0, metadata={"description": "largest gap of the track that is bridged"})
+    time_zone = String(
+        load_default="UTC",
+        metadata={"description": "of photos that do not say theirs: `Europe/Prague`, `+02:00`"},
+    )
+
+
+class GpxQuery(Schema):
+    """Whether to look only."""
+
+    preview = Boolean(load_default=False)
+
+
+class MatchedOut(Schema):
+    """Where a photo comes by the track."""
+
+    id = Integer()
+    name = String()
+    lat = Float()
+    lon = Float()
+    x_px = Float(allow_none=True)
+    y_px = Float(allow_none=True)
+    gap_s = Float(metadata={"description": "between the fixes of the track around it"})
+    problem = String(allow_none=True, metadata={"description": "how far beside the image it is"})
+
+
+class SuggestedOut(Schema):
+    """How the camera's clock was probably set."""
+
+    offset_s = Float()
+    median_m = Float(metadata={"description": "distance of the photos' own positions from the track then"})
+
+
+class GpxOut(PlacingOut):
+    """What a track says about the photos in the tray; `placed` is empty as long as it is a preview."""
+
+    photos = List(Nested(MatchedOut))
+    unmatched = List(Nested(NotPlacedOut))
+    suggested = Nested(SuggestedOut, allow_none=True)
+    fixes = Integer()
+    begins_s = Float(metadata={"description": "seconds since 1970, UTC"})
+    ends_s = Float(metadata={"description": "seconds since 1970, UTC"})
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse files that are too large while they are read."""
+    request.max_content_length = MAX_BYTES + 100_000
+
+
+@blueprint.post("/photos/place-by-gps")
+@blueprint.output(PlacingOut)
+def by_gps(slug: str) -> dict[str, Any]:
+    """Place the photos in the tray that know where they were taken."""
+    record = open_map(slug, "editor")
+    placing = place_by_gps.run(library(), record.id, account_id=account().id)
+    after_change(record)
+    return _placing_json(placing)
+
+
+@blueprint.post("/positions")
+@blueprint.input(FileIn, location="files", arg_name="given")
+@blueprint.output(ListedOut)
+def by_file(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
+    """Place photos by a list of file names: a `.cfg`, or a table `name;lat;lon` or `name;x;y`."""
+    record, file = open_map(slug, "editor"), given["file"]
+    name = tidy_name(file.filename or "")
+    kind = "cfg" if name.lower().endswith(".cfg") else "csv"
+    part = library().uploads / f"{secrets.token_hex(16)}.{kind}"
+    try:
+        receive(part, file.stream, max_bytes=MAX_BYTES)
+        listed = place_by_file.run(library(), record.id, source=part, name=name, account_id=account().id)
+    finally:
+        discard(part)
+    after_change(record)
+    return {
+        **_placing_json(listed.placing),
+        "unknown": listed.unknown,
+        "ambiguous": listed.ambiguous,
+        "missing": listed.missing,
+    }
+
+
+@blueprint.post("/gpx")
+@blueprint.input(GpxQuery, location="query", arg_name="query")
+@blueprint.input(GpxIn, location="form_and_files", arg_name="given")
+@blueprint.output(GpxOut)
+def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str, Any]:
+    """Place photos in the tray by a GPX track and their times, or look where they would come."""
+    record, name = open_map(slug, "editor"), tidy_name(given["file"].filename or "")
+    clock = Clock(given["offset_s"], parse_zone(given["time_zone"]), given["max_gap_s"])
+    with told_as(name):
+        track = parse_gpx(given["file"].stream.read())
+    if query["preview"]:
+        placing = Placing((), ())
+        seen = place_by_track.preview(library(), record.id, track=track, clock=clock)
+    else:
+        placing, seen = place_by_track.run(
+            library(), record.id, track=track, clock=clock, account_id=account().id
+        )
+        after_change(record)
+    span = {"fixes": len(track), "begins_s": float(track.times_s[0]), "ends_s": float(track.times_s[-1])}
+    return {**_placing_json(placing), **_preview_json(seen), **span}
+
+
+def _placing_json(placing: Placing) -> dict[str, Any]:
+    outside = [{"id": o.id, "name": o.name, "reason": o.reason} for o in placing.outside]
+    return {"placed": list(placing.placed), "outside": outside, "job": placing.job}
+
+
+def _preview_json(seen: Preview) -> dict[str, Any]:
+    photos = [
+        {
+            "id": found.spot.photo.id,
+            "name": found.spot.photo.name,
+            "lat": found.latlon.lat,
+            "lon": found.latlon.lon,
+            "x_px": found.spot.pixel.x if found.spot.problem is None else None,
+            "y_px": found.spot.pixel.y if found.spot.problem is None else None,
+            "gap_s": found.gap_s,
+            "problem": found.spot.problem,
+        }
+        for found in seen.found
+    ]
+    suggested = None
+    if isinstance(seen.suggested, ClockOffset):
+        suggested = {"offset_s": seen.suggested.offset_s, "median_m": seen.suggested.median_m}
+    unmatched = [{"id": u.id, "name": u.name, "reason": u.reason} for u in seen.unmatched]
+    return {"photos": photos, "unmatched": unmatched, "suggested": suggested}

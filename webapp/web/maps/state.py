@@ -1,0 +1,200 @@
+"""What a page or a program is told of a map: its state, and what changed since a revision."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from flask import url_for
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.latlongrid import latlon_grid
+from webapp.core.geo.types import MapPixel
+from webapp.store.maps import edits, maps
+from webapp.store.operate import jobs
+from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
+from webapp.tasks.maps.library_map import georeference
+from webapp.tasks.maps.show_photo import look_of
+from webapp.web.satellite.state import satellite_json
+
+
+def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
+    """Tell all of a map.
+
+    Returns
+    -------
+    dict
+        `slug, name, role, can_edit, binned, revision, satellite, georeference, photos, placements, undo,
+        redo`.
+    """
+    role = maps.role_of(session, record, account=account)
+    present = [p for p in maps.photos(session, record) if not p.removed]
+    return {
+        "slug": record.slug,
+        "name": record.name,
+        "role": role,
+        "can_edit": role in ("owner", "editor"),
+        "binned": record.binned_at is not None,
+        "revision": record.revision,
+        **image(record),
+        "photos": _photos(record, present),
+        "placements": _placements(session, record),
+        **_history(session, record, account=account),
+    }
+
+
+def changes(session: Session, record: MapRecord, *, account: Account, since: int) -> dict[str, Any]:
+    """Tell what changed after a revision.
+
+    Returns
+    -------
+    dict
+        `revision`, `photos` (the changed ones, those that were taken out as `{id, removed}`), `placements`,
+        `undo`, `redo`, `jobs`; `satellite` and `georeference` only where they changed.
+    """
+    changed = maps.photos(session, record, since=since)
+    return {
+        "revision": record.revision,
+        **(image(record) if record.satellite_revision > since else {}),
+        "photos": _changed(record, changed),
+        **({"placements": _placements(session, record)} if changed else {}),
+        **_history(session, record, account=account),
+        "jobs": [
+            jobs.to_json(session, job, account_id=account.id) for job in jobs.current(session, record.id)
+        ],
+    }
+
+
+def edited(session: Session, record: MapRecord, *, account: Account, revision: int | None) -> dict[str, Any]:
+    """Tell what one edit changed; `revision` is None for one that changed nothing.
+
+    Returns
+    -------
+    dict
+        `revision`, `photos` (without those that somebody has changed again), `placements`, `undo`, `redo`.
+    """
+    since = record.revision if revision is None else revision - 1
+    changed = [p for p in maps.photos(session, record, since=since) if p.revision == revision]
+    return {
+        "revision": revision,
+        **(image(record) if record.satellite_revision == revision else {}),
+        "photos": _changed(record, changed),
+        "placements": _placements(session, record),
+        **_history(session, record, account=account),
+    }
+
+
+def _changed(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
+    gone = [{"id": p.id, "removed": True, "revision": p.revision} for p in photos if p.removed]
+    return [*_photos(record, [p for p in photos if not p.removed]), *gone]
+
+
+def summary(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
+    """Tell what a list of maps shows of one."""
+    photos, placed = maps.counts(session, record)
+    return {
+        "slug": record.slug,
+        "name": record.name,
+        "role": maps.role_of(session, record, account=account),
+        "photos": photos,
+        "placed": placed,
+        "changed_at": record.changed_at.isoformat(timespec="seconds"),
+        "binned": record.binned_at is not None,
+        "revision": record.revision,
+    }
+
+
+def image(record: MapRecord, *, base: str | None = None) -> dict[str, Any]:
+    """Tell of a map's image and its georeference; `base` as for `satellite_json`.
+
+    Returns
+    -------
+    dict
+        `satellite` and `georeference`, each None where there is none.
+    """
+    found = georeference(record)
+    size = (record.satellite_width or 0, record.satellite_height or 0)
+    return {
+        "satellite": satellite_json(record, base=base),
+        "georeference": None if found is None or not all(size) else _georeference(record, found, size),
+    }
+
+
+def _georeference(record: MapRecord, found: Georeference, size: tuple[int, int]) -> dict[str, Any]:
+    """Give the georeference as `map.json` has it, with its scale, and sampled for the page."""
+    grid = latlon_grid(found, size)
+    scale = found.metres_per_pixel(MapPixel(size[0] / 2, size[1] / 2))
+    return {
+        **(record.georeference or {}),
+        "metres_per_pixel": scale if np.isfinite(scale) else None,
+        "latlon_grid": {"columns": grid.columns, "rows": grid.rows, "latlon": grid.latlon},
+    }
+
+
+def _photos(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
+    spots = _gps_spots(record, photos)
+    return [_photo(record, photo, gps=spots.get(photo.id)) for photo in photos]
+
+
+def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> dict[str, Any]:
+    return {
+        "id": photo.id,
+        "name": photo.name,
+        "x_px": photo.x_px,
+        "y_px": photo.y_px,
+        "heading_deg": photo.heading_deg,
+        "fov_deg": photo.fov_deg,
+        "taken_at": photo.taken_at,
+        "width": photo.width,
+        "height": photo.height,
+        "gps": gps,
+        "gps_problem": photo.gps_problem,
+        "revision": photo.revision,
+        "blurred": photo.blurred or [],
+        "preview": url_for("api_photos.preview", slug=record.slug, id=photo.id, look=look_of(photo)),
+        "thumb": url_for("api_photos.thumb", slug=record.slug, id=photo.id, look=look_of(photo)),
+    }
+
+
+def _gps_spots(record: MapRecord, photos: list[Photo]) -> dict[int, dict[str, Any]]:
+    """Give the GPS of photos by id, with its place on the image where the map knows."""
+    known = [p for p in photos if p.gps_lat is not None and p.gps_lon is not None]
+    found = georeference(record) if known else None
+    latlon = np.array([[p.gps_lat, p.gps_lon] for p in known], float).reshape(-1, 2)
+    pixels = np.full((len(known), 2), np.nan) if found is None else found.pixel_from_latlon(latlon)
+    spots = {}
+    for photo, (x, y) in zip(known, pixels.tolist(), strict=True):
+        on_map = found is not None and np.isfinite([x, y]).all()
+        radius = None
+        if on_map and found is not None and photo.gps_accuracy_m is not None:
+            scale = found.metres_per_pixel(MapPixel(x, y))
+            radius = photo.gps_accuracy_m / scale if np.isfinite(scale) and scale > 0 else None
+        spots[photo.id] = {
+            "lat": photo.gps_lat,
+            "lon": photo.gps_lon,
+            "accuracy_m": photo.gps_accuracy_m,
+            "x_px": x if on_map else None,
+            "y_px": y if on_map else None,
+            "radius_px": radius,
+        }
+    return spots
+
+
+def _placements(session: Session, record: MapRecord) -> list[dict[str, Any]]:
+    found = select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)
+    positions: dict[str, dict[str, list[float]]] = {}
+    for row in session.scalars(found.order_by(PlacedElsewhere.placement, PlacedElsewhere.photo_id)):
+        positions.setdefault(row.placement, {})[str(row.photo_id)] = [row.x_px, row.y_px]
+    return [{"name": name, "positions": at} for name, at in positions.items()]
+
+
+def _history(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
+    def told(edit: Edit | None) -> dict[str, Any] | None:
+        return None if edit is None else {"kind": edit.kind, "count": len(edit.changes)}
+
+    return {
+        "undo": told(edits.newest_done(session, record, account_id=account.id)),
+        "redo": told(edits.oldest_undone(session, record, account_id=account.id)),
+    }

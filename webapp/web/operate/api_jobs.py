@@ -1,0 +1,85 @@
+"""Jobs, for pages and programs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import List, Nested, String
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotFound
+from webapp.store.maps import maps
+from webapp.store.maps.maps import Role
+from webapp.store.operate import jobs
+from webapp.store.schema import Job, MapRecord
+from webapp.web.context import account, library, open_map
+from webapp.web.maps.schemas import JobSchema
+
+blueprint = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
+
+
+class JobQuery(Schema):
+    """Which jobs are listed."""
+
+    map = String(required=True, metadata={"description": "Slug of the map."})
+
+
+class JobList(Schema):
+    """Jobs of a map, the newest first."""
+
+    jobs = List(Nested(JobSchema))
+
+
+@blueprint.get("")
+@blueprint.input(JobQuery, location="query", arg_name="query")
+@blueprint.output(JobList)
+def listed(query: dict[str, str]) -> dict[str, Any]:
+    """List the last jobs of a map."""
+    record = open_map(query["map"])
+    with library().database.read() as session:
+        found = jobs.listed(session, map_id=record.id)
+        return {"jobs": [_told(session, job) for job in found]}
+
+
+@blueprint.get("/<int:job_id>")
+@blueprint.output(JobSchema)
+def one(job_id: int) -> dict[str, Any]:
+    """Tell how far a job is."""
+    with library().database.read() as session:
+        return _told(session, _job(session, job_id, role="viewer"))
+
+
+@blueprint.post("/<int:job_id>/cancel")
+@blueprint.output(JobSchema)
+def cancel(job_id: int) -> dict[str, Any]:
+    """Stop a job, one's own or one of a map that one may edit; what it has finished is kept."""
+    with library().database.write() as session:
+        job = _job(session, job_id, role="editor")
+        jobs.cancel(session, job)
+        return _told(session, job)
+
+
+@blueprint.post("/<int:job_id>/retry")
+@blueprint.output(JobSchema)
+def retry(job_id: int) -> dict[str, Any]:
+    """Queue a job again that failed or was cancelled."""
+    with library().database.write() as session:
+        job = jobs.retry(session, _job(session, job_id, role="editor"))
+        return _told(session, job)
+
+
+def _job(session: Session, job_id: int, *, role: Role) -> Job:
+    """Find a job on a map that who asks may use in a role, or one of their own on a map that they may see."""
+    job = jobs.find(session, job_id)
+    who = account()
+    record = None if job.map_id is None else session.get(MapRecord, job.map_id)
+    if record is not None and maps.role_of(session, record, account=who) is not None:
+        maps.find(session, record.slug, account=who, role="viewer" if job.account_id == who.id else role)
+    elif record is not None or (job.account_id != who.id and not who.is_owner):
+        raise NotFound(f"there is no job {job_id}", hint="reload the page")
+    return job
+
+
+def _told(session: Session, job: Job) -> dict[str, Any]:
+    return jobs.to_json(session, job, account_id=account().id)

@@ -1,0 +1,1 @@
+"""Page and API of a map's image and its georeference."""

@@ -1,0 +1,119 @@
+"""Where a map's image is on the Earth, through the API: looked at first, then applied."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Dict, Float, Integer, List, Nested, String
+from apiflask.validators import Length, OneOf
+
+from webapp.core.geo.controlpoints import NEEDED, ControlPoint
+from webapp.core.geo.fit import Fit
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.files.satellite.corners import parse_corners
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.maps.placing import needed_image
+from webapp.tasks.satellite import georeference as satellite_georeference
+from webapp.tasks.satellite.apply import Choice, set_georeference
+from webapp.tasks.satellite.georeference import GeoWish
+from webapp.web.context import account, after_change, library, open_map
+from webapp.web.satellite.image_answer import ImageAnswer, answer
+
+blueprint = APIBlueprint(
+    "api_georeference", __name__, url_prefix="/api/v1/maps/<slug>/georeference", tag="Satellite image"
+)
+
+_MOST_POINTS = 500
+
+
+class PointIn(Schema):
+    """A point that is known on the image and on the Earth."""
+
+    x = Float(required=True, metadata={"description": "Pixels from the outer left edge."})
+    y = Float(required=True, metadata={"description": "Pixels from the outer top edge."})
+    lat = Float(required=True)
+    lon = Float(required=True)
+
+
+class GeoreferenceIn(Schema):
+    """Corners, control points, or a world file."""
+
+    kind = String(required=True, validate=OneOf(("corners", "control-points", "worldfile")))
+    corners = Dict(load_default=None, metadata={"description": "`top_left` and `bottom_right`, or all four."})
+    points = List(Nested(PointIn), load_default=[], validate=Length(max=_MOST_POINTS))
+    model = String(load_default=None, allow_none=True, validate=OneOf(tuple(NEEDED)))
+    worldfile = String(load_default=None, validate=Length(max=10_000))
+    crs = String(load_default=None, allow_none=True, validate=Length(max=5000))
+    seen = Integer(
+        load_default=None, metadata={"description": "Newest revision you know; a later image is a conflict."}
+    )
+
+
+class PreviewOut(Schema):
+    """A georeference that is not applied yet."""
+
+    kind = String(metadata={"description": "What was fitted."})
+    residuals = List(Float(), metadata={"description": "Metres, one for each control point."})
+    rms_m = Float(allow_none=True)
+    warnings = List(String())
+    corners = Dict()
+    metres_per_pixel = Float(allow_none=True)
+    north_deg = Float(
+        allow_none=True, metadata={"description": "Where north is, clockwise from the image's top."}
+    )
+    points = List(Dict())
+    georeference = Dict()
+
+
+@blueprint.post("/preview")
+@blueprint.input(GeoreferenceIn, arg_name="given")
+@blueprint.output(PreviewOut)
+def preview(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Compute a georeference and how well it fits; nothing is changed."""
+    image, wish, found = _fitted(open_map(slug, "editor"), given)
+    return satellite_georeference.preview(found, wish, width=image.width, height=image.height)
+
+
+@blueprint.put("")
+@blueprint.input(GeoreferenceIn, arg_name="given")
+@blueprint.output(ImageAnswer)
+def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Say where the image is, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    _, _, found = _fitted(record, given)
+    choice = Choice(account().id, seen=given["seen"])
+    applied = set_georeference(
+        library().database.write, record.id, georeference=found.georeference, choice=choice
+    )
+    after_change(record)
+    return answer(record, applied, warnings=found.warnings)
+
+
+@blueprint.delete("")
+@blueprint.output(ImageAnswer)
+def delete(slug: str) -> dict[str, Any]:
+    """Take the georeference away; photos stay where they are on the image."""
+    record = open_map(slug, "editor")
+    applied = set_georeference(
+        library().database.write, record.id, georeference=None, choice=Choice(account().id)
+    )
+    after_change(record)
+    return answer(record, applied)
+
+
+def _fitted(record: MapRecord, given: dict[str, Any]) -> tuple[MapImage, GeoWish, Fit]:
+    image = needed_image(record, with_georeference=False)
+    corners = given["corners"]
+    points = [ControlPoint(MapPixel(p["x"], p["y"]), LatLon(p["lat"], p["lon"])) for p in given["points"]]
+    wish = GeoWish(
+        given["kind"],
+        corners=None if corners is None else parse_corners(json.dumps(corners).encode()),
+        points=points,
+        model=given["model"],
+        worldfile=given["worldfile"],
+        crs=given["crs"],
+    )
+    return image, wish, satellite_georeference.fit(wish, width=image.width, height=image.height)

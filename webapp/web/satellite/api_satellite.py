@@ -1,0 +1,248 @@
+"""The satellite image of a map through the API: set in one of three ways, and given to browsers."""
+
+from __future__ import annotations
+
+import secrets
+from datetime import timedelta
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, File, Float, Integer, List, Nested, String
+from apiflask.validators import Length, Range
+from flask import Response, request, send_file
+from werkzeug.datastructures import FileStorage
+
+from webapp.core.geo.tilegrid import MAX_ZOOM, Box
+from webapp.errors import UsageError
+from webapp.files.part_file import receive, told_as
+from webapp.files.satellite.corners import parse_corners
+from webapp.net.services import tile_services
+from webapp.store.operate import jobs
+from webapp.tasks.maps.add_photo import tidy_name
+from webapp.tasks.satellite import blank, display, upload
+from webapp.tasks.satellite import tiles as satellite_tiles
+from webapp.tasks.satellite.apply import Choice
+from webapp.tasks.satellite.blank import Sheet
+from webapp.tasks.satellite.display import Shown
+from webapp.tasks.satellite.georeference import GeoWish
+from webapp.tasks.satellite.tiles import TILES_JOB, TileWish
+from webapp.web.context import account, after_change, library, open_map, settings
+from webapp.web.openapi import file_answer
+from webapp.web.satellite.image_answer import ImageAnswer, answer
+
+blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="Satellite image")
+
+_KEPT = timedelta(days=365)
+_OTHER_PARTS = 1_000_000
+"""Bytes of a form beside its image."""
+
+_WORLDFILE_BYTES = 10_000
+
+
+class OutsideIn(Schema):
+    """What becomes of photos that would not lie on the new image."""
+
+    scale = Boolean(
+        load_default=False,
+        metadata={"description": "Scale the positions with the image, where not both are georeferenced."},
+    )
+    tray = Boolean(load_default=False, metadata={"description": "Put photos outside back into the tray."})
+    seen = Integer(
+        load_default=None, metadata={"description": "Newest revision you know; a later image is a conflict."}
+    )
+
+
+class ImageIn(OutsideIn):
+    """An image, and perhaps where it is."""
+
+    file = File(required=True)  # type: ignore[no-untyped-call]
+    corners = String(metadata={"description": "JSON: `top_left` and `bottom_right`, or all four."})
+    worldfile = File()  # type: ignore[no-untyped-call]
+    crs = String(
+        validate=Length(max=5000), metadata={"description": "Of the world file, such as EPSG:32633."}
+    )
+
+
+class BlankIn(OutsideIn):
+    """Size of a plan; without one, it is laid around the GPS positions of the photos."""
+
+    width = Integer(load_default=None)
+    height = Integer(load_default=None)
+
+
+class TilesIn(OutsideIn):
+    """An area of a tile service."""
+
+    service = String(required=True, validate=Length(max=200))
+    zoom = Integer(required=True, validate=Range(0, MAX_ZOOM))
+    north = Float(required=True)
+    south = Float(required=True)
+    west = Float(required=True)
+    east = Float(required=True)
+
+
+class TilesOut(Schema):
+    """What will be fetched, and the job that does it."""
+
+    job = Integer()
+    width = Integer()
+    height = Integer()
+    tiles = Integer()
+    metres_per_pixel = Float()
+    attribution = String()
+
+
+class ServiceOut(Schema):
+    """A tile service."""
+
+    name = String()
+    url = String()
+    attribution = String()
+    max_zoom = Integer()
+    max_tiles = Integer()
+
+
+class ServicesOut(Schema):
+    """The tile services that can be used here."""
+
+    services = List(Nested(ServiceOut))
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse what is too large while it is read."""
+    if request.method == "PUT":
+        request.max_content_length = int(settings().satellite.max_mb * 1e6) + _OTHER_PARTS
+
+
+@blueprint.get("/tile-services")
+@blueprint.output(ServicesOut)
+def services() -> dict[str, Any]:
+    """List the tile services that can be used here, each with who is to be named for it."""
+    account()
+    return {"services": [*map(service_json, tile_services(settings().tile_services))]}
+
+
+def service_json(service: Any) -> dict[str, Any]:
+    """Tell a page what it needs to know of a tile service."""
+    most = settings().tiles.max_tiles
+    return {
+        "name": service.name,
+        "url": service.url,
+        "attribution": service.attribution,
+        "max_zoom": service.max_zoom,
+        "max_tiles": min(most, service.max_tiles or most),
+    }
+
+
+@blueprint.put("/maps/<slug>/satellite")
+@blueprint.input(ImageIn, location="form_and_files", arg_name="given")
+@blueprint.output(ImageAnswer)
+def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Give a map an uploaded image: PNG, JPEG, TIFF or GeoTIFF."""
+    record, file = open_map(slug, "editor"), given["file"]
+    wish = _wish(given)
+    part = library().uploads / f"{secrets.token_hex(16)}.image"
+    with told_as(tidy_name(file.filename or ""), part):
+        receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
+        uploaded = upload.run(
+            library(), record.id, file=part, wish=wish, choice=_choice(given), settings=settings()
+        )
+    after_change(record)
+    return answer(record, uploaded.applied, warnings=uploaded.warnings)
+
+
+@blueprint.post("/maps/<slug>/satellite/blank")
+@blueprint.input(BlankIn, arg_name="given")
+@blueprint.output(ImageAnswer)
+def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Give a map a blank plan, of a size in pixels or around the GPS positions of its photos."""
+    record = open_map(slug, "editor")
+    width, height = given["width"], given["height"]
+    if (width is None) != (height is None):
+        raise UsageError("width and height come together", hint="give both, or neither")
+    sheet = None if width is None else Sheet(width, height)
+    applied = blank.run(library(), record.id, sheet=sheet, choice=_choice(given))
+    after_change(record)
+    return answer(record, applied)
+
+
+@blueprint.post("/maps/<slug>/satellite/tiles")
+@blueprint.input(TilesIn, arg_name="given")
+@blueprint.output(TilesOut, status_code=202)
+def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Have an area fetched from a tile service by a job, which then gives its image to the map."""
+    record, who = open_map(slug, "editor"), account()
+    box = Box(given["north"], given["south"], given["west"], given["east"])
+    wish = TileWish(given["service"], box, given["zoom"])
+    service, cut = satellite_tiles.plan(wish, settings=settings())
+    arguments = {
+        "service": wish.service,
+        "zoom": wish.zoom,
+        **box._asdict(),
+        "scale": given["scale"],
+        "tray": given["tray"],
+    }
+    with library().database.write() as session:
+        # the newest wish is the one that counts: others that wait are forgotten
+        job = jobs.enqueue(session, TILES_JOB, map_id=record.id, account_id=who.id, arguments=arguments)
+        job.arguments = arguments
+        session.flush()
+        id = job.id
+    return {
+        "job": id,
+        "width": cut.width,
+        "height": cut.height,
+        "tiles": cut.tile_count,
+        "metres_per_pixel": cut.metres_per_pixel,
+        "attribution": service.attribution,
+    }
+
+
+@blueprint.get("/maps/<slug>/satellite")
+@blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
+def get_image(slug: str) -> Response:
+    """Give the image for display."""
+    return _sent(display.whole(library(), open_map(slug), settings=settings()))
+
+
+@blueprint.get("/maps/<slug>/thumbnail")
+@blueprint.doc(responses=file_answer("A picture of at most 480 pixels a side.", "image/*"))
+def get_thumbnail(slug: str) -> Response:
+    """Give a small copy of the image, for lists."""
+    return _sent(display.thumbnail(library(), open_map(slug, binned=True), settings=settings()))
+
+
+@blueprint.get("/maps/<slug>/satellite/tiles/<int:z>/<int:x>/<int:y>")
+@blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
+def get_tile(slug: str, *, z: int, x: int, y: int) -> Response:
+    """Give a tile of a large image; at the largest zoom its pixels are the image's."""
+    return _sent(display.tile(library(), open_map(slug), z=z, x=x, y=y))
+
+
+def _wish(given: dict[str, Any]) -> GeoWish | None:
+    if given.get("corners") and given.get("worldfile"):
+        raise UsageError("corners and a world file are given", hint="give one of them")
+    if given.get("corners"):
+        return GeoWish("corners", corners=parse_corners(given["corners"].encode("utf-8", "replace")))
+    file: FileStorage | None = given.get("worldfile")
+    if file is None:
+        return None
+    text = file.stream.read(_WORLDFILE_BYTES).decode("utf-8", "replace")
+    return GeoWish("worldfile", worldfile=text, crs=given.get("crs"))
+
+
+def _choice(given: dict[str, Any]) -> Choice:
+    return Choice(account().id, scale=given["scale"], tray=given["tray"], seen=given["seen"])
+
+
+def _sent(shown: Shown) -> Response:
+    """Send a file; who asks by its key may keep it for good."""
+    if request.if_none_match.contains_weak(shown.key):
+        response = Response(status=304)
+        response.set_etag(shown.key)
+    else:
+        response = send_file(shown.path, mimetype=shown.mime, etag=shown.key, conditional=True)
+    if request.args.get("v") == shown.key:
+        response.headers["Cache-Control"] = f"private, max-age={int(_KEPT.total_seconds())}, immutable"
+    return response

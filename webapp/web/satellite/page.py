@@ -1,0 +1,63 @@
+"""The page on which a map gets its satellite image, and where that is on the Earth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flask import Blueprint, render_template
+
+from webapp.net.services import tile_services
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.library_map import georeference
+from webapp.tasks.maps.placing import image_of
+from webapp.tasks.satellite.georeference import on_earth
+from webapp.web.accounts.security import allow_images
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.satellite.api_satellite import service_json
+from webapp.web.satellite.state import satellite_json
+
+blueprint = Blueprint("satellite", __name__)
+
+
+@blueprint.get("/maps/<slug>/image")
+def show(slug: str) -> str:
+    """Show the image, the three ways to another one, and the three ways to a georeference."""
+    record = open_map(slug)
+    services = tile_services(settings().tile_services)
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        can_edit = maps.role_of(session, row, account=account()) in ("editor", "owner")
+        photos = [photo for photo in maps.photos(session, row) if not photo.removed]
+    if can_edit:
+        allow_images(*sorted({service.origin for service in services}))
+    page = {
+        "slug": record.slug,
+        "revision": record.revision,
+        "canEdit": can_edit,
+        "satellite": satellite_json(record),
+        "earth": _earth(record),
+        "services": [service_json(service) for service in services],
+        "photos": _where(photos),
+    }
+    with_gps = sum(photo.gps_lat is not None for photo in photos)
+    return render_template(
+        "satellite/image.html", map=record, tab="image", page=page, can_edit=can_edit, with_gps=with_gps
+    )
+
+
+def _earth(record: MapRecord) -> dict[str, Any] | None:
+    """Give the present georeference, in words of the page."""
+    found, image = georeference(record), image_of(record)
+    if found is None or image is None:
+        return None
+    return {"method": found.method, **on_earth(found, width=image.width, height=image.height)}
+
+
+def _where(photos: list[Photo]) -> dict[str, float] | None:
+    """Give the area of the photos' GPS positions, for the map to begin with."""
+    known = [(p.gps_lat, p.gps_lon) for p in photos if p.gps_lat is not None and p.gps_lon is not None]
+    if not known:
+        return None
+    lat, lon = zip(*known, strict=True)
+    return {"north": max(lat), "south": min(lat), "west": min(lon), "east": max(lon)}

@@ -1,0 +1,217 @@
+"""Shared maps and answers for visitors: whoever has the end of the address, without a sign-in."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+from typing import Any, cast
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Dict, File, Integer, List, Nested, String
+from flask import Response, current_app, request
+from flask.blueprints import BlueprintSetupState
+from limits import RateLimitItemPerMinute
+from limits.storage import MemoryStorage
+from limits.strategies import FixedWindowRateLimiter
+from werkzeug.datastructures import FileStorage
+
+from webapp.errors import IndexDamaged, NotFound, NotReady, TooMany
+from webapp.files.photos.preview import Kind
+from webapp.store.sharing import shares
+from webapp.store.sharing.shares import Opened
+from webapp.tasks.localize import show_query, upload
+from webapp.tasks.localize.upload import Question
+from webapp.tasks.maps import show_photo
+from webapp.tasks.satellite import display
+from webapp.web.accounts.access import public
+from webapp.web.context import library, settings
+from webapp.web.localize.answer_schemas import Located
+from webapp.web.localize.api_localize import ready_maps, received
+from webapp.web.openapi import file_answer
+from webapp.web.sharing import shared_state
+from webapp.web.sharing.shared_files import sent, shown
+
+blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<token>", tag="Shared")
+
+_LIMITER = "expmap-visits"
+_MINUTE_S = 60
+_OTHER_BYTES = 100_000
+_ID = "<int(max=2147483647):id>"
+
+
+class AllowsOut(Schema):
+    """What the share gives besides the image, the dots, and its answer."""
+
+    photos = Boolean()
+    localize = Boolean()
+    originals = Boolean()
+
+
+class SharedOut(Schema):
+    """A shared map, or a shared answer on its map."""
+
+    name = String()
+    revision = Integer()
+    allows = Nested(AllowsOut)
+    satellite = Dict(allow_none=True)
+    georeference = Dict(allow_none=True)
+    photos = List(Dict(), metadata={"description": "Those that have a place."})
+    answer = Dict(allow_none=True, metadata={"description": "The shared answer; null for a shared map."})
+
+
+class VisitIn(Schema):
+    """A photo of a visitor."""
+
+    file = File(required=True)  # type: ignore[no-untyped-call]
+
+
+@blueprint.record_once
+def _make_limiter(state: BlueprintSetupState) -> None:
+    state.app.extensions[_LIMITER] = FixedWindowRateLimiter(MemoryStorage())
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse what is too large while it is read."""
+    request.max_content_length = int(settings().photo.max_mb * 1e6) + _OTHER_BYTES
+
+
+@blueprint.get("")
+@public
+@blueprint.output(SharedOut)
+def show(token: str) -> dict[str, Any]:
+    """Tell everything about a shared map or answer."""
+    with library().database.read() as session:
+        return shared_state.whole(session, shares.opened(session, token), token=token)
+
+
+@blueprint.get("/satellite")
+@public
+@blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
+def image(token: str) -> Response:
+    """Get the image of the map."""
+    opened = _opened(token)
+    give = display.whole if opened.share.originals else display.copy
+    return shown(give(library(), opened.map, settings=settings()))
+
+
+@blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")
+@public
+@blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
+def tile(token: str, *, z: int, x: int, y: int) -> Response:
+    """Get a tile of a large image."""
+    return shown(display.tile(library(), _opened(token).map, z=z, x=x, y=y))
+
+
+@blueprint.get(f"/photos/{_ID}/thumb")
+@public
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+def photo_thumb(token: str, id: int) -> Response:
+    """Get a photo of the map as a small picture."""
+    return _photo_preview(token, id, "thumb")
+
+
+@blueprint.get(f"/photos/{_ID}/preview")
+@public
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
+def photo_preview(token: str, id: int) -> Response:
+    """Get a photo of the map as a picture that fills a screen."""
+    return _photo_preview(token, id, "preview")
+
+
+@blueprint.get(f"/photos/{_ID}/original")
+@public
+@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+def photo_original(token: str, id: int) -> Response:
+    """Get the file of a photo of the map, where the owner gives files out."""
+    opened = _opened(token, originals=True)
+    with library().database.read() as session:
+        record, photo = shared_state.photo(session, opened, id=id)
+    if photo.blurred:
+        raise NotFound("files are not given out here")
+    return _file(show_photo.original(library(), record.slug, photo=photo), photo.name)
+
+
+@blueprint.get("/query/thumb")
+@public
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+def query_thumb(token: str) -> Response:
+    """Get the photo of the shared answer as a small picture."""
+    return _query_preview(token, "thumb")
+
+
+@blueprint.get("/query/preview")
+@public
+@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
+def query_preview(token: str) -> Response:
+    """Get the photo of the shared answer as a picture that fills a screen."""
+    return _query_preview(token, "preview")
+
+
+@blueprint.get("/query/original")
+@public
+@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+def query_original(token: str) -> Response:
+    """Get the file of the photo of the shared answer, where the owner gives files out."""
+    query = shared_state.query(_opened(token, originals=True))
+    return _file(show_query.original(library(), query), query.name)
+
+
+@blueprint.post("/localize")
+@public
+@blueprint.input(VisitIn, location="files", arg_name="given")
+@blueprint.output(Located)
+def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
+    """Tell where a visitor's photo was taken, where the owner allows it; neither photo nor answer is kept."""
+    opened = _opened(token)
+    if not opened.share.localize:
+        raise NotFound("photos cannot be localized here")
+    _count_visit(opened)
+    with received(opened.map, [given["file"]], again=None) as photos:
+        try:
+            asked = upload.run(ready_maps(), opened.map.id, question=Question(photos), settings=settings())
+        except (NotReady, IndexDamaged) as error:
+            raise NotReady("this map cannot answer yet", hint="come back in a few minutes") from error
+    return asked.form
+
+
+def _count_visit(opened: Opened) -> None:
+    """Refuse too many questions of one visitor, and of all of them together."""
+    limiter = cast(FixedWindowRateLimiter, current_app.extensions[_LIMITER])
+    share, limits = str(opened.share.id), settings().web
+    for most, who in (
+        (limits.visitor_questions_per_minute, request.remote_addr or "unknown"),
+        (limits.share_questions_per_minute, "all"),
+    ):
+        if not limiter.hit(RateLimitItemPerMinute(most), share, who):
+            raise TooMany(
+                "too many photos in a short time", wait_s=_MINUTE_S, hint="wait a minute and try again"
+            )
+
+
+def _opened(token: str, *, originals: bool = False) -> Opened:
+    with library().database.read() as session:
+        opened = shares.opened(session, token)
+    if originals and not opened.share.originals:
+        raise NotFound("files are not given out here")
+    return opened
+
+
+def _photo_preview(token: str, id: int, kind: Kind) -> Response:
+    opened = _opened(token)
+    with library().database.read() as session:
+        record, photo = shared_state.photo(session, opened, id=id)
+    path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
+    return sent(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of(photo)}")
+
+
+def _query_preview(token: str, kind: Kind) -> Response:
+    query = shared_state.query(_opened(token))
+    path = show_query.preview(library(), query, kind=kind, settings=settings())
+    return sent(path, etag=path.name)
+
+
+def _file(path: Path, name: str) -> Response:
+    response = sent(path, etag=path.name)
+    last = PurePosixPath(name.replace("\\", "/")).name
+    response.headers.set("Content-Disposition", "attachment", filename=last or path.name)
+    return response

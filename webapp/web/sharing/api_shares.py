@@ -1,0 +1,138 @@
+"""Sharing a map or one answer with everybody who has a link, or with everybody; for owners of the map."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Integer, List, Nested, String
+from flask import url_for
+from markupsafe import escape
+
+from webapp.store.schema import MapRecord, Share
+from webapp.store.sharing import shares
+from webapp.store.sharing.shares import Allows
+from webapp.web.context import account, library, open_map
+
+blueprint = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
+
+_ID = "<int(max=2147483647):id>"
+_FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></iframe>'
+
+
+class AllowsIn(Schema):
+    """What the share gives besides the image, the dots, and the answer that it is about."""
+
+    photos = Boolean(load_default=False, metadata={"description": "Pictures of photos, without EXIF."})
+    localize = Boolean(
+        load_default=False,
+        metadata={"description": "Visitors may ask about photos of their own; of a shared map only."},
+    )
+    originals = Boolean(
+        load_default=False, metadata={"description": "Files as they came, with names, times and GPS."}
+    )
+
+
+class ShareIn(AllowsIn):
+    """What is shared, and with whom."""
+
+    query = Integer(
+        load_default=None, metadata={"description": "Id of the only answer to share; null: the map."}
+    )
+    public = Boolean(load_default=False, metadata={"description": "Whether it is listed for everybody."})
+
+
+class ShareOut(Schema):
+    """A share."""
+
+    id = Integer()
+    query = Integer(allow_none=True)
+    public = Boolean()
+    photos = Boolean()
+    localize = Boolean()
+    originals = Boolean()
+    created_at = String()
+    url = String(
+        allow_none=True, metadata={"description": "Its address; of a secret one it is told only once."}
+    )
+    embed = String(allow_none=True, metadata={"description": "HTML that shows it in a page elsewhere."})
+
+
+class ShareList(Schema):
+    """The shares of a map and of its answers, the newest first."""
+
+    shares = List(Nested(ShareOut))
+
+
+@blueprint.get("")
+@blueprint.output(ShareList)
+def list_shares(slug: str) -> dict[str, Any]:
+    """List what is shared of a map."""
+    record = open_map(slug, "owner")
+    with library().database.read() as session:
+        return {"shares": [_told(record, share) for share in shares.listed(session, record)]}
+
+
+@blueprint.post("")
+@blueprint.input(ShareIn, arg_name="wish")
+@blueprint.output(ShareOut, status_code=201)
+def create(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+    """Share the map or one answer; the address of a secret link is in this answer and nowhere else."""
+    record = open_map(slug, "owner")
+    with library().database.write() as session:
+        share, token = shares.create(
+            session,
+            record,
+            allows=_allows(wish),
+            account_id=account().id,
+            query_id=wish["query"],
+            public=wish["public"],
+        )
+    return _told(record, share, token=token)
+
+
+@blueprint.patch(f"/{_ID}")
+@blueprint.input(AllowsIn, arg_name="wish")
+@blueprint.output(ShareOut)
+def change(slug: str, id: int, wish: dict[str, bool]) -> dict[str, Any]:
+    """Let a share give more, or less; its address stays."""
+    record = open_map(slug, "owner")
+    with library().database.write() as session:
+        share = shares.find(session, record, id)
+        shares.change(share, _allows(wish))
+        return _told(record, share)
+
+
+@blueprint.delete(f"/{_ID}")
+@blueprint.output({}, status_code=204)
+def revoke(slug: str, id: int) -> str:
+    """Take a share back: its address leads to nothing from now on."""
+    record = open_map(slug, "owner")
+    with library().database.write() as session:
+        session.delete(shares.find(session, record, id))
+    return ""
+
+
+def _allows(wish: dict[str, Any]) -> Allows:
+    return Allows(photos=wish["photos"], localize=wish["localize"], originals=wish["originals"])
+
+
+def _told(record: MapRecord, share: Share, *, token: str | None = None) -> dict[str, Any]:
+    token = token or share.public_token
+    return {
+        "id": share.id,
+        "query": share.query_id,
+        "public": share.public_token is not None,
+        "photos": share.photos,
+        "localize": share.localize,
+        "originals": share.originals,
+        "created_at": share.created_at.isoformat(timespec="seconds"),
+        "url": None if token is None else url_for("public_pages.show", token=token, _external=True),
+        "embed": None if token is None else _embed(record, token),
+    }
+
+
+def _embed(record: MapRecord, token: str) -> str:
+    return _FRAME.format(
+        escape(url_for("public_pages.embed", token=token, _external=True)), escape(record.name)
+    )

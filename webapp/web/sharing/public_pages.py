@@ -1,0 +1,61 @@
+"""Pages for visitors: a shared map or answer, the same for frames, and the list of public ones."""
+
+from __future__ import annotations
+
+from flask import Blueprint, render_template
+
+from webapp.errors import NotFound
+from webapp.missions.store import shares as mission_shares
+from webapp.store.sharing import shares
+from webapp.web import errors
+from webapp.web.accounts.access import public
+from webapp.web.accounts.security import allow_framing
+from webapp.web.context import library
+from webapp.web.localize.answer_colours import answer_colours
+from webapp.web.sharing import shared_state
+
+blueprint = Blueprint("public_pages", __name__)
+
+_SECRET = {"X-Robots-Tag": "noindex, nofollow"}
+
+
+@blueprint.get("/public")
+@public
+def index() -> str:
+    """List what is open to everybody."""
+    with library().database.read() as session:
+        missions = mission_shares.public(session)
+        return render_template("public/index.html", opened=shares.public(session), missions=missions)
+
+
+@blueprint.get("/s/<token>")
+@public
+def show(token: str) -> tuple[str, int, dict[str, str]]:
+    """Show a shared map or answer."""
+    return _page(token, framed=False)
+
+
+@blueprint.get("/embed/<token>")
+@public
+def embed(token: str) -> tuple[str, int, dict[str, str]]:
+    """Show it in a frame of another site: no sign-in, no cookie, nothing that could be done for somebody."""
+    allow_framing()
+    return _page(token, framed=True)
+
+
+def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
+    try:
+        with library().database.read() as session:
+            opened = shares.opened(session, token)
+            state = shared_state.whole(session, opened, token=token)
+    except NotFound as error:
+        gone = render_template("public/gone.html", error=error, framed=framed)
+        return gone, errors.status_of(error), _SECRET
+    page = render_template(
+        "public/view.html",
+        opened=opened,
+        state={**state, "token": token},
+        colours=answer_colours(),
+        framed=framed,
+    )
+    return page, 200, {} if opened.share.public_token else _SECRET

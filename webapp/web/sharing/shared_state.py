@@ -1,0 +1,123 @@
+"""What a visitor is told of a shared map or answer: nothing that the share does not give."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flask import url_for
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotFound
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo, QueryRecord
+from webapp.store.sharing.shares import Opened
+from webapp.web.maps import state
+
+_OF_EXIF = ("fov_deg", "fov_source")
+"""Of an answer."""
+
+_OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
+"""Of a georeference: how it was found is not told."""
+
+
+def whole(session: Session, opened: Opened, *, token: str) -> dict[str, Any]:
+    """Tell all of a share.
+
+    Returns
+    -------
+    dict
+        `name, revision, allows, satellite, georeference, photos, answer`: photos that have a place, and the
+        shared answer, or null.
+    """
+    record, share = opened.map, opened.share
+    found = state.image(record, base=f"/api/v1/shared/{token}/satellite")
+    earth = found["georeference"]
+    return {
+        "name": record.name,
+        "revision": record.revision,
+        "allows": {name: getattr(share, name) for name in ("photos", "localize", "originals")},
+        "satellite": found["satellite"],
+        "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH},
+        "photos": [_photo(opened, photo, token) for photo in maps.photos(session, record) if _is_on(photo)],
+        "answer": None if opened.query is None else _answer(opened, opened.query, token),
+    }
+
+
+def photo(session: Session, opened: Opened, *, id: int) -> tuple[MapRecord, Photo]:
+    """Find a photo whose pictures a share gives.
+
+    Raises
+    ------
+    NotFound
+        The share gives no pictures of it.
+    """
+    found = maps.photo(session, opened.map, id)
+    if not _is_on(found) or not _shows(opened, id):
+        raise NotFound(f"the map has no photo {id}", hint="reload the page")
+    return opened.map, found
+
+
+def query(opened: Opened) -> QueryRecord:
+    """Give the answer whose photo a share gives.
+
+    Raises
+    ------
+    NotFound
+    """
+    if opened.query is None or not opened.share.photos:
+        raise NotFound("there is no photo here")
+    return opened.query
+
+
+def located(form: dict[str, Any], *, exif: bool) -> dict[str, Any]:
+    """Give an answer, as `localize --json` has it, to visitors: without what EXIF or the file's name says."""
+    return form if exif else {**form, "query": "", **dict.fromkeys(_OF_EXIF)}
+
+
+def _is_on(photo: Photo) -> bool:
+    return not photo.removed and photo.x_px is not None
+
+
+def _shows(opened: Opened, id: int) -> bool:
+    """A shared answer gives pictures of those photos alone that it speaks of."""
+    if not opened.share.photos:
+        return False
+    return opened.query is None or id in _named(opened.query)
+
+
+def _named(query: QueryRecord) -> set[int]:
+    return {id for hypothesis in query.answer["hypotheses"] for id in hypothesis["experiences"]}
+
+
+def _photo(opened: Opened, photo: Photo, token: str) -> dict[str, Any]:
+    exif, shown = opened.share.originals, _shows(opened, photo.id)
+    file = shown and exif and not photo.blurred
+    place: dict[str, Any] = {"token": token, "id": photo.id}
+    return {
+        "id": photo.id,
+        "x_px": photo.x_px,
+        "y_px": photo.y_px,
+        "heading_deg": photo.heading_deg,
+        "width": photo.width,
+        "height": photo.height,
+        "name": photo.name if exif else None,
+        "fov_deg": photo.fov_deg if exif else None,
+        "taken_at": photo.taken_at if exif else None,
+        "thumb": url_for("api_shared.photo_thumb", **place) if shown else None,
+        "preview": url_for("api_shared.photo_preview", **place) if shown else None,
+        "original": url_for("api_shared.photo_original", **place) if file else None,
+    }
+
+
+def _answer(opened: Opened, query: QueryRecord, token: str) -> dict[str, Any]:
+    exif, shown = opened.share.originals, opened.share.photos
+    return {
+        "name": query.name if exif else None,
+        "at": query.at.isoformat(timespec="seconds"),
+        "width": query.width,
+        "height": query.height,
+        **located(query.answer, exif=exif),
+        "thumb": url_for("api_shared.query_thumb", token=token) if shown else None,
+        "preview": url_for("api_shared.query_preview", token=token) if shown else None,
+        "original": url_for("api_shared.query_original", token=token) if shown and exif else None,
+    }
