@@ -1,6 +1,7 @@
 """Imports follow the arrows of docs/design.md; each layer does only what is its own."""
 
 import ast
+from collections import defaultdict
 
 import pytest
 
@@ -17,6 +18,12 @@ BELOW = {
 }
 """Each layer and those right below it; what is below those may be imported too."""
 
+WINGS = {"missions", "sample"}
+"""Have layers of their own, and are imported by `app` alone."""
+
+SAMPLE = {"scene": "core", "content": "tasks", "make": "tasks", "job": "jobs", "cli": "cli", "": "tasks"}
+"""Layers of the modules of the sample, which is too small for folders."""
+
 COMMON = {"", "errors", "extras", "progress", "settings", "threads"}
 """For everyone ("" is the version)."""
 
@@ -29,7 +36,7 @@ ALONE = {
     "threads": set(),
     "resources": {"errors"},
     "robot": {"errors", "robot"},
-    "__main__": {"cli"},
+    "__main__": {"app"},
 }
 
 NOT_IN_CORE = {
@@ -44,35 +51,46 @@ def reachable(layer):
     return {layer}.union(*(reachable(below) for below in BELOW[layer]))
 
 
-def allowed(layer):
-    """Layers that a layer may import from."""
-    if layer in ALONE:
-        return ALONE[layer]
-    resources = {"resources"} if layer in ("render", "jobs", "cli", "web") else set()
-    robot = {"robot"} if layer == "cli" else set()
-    return reachable(layer) | COMMON | resources | robot
-
-
-def layer_of(name):
-    """The layer of an imported name, None for one that is not ours."""
+def place_of(name):
+    """Wing and layer of an imported name; None for one that is not ours."""
     parts = name.split(".")
     if parts[0] != "webapp":
         return None
-    return parts[1] if len(parts) > 1 and parts[1] in {*BELOW, *ALONE} else ""
+    first, second = [*parts[1:], "", ""][:2]
+    if first == "missions":
+        return first, second if second in BELOW else "core"
+    if first == "sample":
+        return first, SAMPLE.get(second, "tasks")
+    return "", first if first in {*BELOW, *ALONE, "app"} else ""
+
+
+def allowed(wing, layer):
+    """Wings and layers that modules of a layer may import from."""
+    if layer == "app":
+        return None
+    if layer in ALONE:
+        return {("", name) for name in ALONE[layer]}
+    extras = COMMON | ({"resources"} if layer in ("render", "jobs", "cli", "web") else set())
+    extras |= {"robot"} if layer == "cli" else set()
+    found = {("", name) for name in reachable(layer) | extras}
+    return found | ({(wing, name) for name in reachable(layer)} if wing else set())
 
 
 def test_every_module_belongs_to_a_layer(modules):
-    assert {module.layer for module in modules} <= {*BELOW, *ALONE}
+    for module in modules:
+        wing, layer = place_of(module.name)
+        assert layer in {*BELOW, *ALONE, "app"}, module.name
+        if wing == "missions" and module.name != "webapp.missions":
+            assert module.name.split(".")[2] in BELOW, module.name
 
 
 def test_imports_follow_the_arrows(modules):
     broken = [
         f"{module.name} imports {name}"
         for module in modules
+        if (may := allowed(*place_of(module.name))) is not None
         for name in module.imported()
-        if (layer := layer_of(name)) is not None
-        and layer not in allowed(module.layer)
-        and not (layer == "" and name == "webapp")
+        if name != "webapp" and (place := place_of(name)) is not None and place not in may
     ]
     assert broken == []
 
@@ -82,6 +100,7 @@ def test_imports_follow_the_arrows(modules):
     [
         ("cli", "web"),
         ("web", "cli"),
+        ("web", "app"),
         ("core", "files"),
         ("files", "tasks"),
         ("files", "net"),
@@ -89,7 +108,31 @@ def test_imports_follow_the_arrows(modules):
     ],
 )
 def test_the_arrows_are_those_of_the_design(layer, other):
-    assert other not in allowed(layer)
+    assert ("", other) not in allowed("", layer)
+
+
+@pytest.mark.parametrize("wing", sorted(WINGS))
+@pytest.mark.parametrize("layer", [*BELOW, "errors", "settings", "robot"])
+def test_nothing_but_the_application_imports_a_wing(wing, layer):
+    others = WINGS - {wing}
+    assert all(place[0] != wing for place in allowed("", layer))
+    assert all(place[0] != wing for other in others for place in allowed(other, "tasks"))
+
+
+def test_packages_of_core_have_an_order(modules):
+    """No import back between the packages of `core`, also not by way of others."""
+    imports = defaultdict(set)
+    for module in modules:
+        if module.layer == "core":
+            own = ".".join(module.name.split(".")[:3])
+            found = {
+                ".".join(name.split(".")[:3]) for name in module.imported() if name.startswith("webapp.core.")
+            }
+            imports[own] |= found - {own}
+    left = {package: set(below) for package, below in imports.items()}
+    while done := {package for package, below in left.items() if not below & left.keys()}:
+        left = {package: below for package, below in left.items() if package not in done}
+    assert left == {}, "these import each other"
 
 
 def test_core_is_arrays_and_values(modules):
@@ -124,7 +167,7 @@ def test_core_opens_and_prints_nothing(modules):
 def test_only_the_command_line_writes_to_the_terminal(modules):
     broken = []
     for module in modules:
-        if module.layer not in ("cli", "robot"):
+        if place_of(module.name)[1] not in ("cli", "robot", "app"):
             for node in ast.walk(module.tree):
                 if isinstance(node, ast.Name) and node.id == "print":
                     broken.append(f"{module.path}:{node.lineno}: print")

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from webapp.jobs import kinds
+from webapp.app.jobs import DUTIES
+from webapp.jobs.kinds import Duties
 from webapp.settings import JobSettings, Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
@@ -36,10 +37,10 @@ def settings(library):
 
 
 @pytest.fixture
-def test_kinds(monkeypatch):
-    """Have the kinds of `kinds_for_tests.py` in this process."""
+def duties(monkeypatch):
+    """All kinds of jobs, and those of `kinds_for_tests.py`."""
     monkeypatch.syspath_prepend(Path(__file__).parent)
-    monkeypatch.setattr(kinds, "KINDS", kinds.KINDS | KINDS)
+    return Duties({**DUTIES.kinds, **KINDS}, DUTIES.sweeps)
 
 
 @pytest.fixture

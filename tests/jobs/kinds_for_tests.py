@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from webapp.errors import ProcessLost, StorageError
-from webapp.jobs import kinds
+from webapp.jobs.kinds import Duties
 from webapp.jobs.worker import Worker
 from webapp.settings import JobSettings, Settings
 from webapp.store.library import open_library
@@ -67,9 +67,9 @@ def write(context):
 
 if __name__ == "__main__":
     logging.basicConfig(level=logging.INFO)
-    kinds.KINDS |= {name: f"kinds_for_tests:{name}" for name in ("count", "stubborn", "write")}
+    duties = Duties({name: f"kinds_for_tests:{name}" for name in ("count", "stubborn", "write")})
     folder = Path(sys.argv[1])
     settings = replace(Settings(), library=folder, jobs=JobSettings(lease_s=2.0, stop_s=0.5, sweep_s=0.2))
-    working = Worker(open_library(folder), settings)
+    working = Worker(open_library(folder), settings, duties=duties)
     working.stop_on_signals()
     working.run()

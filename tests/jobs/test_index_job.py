@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from webapp.app.jobs import DUTIES
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
 from webapp.store.accounts import accounts
@@ -28,21 +29,21 @@ def quick(settings):
 
 def test_index(library, quick, queue, seen, row):
     id = queue("index", map_id=row)
-    Worker(library, quick).run(once=True)
+    Worker(library, quick, duties=DUTIES).run(once=True)
     job = seen(id)
     assert (job["state"], job["error"]) == ("done", None)
     assert (job["result"]["photos"], job["result"]["computed"], job["result"]["failed"]) == (4, 4, [])
     assert job["done"] == job["total"] == 12  # described, compared with the others, tried
     assert list(library.map_folder("row").glob("derived/**/manifest.json"))
     again = queue("index", map_id=row)
-    Worker(library, quick).run(once=True)
+    Worker(library, quick, duties=DUTIES).run(once=True)
     assert seen(again)["result"]["computed"] == 0
 
 
 def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shared_models):
     asked = {"features": "xfeat", "method": "thorough"}
     id = queue("index", map_id=row, arguments=asked, key="xfeat thorough")
-    worker = Worker(library, replace(quick, models=shared_models))
+    worker = Worker(library, replace(quick, models=shared_models), duties=DUTIES)
     for _ in range(2):  # the library's own index is before it
         worker.run(once=True)
     result = seen(id)["result"]
@@ -52,7 +53,7 @@ def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shar
 
 def test_evaluate(library, quick, queue, seen, row):
     id = queue("evaluate", map_id=row, arguments={"limit": 2})
-    Worker(library, quick).run(once=True)
+    Worker(library, quick, duties=DUTIES).run(once=True)
     job = seen(id)
     assert (job["state"], job["error"]) == ("done", None)
     assert {scheme: figures["queries"] for scheme, figures in job["result"].items()} == {
@@ -65,7 +66,7 @@ def test_evaluate(library, quick, queue, seen, row):
 
 def test_a_map_without_image_has_no_index_and_says_so(library, quick, queue, seen, park):
     id = queue("index", map_id=park)
-    Worker(library, quick).run(once=True)
+    Worker(library, quick, duties=DUTIES).run(once=True)
     assert seen(id)["state"] == "failed"
     assert seen(id)["error"]["hint"]
 
@@ -81,7 +82,7 @@ def test_the_sample_of_a_new_library_is_made_once(library, settings, queue, seen
     (library.folder / ".sample.abc.tmp" / "new").mkdir(parents=True)
     for _ in range(2):
         id = queue("sample", account_id=owner.id)
-        Worker(library, settings).run(once=True)
+        Worker(library, settings, duties=DUTIES).run(once=True)
         assert (seen(id)["state"], seen(id)["error"]) == ("done", None)
     assert sorted(path.name for path in library.folder.iterdir()) == [".library", "sample"]
     with library.database.read() as session:

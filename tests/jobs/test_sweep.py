@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from webapp.app.jobs import DUTIES
 from webapp.errors import StorageError
 from webapp.jobs import sweep
 from webapp.jobs.worker import Worker
@@ -33,7 +34,7 @@ def late(library, park):
 
 
 def test_the_worker_writes_what_a_killed_request_has_not(library, settings, late):
-    Worker(library, settings).run(once=True)
+    Worker(library, settings, duties=DUTIES).run(once=True)
     assert late.read_text() == "plan.png;30;20\n0;photos/a.jpg;5;6\n"
     with library.database.read() as session:
         assert session.get(MapRecord, 1).exported_revision == 3
@@ -45,14 +46,14 @@ def test_what_cannot_be_written_is_told_and_stops_nothing(library, settings, lat
 
     monkeypatch.setattr(sweep.library_export, "run", refuse)
     with caplog.at_level(logging.WARNING):
-        Worker(library, settings).run(once=True)
+        Worker(library, settings, duties=DUTIES).run(once=True)
     assert "the disk is full" in caplog.text
 
 
 def test_a_file_that_cannot_be_read_stops_no_worker(library, settings, late, caplog):
     late.mkdir()
     with caplog.at_level(logging.WARNING):
-        Worker(library, settings).run(once=True)
+        Worker(library, settings, duties=DUTIES).run(once=True)
     assert "the files of map 1 are not current" in caplog.text
 
 
@@ -67,6 +68,6 @@ def test_what_cannot_be_swept_of_one_map_leaves_the_others(library, settings, la
         other = maps.create(session, "Other", account_id=1).id
     monkeypatch.setattr(sweep.sweep_uploads, "sweep_orphans", refuse)
     with caplog.at_level(logging.WARNING):
-        Worker(library, settings).run(once=True)
+        Worker(library, settings, duties=DUTIES).run(once=True)
     assert sorted(swept) == [1, other]
     assert "you may not" in caplog.text

@@ -13,9 +13,9 @@ from webapp.store.schema import MapRecord
 
 
 @pytest.fixture
-def work(library, settings, test_kinds):
+def work(library, settings, duties):
     """Do all that waits, in this process."""
-    return lambda: Worker(library, settings).run(once=True)
+    return lambda: Worker(library, settings, duties=duties).run(once=True)
 
 
 def steps(library):

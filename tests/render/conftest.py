@@ -11,7 +11,8 @@ from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics, NoPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.tasks.localize.evaluation_types import Evaluation, Subject
 

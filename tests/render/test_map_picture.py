@@ -5,7 +5,8 @@ import pytest
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.render.colours import EXPERIENCE, TRUTH, probability_colour
 from webapp.render.map_legend import BAND_PX, headline

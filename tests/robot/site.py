@@ -3,12 +3,12 @@
 from sqlalchemy import select
 
 from tests.robot.wire import Wire
+from webapp.app.web import create_app
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, MissionObject
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
-from webapp.web import create_app
 
 
 class Site:

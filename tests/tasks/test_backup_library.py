@@ -12,6 +12,7 @@ import zipfile
 import pytest
 from sqlalchemy import select
 
+from webapp.app.library import PARTS
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
 from webapp.files.operate import backup
 from webapp.files.operate.backup import MANIFEST
@@ -61,7 +62,7 @@ def back_up(library, archive):
     archive.parent.mkdir()
 
     def run(progress=None):
-        return backup_library.run(library, archive, progress=progress or Progress())
+        return backup_library.run(library, archive, parts=PARTS, progress=progress or Progress())
 
     return run
 
@@ -72,7 +73,7 @@ def restore(archive, tmp_path):
     opened = []
 
     def run(**options):
-        restore_library.run(archive, tmp_path / "restored", progress=Progress(), **options)
+        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress(), **options)
         opened.append(open_library(tmp_path / "restored"))
         return opened[0]
 
@@ -186,7 +187,7 @@ def test_nobody_else_may_read_it(back_up, archive):
 
 def test_a_backup_does_not_go_into_the_library(library):
     with pytest.raises(UsageError, match="lost with it"):
-        backup_library.run(library, library.map_folder("park") / "b.zip", progress=Progress())
+        backup_library.run(library, library.map_folder("park") / "b.zip", parts=PARTS, progress=Progress())
 
 
 def test_a_full_disk_leaves_the_backup_before(back_up, archive, monkeypatch):
@@ -209,7 +210,8 @@ import os, sys, signal
 from pathlib import Path
 from webapp.progress import Progress
 from webapp.store.library import open_library
-from webapp.tasks import backup_library
+from webapp.app.library import PARTS
+from webapp.tasks.operate import backup as backup_library
 
 class Killed(Progress):
     def advance(self, steps=1):
@@ -269,7 +271,7 @@ def test_a_damaged_backup_changes_nothing(damage, back_up, archive, tmp_path):
     there.mkdir()
     (there / "mine").write_text("mine")
     with pytest.raises(InputError):
-        restore_library.run(archive, there, force=True, progress=Progress())
+        restore_library.run(archive, there, force=True, parts=PARTS, progress=Progress())
     assert [p.name for p in there.iterdir()] == ["mine"]
 
 
@@ -278,7 +280,7 @@ def test_a_backup_that_was_cut_changes_nothing(share, back_up, archive, tmp_path
     back_up()
     os.truncate(archive, int(archive.stat().st_size * share))
     with pytest.raises(InputError):
-        restore_library.run(archive, tmp_path / "restored", progress=Progress())
+        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     assert not (tmp_path / "restored").exists()
 
 
@@ -291,7 +293,7 @@ def test_each_byte_counts(place, back_up, archive, tmp_path):
     data[sizes[0] + 200 + int(place * (sizes[-1] - 400))] ^= 1
     archive.write_bytes(data)
     try:
-        restore_library.run(archive, tmp_path / "restored", progress=Progress())
+        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     except (InputError, StorageError):
         assert not list(tmp_path.glob("restored/*"))
     else:  # a byte that is no part of any file: the time in a header, say
@@ -311,7 +313,7 @@ def test_a_database_that_is_damaged_inside_is_found(back_up, archive, tmp_path):
 
     rewritten(archive, damage)
     with pytest.raises(StorageError):
-        restore_library.run(archive, tmp_path / "restored", progress=Progress())
+        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     assert not list(tmp_path.glob("restored/*"))
 
 
@@ -319,7 +321,7 @@ def test_only_an_empty_folder_is_filled(back_up, archive, library):
     back_up()
     before = rows(library)
     with pytest.raises(UsageError, match="already"):
-        restore_library.run(archive, library.folder, progress=Progress())
+        restore_library.run(archive, library.folder, parts=PARTS, progress=Progress())
     assert rows(library) == before
 
 
@@ -327,7 +329,7 @@ def test_by_force_what_was_there_is_kept(library, back_up, archive):
     back_up()
     move(library, 55.0)
     library.database.close()
-    report = restore_library.run(archive, library.folder, force=True, progress=Progress())
+    report = restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
     with library.database.read() as session:
         assert maps.find(session, "park", account=accounts.ensure_owner(session)).revision < 3
     library.database.close()
@@ -341,14 +343,14 @@ def test_not_under_a_running_worker(library, back_up, archive):
     back_up()
     sign = LifeSign(library.inner / "workers")
     with pytest.raises(Conflict, match="running"):
-        restore_library.run(archive, library.folder, force=True, progress=Progress())
+        restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
     sign.end()
-    restore_library.run(archive, library.folder, force=True, progress=Progress())
+    restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
 
 
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises((StorageError, NotFound)):
-        restore_library.run(tmp_path / "none.zip", tmp_path / "restored", progress=Progress())
+        restore_library.run(tmp_path / "none.zip", tmp_path / "restored", parts=PARTS, progress=Progress())
 
 
 def test_while_the_map_is_edited_all_the_time(library, back_up, restore):

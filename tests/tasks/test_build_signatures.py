@@ -121,7 +121,7 @@ from pathlib import Path
 from webapp.core.retrieval.engines import vlad
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks import open_map, segments
+from webapp.tasks.localize import open_map, segments
 quick = vlad.signature
 def slow(*given):
     time.sleep(0.1)

@@ -10,7 +10,7 @@ from tests.tile_server import global_pixel, serving
 from webapp.core.geo.tilegrid import Box
 from webapp.errors import Cancelled, GeoreferenceError, InputError, NotFound, UsageError
 from webapp.files.maps.map_json import parse_georeference
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.jobs.progress import JobProgress
 from webapp.jobs.satellite_tiles import run as run_job
 from webapp.progress import Progress

@@ -6,11 +6,11 @@ import pytest
 from flask.testing import FlaskClient
 from itsdangerous import URLSafeTimedSerializer
 
+from webapp.app.web import create_app
 from webapp.settings import Settings
 from webapp.store.accounts import accounts, members
 from webapp.store.library import open_library
 from webapp.store.maps import maps
-from webapp.web import create_app
 
 CSRF = "0" * 40
 

@@ -8,7 +8,7 @@ import pytest
 
 from webapp.jobs import export as export_job
 from webapp.jobs import import_map as import_job
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.jobs.progress import JobProgress
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits

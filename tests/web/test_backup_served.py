@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from webapp.app import main as program
+from webapp.app.web import create_app
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
 from webapp.store.localize import queries
 from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.maps import adopt_map
-from webapp.web import create_app
 
 ANSWER = {"query": "q.jpg", "hypotheses": [{"rank": 1, "x_px": 7.0, "y_px": 8.0, "probability": 0.75}]}
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from webapp import errors as own_errors
+from webapp.app.web import create_app
 from webapp.settings import WebSettings
 from webapp.store.library import open_library
 from webapp.store.maps import maps
-from webapp.web import create_app
 from webapp.web.accounts.secret_key import secret_key
 from webapp.web.errors import status_of
 

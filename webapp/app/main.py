@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import click
 
 from webapp import __version__
+from webapp.app.composition import COMPOSITION
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
 from webapp.errors import ExpMapError
 from webapp.settings import let_threads_sleep
@@ -131,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command and exit with its code; an error is one line on standard error."""
     let_threads_sleep()
     try:
-        code = root.main(args=arguments, prog_name="expmap", standalone_mode=False)
+        code = root.main(args=arguments, prog_name="expmap", standalone_mode=False, obj=COMPOSITION)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         code = error.exit_code

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import NotFound
@@ -28,7 +29,8 @@ def _library_option(command: Callable[..., None]) -> Callable[..., None]:
 @click.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @_library_option
-def backup(file: Path, library: Path | None) -> None:
+@click.pass_obj
+def backup(composition: Composition, file: Path, library: Path | None) -> None:
     """Put a whole library into FILE, a zip.
 
     The library may be served and changed meanwhile. Accounts are part of it: keep FILE where only you can
@@ -42,7 +44,7 @@ def backup(file: Path, library: Path | None) -> None:
     opened = open_library(folder)
     try:
         with terminal_progress("copying") as progress:
-            report = backup_library.run(opened, file, progress=progress)
+            report = backup_library.run(opened, file, parts=composition.library_parts(), progress=progress)
     finally:
         opened.database.close()
     for name in report.missing:
@@ -60,14 +62,17 @@ def backup(file: Path, library: Path | None) -> None:
 @click.option(
     "--force", is_flag=True, help="Also where there is something; it is kept in a folder of its own."
 )
-def restore(file: Path, library: Path | None, force: bool) -> None:
+@click.pass_obj
+def restore(composition: Composition, file: Path, library: Path | None, force: bool) -> None:
     """Make a library of the backup FILE.
 
     All of it is checked first. Indexes are built anew, by the first server or worker.
     """
     folder = _folder(library)
     with terminal_progress("unpacking") as progress:
-        report = restore_library.run(file, folder, force=force, progress=progress)
+        report = restore_library.run(
+            file, folder, parts=composition.library_parts(), force=force, progress=progress
+        )
     if report.before is not None:
         click.echo(f"what was there before is in {report.before}", err=True)
     click.echo(

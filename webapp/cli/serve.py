@@ -7,13 +7,11 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.composition import Composition
 from webapp.cli.log import log_option
 from webapp.jobs import serving
 from webapp.jobs.logs import Form, log_to_stderr
 from webapp.settings import from_environment
-
-_APP = "webapp.web:create_app"
-"""By name: it is loaded in the processes that answer requests, and not here."""
 
 
 @click.command()
@@ -34,7 +32,10 @@ _APP = "webapp.web:create_app"
     "--workers", type=click.IntRange(1), metavar="N", help="Processes that answer requests.  [default: 3]"
 )
 @log_option
-def serve(host: str, port: int, library: Path | None, workers: int | None, log: Form) -> None:
+@click.pass_obj
+def serve(
+    composition: Composition, host: str, port: int, library: Path | None, workers: int | None, log: Form
+) -> None:
     """Serve the maps of a library as pages, until Ctrl-C.
 
     The first start makes the library, with the sample map and an owner's account. Once the server answers,
@@ -44,5 +45,5 @@ def serve(host: str, port: int, library: Path | None, workers: int | None, log: 
     settings = from_environment()
     if library is not None:
         settings = replace(settings, library=library)
-    site = serving.Site(_APP, host, port, workers or settings.serve.workers, log)
+    site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, tell=click.echo)

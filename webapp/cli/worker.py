@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.composition import Composition
 from webapp.cli.log import log_option
 from webapp.jobs.logs import Form, log_to_stderr
 from webapp.jobs.worker import Worker
@@ -26,7 +27,8 @@ _POLITENESS = 5
 @click.option("--once", is_flag=True, help="End when there is nothing left to do.")
 @click.option("--parent", type=int, metavar="PID", help="End when this process, which started it, has ended.")
 @log_option
-def worker(library: Path | None, once: bool, parent: int | None, log: Form) -> None:
+@click.pass_obj
+def worker(composition: Composition, library: Path | None, once: bool, parent: int | None, log: Form) -> None:
     """Do the long work of a library in the background, until Ctrl-C.
 
     `expmap serve` starts one itself. More of them share the work, on this machine or others that see the same
@@ -39,7 +41,7 @@ def worker(library: Path | None, once: bool, parent: int | None, log: Form) -> N
     if parent is not None and hasattr(os, "nice"):
         os.nice(_POLITENESS)
     opened = open_library(settings.library)
-    working = Worker(opened, settings, parent=parent)
+    working = Worker(opened, settings, duties=composition.duties(), parent=parent)
     working.stop_on_signals()
     working.run(once=once)
     opened.database.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.store.maps import maps
 from webapp.tasks.localize import evaluate, prepare, stored_evaluation
 from webapp.tasks.localize.calibrate import MOST_PHOTOS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.render import export_file
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.store.maps import maps
 from webapp.tasks.localize.calibrate import MOST_PHOTOS
 from webapp.tasks.maps import export, health

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from webapp.errors import NotFound
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
 

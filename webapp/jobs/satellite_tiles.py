@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from webapp.core.geo.tilegrid import Box
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.tasks.maps import export
 from webapp.tasks.satellite import tiles
 from webapp.tasks.satellite.apply import Choice, set_image

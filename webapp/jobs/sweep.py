@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Sequence
 from datetime import timedelta
 from functools import partial
 
 from sqlalchemy import select
 
 from webapp.errors import ExpMapError
-from webapp.missions.tasks import delete
+from webapp.jobs.kinds import Sweep
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
@@ -33,12 +33,11 @@ def export_late(library: Library) -> None:
             _log.warning("the files of map %d are not current: %s", id, error)
 
 
-def clean(library: Library, settings: Settings) -> None:
+def clean(library: Library, settings: Settings, *, more: Sequence[Sweep] = ()) -> None:
     """Delete what interrupted uploads and deletions have left behind."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
-    sweeps: list[Callable[[Library], object]] = [delete.sweep]
-    sweeps += [partial(sweep_uploads.run, settings=settings)]
+    sweeps: list[Sweep] = [*more, partial(sweep_uploads.run, settings=settings)]
     sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(unused.sweep, map_id=id, keep=keep) for id in ids]

@@ -19,8 +19,9 @@ from typing import Any
 
 from webapp.errors import Cancelled, ExpMapError, ProcessLost, StorageError
 from webapp.files.atomic import is_full, storage_error
-from webapp.jobs import kinds, sweep
-from webapp.jobs.kinds import Context
+from webapp.jobs import sweep
+from webapp.jobs.context import Context
+from webapp.jobs.kinds import Duties
 from webapp.jobs.lifesign import LifeSign
 from webapp.jobs.progress import JobProgress
 from webapp.settings import Settings
@@ -47,12 +48,16 @@ class Worker:
     ----------
     library : Library
     settings : Settings
+    duties : Duties
     parent : int or None
         Id of the process that started this one, and without which it must not go on.
     """
 
-    def __init__(self, library: Library, settings: Settings, *, parent: int | None = None) -> None:
+    def __init__(
+        self, library: Library, settings: Settings, *, duties: Duties, parent: int | None = None
+    ) -> None:
         self._library = library
+        self._duties = duties
         self._settings = settings
         self._parent = parent
         self._sign = LifeSign(library.inner / "workers")
@@ -107,7 +112,7 @@ class Worker:
             sweep.export_late(self._library)
             self._sweep_at = time.monotonic() + self._settings.jobs.sweep_s
         if now >= self._clean_at:
-            sweep.clean(self._library, self._settings)
+            sweep.clean(self._library, self._settings, more=self._duties.sweeps)
             self._clean_at = time.monotonic() + _CLEAN_S
 
     def _next(self) -> Job | None:
@@ -132,7 +137,7 @@ class Worker:
             arguments=job.arguments,
         )
         pool = ThreadPoolExecutor(1, thread_name_prefix=f"job-{job.id}")
-        work: Work = pool.submit(lambda: kinds.function(job.kind)(context))
+        work: Work = pool.submit(lambda: self._duties.function(job.kind)(context))
         heart = _Heart(context, self._settings.jobs.lease_s)
         while not wait([work], timeout=_TICK_S).done:
             heart.beat()

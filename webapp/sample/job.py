@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import select
 
 from webapp.errors import UsageError
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.sample import make
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import adopt_map

@@ -9,22 +9,22 @@ from apiflask import APIFlask
 from werkzeug.middleware.proxy_fix import ProxyFix
 
 from webapp import __version__
-from webapp.app.blueprints import BLUEPRINTS
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
 from webapp.web import errors, language, openapi, pages, request_log, shell
 from webapp.web.accounts import security, sessions
 from webapp.web.accounts.secret_key import secret_key
-from webapp.web.state import KEY, State
+from webapp.web.state import KEY, Parts, State
 
 
-def create_app(settings: Settings, *, library: Library | None = None) -> APIFlask:
-    """Make the application.
+def make_app(settings: Settings, parts: Parts, *, library: Library | None = None) -> APIFlask:
+    """Make the application of the parts that it is given (`webapp.app.web` names them).
 
     Parameters
     ----------
     settings : Settings
+    parts : Parts
     library : Library, optional
         Opened already; else that of the settings is opened.
 
@@ -49,7 +49,7 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
         static_url_path="/static",
         template_folder=str(resource_folder("templates")),
     )
-    app.extensions[KEY] = State(library, settings)
+    app.extensions[KEY] = State(library, settings, parts)
     app.config.update(
         SECRET_KEY=secret_key(library.inner),
         MAX_CONTENT_LENGTH=int(settings.web.max_request_mb * 1e6),
@@ -58,7 +58,7 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
     app.jinja_options = {"trim_blocks": True, "lstrip_blocks": True}
     for part in (request_log, security, sessions, language, pages, errors, shell, openapi):
         part.init_app(app)
-    for blueprint in BLUEPRINTS:
+    for blueprint in parts.blueprints:
         app.register_blueprint(blueprint)
     if settings.web.proxies:
         trusted = partial(ProxyFix, x_for=settings.web.proxies, x_proto=settings.web.proxies)

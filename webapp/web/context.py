@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from webapp.errors import NotFound, NotSignedIn
-from webapp.missions.store import missions
-from webapp.missions.store.schema import Mission
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
@@ -12,7 +10,7 @@ from webapp.tasks.maps import export
 from webapp.web.accounts import sessions
 from webapp.web.state import library, settings
 
-__all__ = ["account", "after_change", "library", "open_map", "open_mission", "settings"]
+__all__ = ["account", "after_change", "library", "open_map", "settings"]
 
 
 def account() -> Account:
@@ -55,36 +53,6 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
     if record.binned_at is not None and not binned:
         raise NotFound("this map is in the bin", where=slug, hint="restore it from the bin first")
     return record
-
-
-def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mission:
-    """Find a mission that who asks may use in a role.
-
-    Parameters
-    ----------
-    id : int
-    role : str
-        That is needed: `viewer`, `editor` or `owner`.
-    binned : bool
-        Whether a mission in the bin counts.
-
-    Returns
-    -------
-    Mission
-        Of a session that is closed: for reading its fields.
-
-    Raises
-    ------
-    NotSignedIn, NotFound, NotAllowed
-    """
-    who = account()
-    with library().database.read() as session:
-        mission = missions.find(session, id, account=who, role=role)
-    if mission.binned_at is not None and not binned:
-        raise NotFound(
-            "this mission is in the bin", where=f"mission {id}", hint="restore it from the bin first"
-        )
-    return mission
 
 
 def after_change(record: MapRecord) -> None:

@@ -14,9 +14,9 @@ from apispec.ext.marshmallow.common import make_schema_key, resolve_schema_insta
 from flask import Flask
 from werkzeug.routing import Rule
 
-from webapp.missions.render.export_file import FORMATS as MISSION_FORMATS
 from webapp.render.export_file import FORMATS
 from webapp.web.accounts.access import is_public
+from webapp.web.state import parts
 
 PATH = "/api/v1/openapi.json"
 
@@ -54,16 +54,12 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "slug": {"description": "The map: the last part of its address."},
     "id": {"description": "Id, unique in the map."},
     "token": {"description": "The end of the address of what is shared."},
-    "mission_id": {"description": "Id of the mission."},
-    "object_id": {"description": "Id of the object, as the robot gave it."},
     "sha256": {"description": "SHA-256 of the photo, hexadecimal."},
-    "track_id": {"description": "Id of the track."},
     "job_id": {"description": "Id of the job."},
     "token_id": {"description": "Id of the token."},
     "account_id": {"description": "Id of the account."},
     "name": {"description": "Name, as it is listed."},
     "form": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
-    "ending": {"description": "Format.", "schema": {"type": "string", "enum": list(MISSION_FORMATS)}},
     "z": {"description": "Zoom level: 0 shows the image in one tile."},
     "x": {"description": "Column of the tile, from the left."},
     "y": {"description": "Row of the tile, from the top."},
@@ -238,7 +234,9 @@ def _describe(parameter: dict[str, Any], rule: Rule) -> None:
     if part["kind"] == "int":
         schema = {"type": "integer", "minimum": 0}
     schema.update({bound: int(value) for key, value in limits.items() for bound in _LIMITS[key]})
-    parameter.update({"required": True, "schema": schema, **_PARAMETERS[name]})
+    parameter.update(
+        {"required": True, "schema": schema, **(_PARAMETERS | dict(parts().path_parameters))[name]}
+    )
 
 
 def _needs_body(body: dict[str, Any], document: dict[str, Any]) -> bool:

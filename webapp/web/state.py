@@ -2,15 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
-from flask import current_app
+from flask import Blueprint, current_app
+from sqlalchemy.orm import Session
 
 from webapp.settings import Settings
 from webapp.store.library import Library
 
 KEY = "expmap"
+
+
+PublicList = Callable[[Session], Sequence[Any]]
+"""Reads what of one kind is open to everybody."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What the application is put together of.
+
+    Attributes
+    ----------
+    blueprints : tuple of Blueprint
+    public_lists : mapping of str to callable
+        What the page of public content lists besides maps and answers, by the name its template has for it.
+    path_parameters : mapping of str to mapping
+        Parts of addresses, as the OpenAPI document describes them, by name.
+    """
+
+    blueprints: tuple[Blueprint, ...]
+    public_lists: Mapping[str, PublicList]
+    path_parameters: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,10 +45,12 @@ class State:
     ----------
     library : Library
     settings : Settings
+    parts : Parts
     """
 
     library: Library
     settings: Settings
+    parts: Parts
 
 
 def library() -> Library:
@@ -35,6 +61,11 @@ def library() -> Library:
 def settings() -> Settings:
     """Give the settings of this application."""
     return _state().settings
+
+
+def parts() -> Parts:
+    """Return the parts of this application."""
+    return _state().parts
 
 
 def _state() -> State:

@@ -5,7 +5,8 @@ from webapp.core.evaluation.rows import row
 from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 
 STATISTICS = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
 

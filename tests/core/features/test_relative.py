@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.relative_pose import MIN_MATCHES, Camera, relative_pose
-from webapp.core.hypotheses.model import NoPose
 
 CAMERA = Camera(640, 480, 65.0)
 

@@ -6,8 +6,9 @@ import pytest
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
-from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics, NoPose
+from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics
 
 KEYS = [
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",

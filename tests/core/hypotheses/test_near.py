@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.near import Near, weight_of, with_position
 from webapp.core.hypotheses.paths import on_paths, paths_of
 

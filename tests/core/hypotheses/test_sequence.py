@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.sequence import Belief, follow, motion_of, smooth
 from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.hypotheses.model import NoPose
 from webapp.core.localize.places import Verified, join
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.retrieval.shortlist import Shortlisted

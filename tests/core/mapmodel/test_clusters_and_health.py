@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics, NoPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.mapmodel.clusters import gather
 from webapp.core.mapmodel.health import judge, widest_gap_deg
 from webapp.core.mapmodel.model import Experience

@@ -9,6 +9,7 @@ from filelock import FileLock
 
 from tests.core.trajectory.simulated import Drive
 from tests.core.trajectory.test_fusion import gps_of, odometry_of
+from webapp.app.library import PARTS
 from webapp.errors import StorageError
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Pose
@@ -53,9 +54,9 @@ def photo_of(library, mission):
 
 
 def test_a_mission_comes_back(library, mission, tmp_path):
-    report = backup.run(library, tmp_path / "b.zip", progress=Progress())
+    report = backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert report.missing == ()
-    restore.run(tmp_path / "b.zip", tmp_path / "other", progress=Progress())
+    restore.run(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     with restored.database.read() as session:
         (track,) = tracks.listed(session, mission)
@@ -68,7 +69,7 @@ def test_a_mission_comes_back(library, mission, tmp_path):
 
 def test_a_photo_that_is_lost_is_told_of(library, mission, tmp_path):
     shutil.rmtree(missions.folder(library, mission))
-    report = backup.run(library, tmp_path / "b.zip", progress=Progress())
+    report = backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     (lost,) = report.missing
     assert lost.startswith(f"missions/{mission}/photos/")
 
@@ -93,9 +94,9 @@ def fused_track(library, mission):
 
 
 def test_a_fused_track_comes_back_with_its_report(library, fused, tmp_path):
-    report = backup.run(library, tmp_path / "b.zip", progress=Progress())
+    report = backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert report.missing == ()
-    restore.run(tmp_path / "b.zip", tmp_path / "other", progress=Progress())
+    restore.run(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     assert fused_track(restored, fused) == fused_track(library, fused)
     assert fuse.read_report(restored, fused) == fuse.read_report(library, fused)
@@ -109,7 +110,7 @@ def test_a_backup_waits_while_a_fused_track_is_replaced(library, fused, tmp_path
         FileLock(library.inner / fuse.LOCK),
         pytest.raises(StorageError, match="the fused track of a mission, which is being written"),
     ):
-        backup.run(library, tmp_path / "b.zip", progress=Progress())
+        backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
 
 
 def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_map, tmp_path, monkeypatch):
@@ -130,7 +131,7 @@ def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_ma
         FileLock(library.map_folder("park") / "derived" / export.LOCK),
         pytest.raises(StorageError, match=r"the \.cfg file of a map, which is being written") as refused,
     ):
-        backup.run(library, tmp_path / "b.zip", progress=Progress())
+        backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert refused.value.where == "park"
     assert asked == [export.LOCK]
 

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import select
 
+from webapp.app.jobs import DUTIES
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.jobs import index
@@ -147,7 +148,7 @@ def test_photos_are_localized_in_the_background(client, mission, send, queries, 
     later = send(f"{mission}/photos", queries / "off_map.jpg", time=11).json["sha256"]
     queued = client.post(f"{mission}/photos/{later}/fix")
     assert queued.status_code == 202
-    Worker(library, settings).run(once=True)
+    Worker(library, settings, duties=DUTIES).run(once=True)
     job = client.get(f"/api/v1/jobs/{queued.json['job']}").json
     assert (job["state"], job["result"]) == ("done", {"localized": 1, "no_pose": 1, "failed": 0})
     photos = client.get(f"{mission}/photos").json["photos"]
@@ -161,7 +162,7 @@ def test_a_photo_that_is_missing_on_the_disk_fails_alone(client, mission, send, 
     with library.database.read() as session:
         path = session.scalars(select(MissionPhoto.path).where(MissionPhoto.sha256 == gone)).one()
     (missions.folder(library, 1) / path).unlink()
-    Worker(library, settings).run(once=True)
+    Worker(library, settings, duties=DUTIES).run(once=True)
     states = {p["sha256"]: p["fix_state"] for p in client.get(f"{mission}/photos").json["photos"]}
     assert states.pop(gone) == "failed"
     assert set(states.values()) == {"done"}
@@ -179,7 +180,7 @@ def test_the_index_is_built_where_it_is_missing(
 
     monkeypatch.setattr(index, "run", build)
     send(f"{mission}/photos?fix=1", queries / "query_01.jpg", time=10)
-    Worker(library, settings).run(once=True)
+    Worker(library, settings, duties=DUTIES).run(once=True)
     assert client.get(f"{mission}/photos").json["photos"][0]["fix_state"] == "done"
 
 
@@ -188,7 +189,7 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
     assert client.get(f"{mission}/fusion").status_code == 404
     queued = client.post(f"{mission}/fuse")
     assert queued.status_code == 202
-    Worker(library, settings).run(once=True)
+    Worker(library, settings, duties=DUTIES).run(once=True)
     assert client.get(f"/api/v1/jobs/{queued.json['job']}").json["state"] == "done"
     report = client.get(f"{mission}/fusion").json
     assert (report["poses"], report["gated"]) == (1, [])
@@ -200,7 +201,7 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
 
 def test_nothing_to_fuse_fails_with_words(client, mission, library, settings):
     job = client.post(f"{mission}/fuse").json["job"]
-    Worker(library, settings).run(once=True)
+    Worker(library, settings, duties=DUTIES).run(once=True)
     told = client.get(f"/api/v1/jobs/{job}").json
     assert told["state"] == "failed"
     assert "no fix" in told["error"]["message"]

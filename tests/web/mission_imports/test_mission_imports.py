@@ -4,9 +4,9 @@ import io
 
 import pytest
 
+from webapp.app.jobs import DUTIES
 from webapp.errors import UsageError
-from webapp.jobs import kinds
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.jobs.progress import JobProgress
 from webapp.missions.store import missions, tracks
 from webapp.store.operate import jobs
@@ -45,7 +45,7 @@ def work(library, settings):
     def go():
         with library.database.write() as session:
             job = jobs.lease(session, "test", limits=Limits(60, 3))
-            lease, function = Lease(job.id, job.fence), kinds.function(job.kind)
+            lease, function = Lease(job.id, job.fence), DUTIES.function(job.kind)
             known = (job.map_id, job.account_id, job.arguments)
         return function(Context(library, settings, JobProgress(), lease, *known))
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from webapp.jobs import kinds
-from webapp.jobs.kinds import Context
+from webapp.app.jobs import DUTIES
+from webapp.jobs.context import Context
 from webapp.jobs.progress import JobProgress
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
@@ -77,7 +77,7 @@ def work(library, settings):
     def go():
         with library.database.write() as session:
             job = jobs.lease(session, "test", limits=Limits(60, 3))
-            lease, function = Lease(job.id, job.fence), kinds.function(job.kind)
+            lease, function = Lease(job.id, job.fence), DUTIES.function(job.kind)
             known = (job.map_id, job.account_id, job.arguments)
         function(Context(library, settings, JobProgress(), lease, *known))
         with library.database.write() as session:

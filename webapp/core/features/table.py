@@ -11,9 +11,8 @@ from webapp.core.features.keypoint_networks import Aliked, Disk
 from webapp.core.features.orb import Orb
 from webapp.core.features.sift import Sift
 from webapp.core.features.surf import Surf
-from webapp.core.features.types import Detector, Extractor, Kind
+from webapp.core.features.types import Detector, Engine, Extractor, Kind
 from webapp.core.features.xfeat import XFeat
-from webapp.core.retrieval.engines.tiers import Engine
 from webapp.errors import UsageError
 
 Method = Literal["vote", "verified", "thorough"]

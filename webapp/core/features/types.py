@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 Kind = Literal["float", "binary"]
 """How descriptors are compared: by a distance of numbers, or by counting different bits."""
 
+Engine = Literal["ivf", "vlad"]
+"""What photos are found by: codes of all descriptors, or one signature a photo."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:

@@ -9,7 +9,7 @@ import numpy as np
 import poselib
 from numpy.typing import NDArray
 
-from webapp.core.hypotheses.model import NoPose
+from webapp.core.geometry.estimate import NoPose
 
 MIN_MATCHES = 8
 """Five are enough for an essential matrix; fewer than eight agree by chance."""

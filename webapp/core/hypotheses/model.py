@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.estimate import NoPose
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,17 +83,6 @@ class Evidence:
     query_xy: NDArray[np.float32]
     photo_xy: NDArray[np.float32]
     inlier: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class NoPose:
-    """No hypothesis at all, and the reason. Falsy."""
-
-    reason: str
-
-    def __bool__(self) -> bool:
-        """Say that there is no pose."""
-        return False
 
 
 @dataclass(frozen=True, slots=True)

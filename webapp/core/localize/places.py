@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.orientations import USABLE_TRUST
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.hypotheses.model import NoPose
 from webapp.core.localize.pose_refinement import Pose, locate
 from webapp.core.localize.pose_residuals import View
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect

@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.orientations import Depths, no_depths
 from webapp.core.geometry.relative_pose import INLIER_SCALE, Camera, RelativePose, relative_pose
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
-from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, NoPose
+from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis
 from webapp.core.localize.places import Place, Verified, join, support_at
 from webapp.core.localize.vote import match_statistics
 from webapp.core.reconstruction.depths import DepthsWithout

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics, NoPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics
 from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.core.hypotheses.model import NoPose
+from webapp.core.geometry.estimate import NoPose
 
 CLEARLY = 0.7
 """A less probable place is no fix: a filter takes one place with an error, not several to choose from."""

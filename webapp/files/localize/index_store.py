@@ -28,8 +28,7 @@ from typing import Any, get_args
 import faiss
 
 from webapp.core.features.table import FeatureChoice
-from webapp.core.features.types import Kind
-from webapp.core.retrieval.engines.tiers import Engine
+from webapp.core.features.types import Engine, Kind
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files import atomic
 from webapp.files.localize.arrays import REPAIR

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.missions.tasks import delete
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from webapp.errors import InputError, NotFound, UsageError
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.missions.tasks import import_file
 from webapp.missions.tasks.upload import order_of, waiting_path
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from webapp.errors import IndexDamaged, NotReady
 from webapp.jobs import index
-from webapp.jobs.kinds import Context
+from webapp.jobs.context import Context
 from webapp.missions.tasks import localize_photos
 from webapp.tasks.localize.open_maps import ReadyMaps
 

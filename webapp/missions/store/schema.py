@@ -11,8 +11,8 @@ from typing import Any
 from sqlalchemy import ForeignKey, Index, LargeBinary, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from webapp.store.base import Base
 from webapp.store.clock import now
+from webapp.store.schema import Base
 
 
 class Mission(Base):

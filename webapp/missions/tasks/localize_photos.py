@@ -11,7 +11,7 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.core.hypotheses.model import NoPose
+from webapp.core.geometry.estimate import NoPose
 from webapp.core.trajectory.records import Poses, join, make_poses
 from webapp.core.trajectory.visual import visual_fix
 from webapp.errors import InputError, NotFound, PhotoError

@@ -15,7 +15,8 @@ from webapp.errors import UsageError
 from webapp.missions.store.batches import FILE, OutOfOrder
 from webapp.missions.tasks import store_batch
 from webapp.missions.tasks.store_batch import Numbered
-from webapp.web.context import library, open_mission, settings
+from webapp.missions.web.context import open_mission
+from webapp.web.context import library, settings
 from webapp.web.errors import as_json
 from webapp.web.turns import Turns
 

@@ -13,10 +13,11 @@ from apiflask.validators import Length
 from flask import Response, request
 
 from webapp.missions.store.schema import Mission
+from webapp.missions.web.context import open_mission
 from webapp.missions.web.events import event, revision_of
 from webapp.missions.web.state import read_cursor
 from webapp.store.database import Database
-from webapp.web.context import library, open_mission, settings
+from webapp.web.context import library, settings
 from webapp.web.openapi import file_answer
 from webapp.web.turns import Turns
 

@@ -14,8 +14,9 @@ from webapp.errors import UsageError
 from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
 from webapp.missions.tasks import query as query_mission
+from webapp.missions.web.context import open_mission
 from webapp.missions.web.download import ExportQuery, LinkQuery, export, link, sent, turns
-from webapp.web.context import library, open_mission
+from webapp.web.context import library
 from webapp.web.openapi import Responses, file_answer
 
 blueprint = APIBlueprint(

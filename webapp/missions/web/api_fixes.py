@@ -20,11 +20,12 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks import fuse as fuse_mission
 from webapp.missions.tasks.add_photo import About
+from webapp.missions.web.context import open_mission
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize.open_maps import Way
 from webapp.tasks.localize.upload import Question, Sent
 from webapp.tasks.maps.library_map import georeference
-from webapp.web.context import account, library, open_mission, settings
+from webapp.web.context import account, library, settings
 from webapp.web.localize.answer_schemas import Located
 from webapp.web.localize.api_localize import ask, received
 from webapp.web.openapi import file_answer

@@ -15,9 +15,10 @@ from webapp.core.trajectory.records import SOURCES
 from webapp.files.part_file import receive
 from webapp.missions.files.track_format import kind_of
 from webapp.missions.tasks.upload import order_of, waiting_path
+from webapp.missions.web.context import open_mission
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
-from webapp.web.context import account, library, open_mission, settings
+from webapp.web.context import account, library, settings
 
 blueprint = APIBlueprint("api_mission_imports", __name__, url_prefix="/api/v1/missions", tag="Missions")
 

@@ -12,9 +12,10 @@ from webapp.missions.store import listing, missions, shares
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import delete
 from webapp.missions.web import state
+from webapp.missions.web.context import open_mission
 from webapp.missions.web.schemas import MissionList, MissionState, MissionSummary
 from webapp.store.maps import maps
-from webapp.web.context import account, library, open_map, open_mission
+from webapp.web.context import account, library, open_map
 from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_missions", __name__, url_prefix="/api/v1/missions", tag="Missions")

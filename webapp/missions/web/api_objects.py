@@ -13,8 +13,9 @@ from webapp.missions.store import objects as mission_objects
 from webapp.missions.store.missions import MOST_SIGHTINGS
 from webapp.missions.store.objects import SORTS, Page
 from webapp.missions.store.schema import MissionObject, ObjectSighting
+from webapp.missions.web.context import open_mission
 from webapp.web import converters
-from webapp.web.context import library, open_mission
+from webapp.web.context import library
 
 blueprint = APIBlueprint(
     "api_mission_objects",

@@ -18,7 +18,8 @@ from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks.add_photo import About
-from webapp.web.context import account, library, open_mission, settings
+from webapp.missions.web.context import open_mission
+from webapp.web.context import account, library, settings
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint(

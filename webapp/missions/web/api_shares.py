@@ -12,7 +12,8 @@ from markupsafe import escape
 from webapp.missions.store import missions
 from webapp.missions.store import shares as mission_shares
 from webapp.missions.store.schema import Mission, MissionShare
-from webapp.web.context import account, library, open_mission
+from webapp.missions.web.context import open_mission
+from webapp.web.context import account, library
 
 blueprint = APIBlueprint(
     "api_mission_shares",

@@ -16,7 +16,8 @@ from webapp.missions.store import tracks
 from webapp.missions.store.schema import Track
 from webapp.missions.tasks import track_line, track_profile
 from webapp.missions.tasks.track_line import View
-from webapp.web.context import library, open_mission
+from webapp.missions.web.context import open_mission
+from webapp.web.context import library
 
 blueprint = APIBlueprint(
     "api_tracks",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from flask import Blueprint, render_template
 
 from webapp.missions.store import missions
+from webapp.missions.web.context import open_mission
 from webapp.net.services import TileService, tile_services
 from webapp.store.maps import maps
 from webapp.web.accounts.security import allow_images
-from webapp.web.context import account, library, open_mission, settings
+from webapp.web.context import account, library, settings
 from webapp.web.satellite.api_satellite import service_json
 
 blueprint = Blueprint("mission_pages", __name__, url_prefix="/missions")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,25 @@ from sqlalchemy import make_url
 
 from webapp.errors import DiskFull, StorageError, UsageError
 from webapp.store.database import Database
+
+
+@dataclass(frozen=True, slots=True)
+class PartContents:
+    """Records of one kind that have files of their own.
+
+    Attributes
+    ----------
+    ids : frozenset of int
+    files : frozenset of (int, str)
+        Id of the record and path in its folder.
+    """
+
+    ids: frozenset[int]
+    files: frozenset[tuple[int, str]]
+
+
+Reader = Callable[[sqlite3.Connection], PartContents]
+"""Reads the records of one kind; a database of an older version may lack their tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,21 +46,18 @@ class Contents:
         Slug of the map and path in its folder, of all photos and images.
     queries : frozenset of (int, str)
         Id of the map and name of the file, of all photos that were asked about.
-    missions : frozenset of int
-        Their ids.
-    mission_photos : frozenset of (int, str)
-        Id of the mission and path in its folder, of all photos of missions.
+    parts : dict of str to PartContents
+        What else is there, by the name of its reader.
     """
 
     maps: dict[int, str]
     photos: int
     files: frozenset[tuple[str, str]]
     queries: frozenset[tuple[int, str]]
-    missions: frozenset[int]
-    mission_photos: frozenset[tuple[int, str]]
+    parts: dict[str, PartContents]
 
 
-def copy_to(database: Database, target: Path) -> Contents:
+def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) -> Contents:
     """Copy a database to a file.
 
     Parameters
@@ -48,6 +65,8 @@ def copy_to(database: Database, target: Path) -> Contents:
     database : Database
     target : Path
         What it holds is replaced.
+    readers : mapping of str to callable
+        Of further records with files.
 
     Returns
     -------
@@ -70,17 +89,19 @@ def copy_to(database: Database, target: Path) -> Contents:
                 assert isinstance(source, sqlite3.Connection)
                 source.backup(copy)
             copy.execute("PRAGMA journal_mode=DELETE")  # one file, and no others beside it
-            return _contents(copy)
+            return _contents(copy, readers)
     except sqlite3.Error as error:
         raise _told(error, target) from error
 
 
-def check(path: Path) -> Contents:
+def check(path: Path, *, readers: Mapping[str, Reader]) -> Contents:
     """Look through a database file for damage.
 
     Parameters
     ----------
     path : Path
+    readers : mapping of str to callable
+        Of further records with files.
 
     Returns
     -------
@@ -96,26 +117,19 @@ def check(path: Path) -> Contents:
             (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()
             if found != "ok":
                 raise StorageError(f"the database is damaged: {found}", where=path.name)
-            return _contents(database)
+            return _contents(database, readers)
     except sqlite3.Error as error:
         raise _told(error, path) from error
 
 
-def _contents(database: sqlite3.Connection) -> Contents:
+def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> Contents:
     maps: dict[int, str] = dict(database.execute("SELECT id, slug FROM map"))
     photos = database.execute("SELECT map.slug, path FROM photo JOIN map ON map.id = map_id").fetchall()
     images = database.execute("SELECT slug, satellite_path FROM map WHERE satellite_path IS NOT NULL")
     queries = database.execute("SELECT map_id, file FROM query")
     files = frozenset([*photos, *images])
-    return Contents(maps, len(photos), files, frozenset(queries), *_missions(database))
-
-
-def _missions(database: sqlite3.Connection) -> tuple[frozenset[int], frozenset[tuple[int, str]]]:
-    older = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'mission_photo'").fetchone() is None
-    if older:
-        return frozenset(), frozenset()
-    ids = frozenset(id for (id,) in database.execute("SELECT id FROM mission"))
-    return ids, frozenset(database.execute("SELECT mission_id, path FROM mission_photo"))
+    parts = {name: read(database) for name, read in readers.items()}
+    return Contents(maps, len(photos), files, frozenset(queries), parts)
 
 
 def _told(error: sqlite3.Error, path: Path) -> StorageError:

@@ -9,9 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Kind
+from webapp.core.features.types import Engine, Kind
 from webapp.core.retrieval.engines import ivf, vlad
-from webapp.core.retrieval.engines.tiers import Engine
 from webapp.errors import IndexDamaged
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import (

@@ -1,13 +1,14 @@
 """Puts a whole library into one file, while it is served and changed.
 
-The database is copied in one moment, together with the exported files of the maps and the reports on fused
-missions, whose writers wait so long. All else is photos and images, which never change under their names and
-are copied afterwards. Who deletes a map for good in the meantime makes the copy go on from a later moment.
+The database is copied in one moment, together with the exported files of the maps and other files that are
+replaced under their names; their writers wait for it. All else is photos and images, which never change under
+their names and are copied afterwards. When a map is deleted for good in the meantime, the copy starts again
+from a later moment.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,6 @@ from filelock import FileLock, Timeout
 from webapp import __version__
 from webapp.errors import StorageError, UsageError
 from webapp.files.operate.backup import Archive, new_backup
-from webapp.missions.store import missions
-from webapp.missions.tasks import fuse
 from webapp.progress import Progress
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, Library
@@ -26,11 +25,11 @@ from webapp.store.localize import queries
 from webapp.store.operate import snapshot
 from webapp.store.operate.snapshot import Contents
 from webapp.tasks.maps import export
+from webapp.tasks.operate.parts import LibraryPart, readers
 
 MAPS = "maps"
 QUERIES = "queries"
-MISSIONS = "missions"
-"""Where everything is in a backup: `library.db`, `maps/SLUG/...`, `queries/ID/...`, `missions/ID/...`."""
+"""Where everything is in a backup: `library.db`, `maps/SLUG/...`, `queries/ID/...`, `PART/ID/...`."""
 
 _DERIVED = "derived"
 _EXPORTED = frozenset({".cfg", ".json"})
@@ -67,7 +66,7 @@ class _Moment:
     """The files that change under their names."""
 
 
-def run(library: Library, target: Path, *, progress: Progress) -> BackupReport:
+def run(library: Library, target: Path, *, parts: Sequence[LibraryPart], progress: Progress) -> BackupReport:
     """Back a library up.
 
     What can be computed again is left out (`derived/`), and so are half-done uploads and the key that signs
@@ -78,6 +77,8 @@ def run(library: Library, target: Path, *, progress: Progress) -> BackupReport:
     library : Library
     target : Path
         File; one that is there is replaced when the new one is complete.
+    parts : sequence of LibraryPart
+        What the library keeps besides maps.
     progress : Progress
         One step a file, for copying and then for reading it again.
 
@@ -100,7 +101,8 @@ def run(library: Library, target: Path, *, progress: Progress) -> BackupReport:
         )
     about = {"made_at": now().isoformat(timespec="seconds"), "made_by": __version__}
     with new_backup(target, about=about, progress=progress) as archive:
-        moment, missing = _copied(library, archive, progress=progress)
+        copying = _Copying(library, archive, parts)
+        moment, missing = copying.copy(progress=progress)
         archive.add(DATABASE, archive.scratch)
         for name, data in moment.replaced.items():
             archive.add_bytes(name, data)
@@ -113,36 +115,85 @@ def run(library: Library, target: Path, *, progress: Progress) -> BackupReport:
     return report
 
 
-def _copied(library: Library, archive: Archive, *, progress: Progress) -> tuple[_Moment, set[str]]:
-    """Copy what a moment needs; where something was deleted in between, that of a later moment."""
-    missing: set[str] = set()
-    for _ in range(_TRIES):
-        progress.note("copying")
-        moment = _moment(library, archive.scratch)
-        before, missing = missing, _copy_files(library, archive, moment, progress=progress)
-        if missing <= before:  # gone since long: this library has lost them
-            break
-    return moment, missing
+class _Copying:
+    """Copies one library into one archive."""
 
+    def __init__(self, library: Library, archive: Archive, parts: Sequence[LibraryPart]) -> None:
+        self._library = library
+        self._archive = archive
+        self._parts = parts
 
-def _moment(library: Library, database: Path) -> _Moment:
-    """Copy the database, and read the files that are replaced together with it."""
-    with library.database.engine.connect() as connection:
-        slugs = {str(slug) for (slug,) in connection.exec_driver_sql("SELECT slug FROM map")}
-    with ExitStack() as writers:
-        for slug in sorted(slugs):
-            writers.enter_context(_no_export(library.map_folder(slug)))
-        fusing = library.inner / fuse.LOCK
-        writers.enter_context(_held(fusing, what="the fused track of a mission", where=MISSIONS))
-        contents = snapshot.copy_to(library.database, database)
-        if not set(contents.maps.values()) <= slugs:  # a map is new: its writers were not asked to wait
-            writers.close()
-            return _moment(library, database)
-        paths = {
-            f"{MAPS}/{slug}/{p.name}": p for slug in contents.maps.values() for p in _exported(library, slug)
-        }
-        exported = {name: path.read_bytes() for name, path in paths.items()}
-        return _Moment(contents, exported | _reports(library, contents))
+    def copy(self, *, progress: Progress) -> tuple[_Moment, set[str]]:
+        """Copy what a moment needs; where something was deleted in between, that of a later moment."""
+        missing: set[str] = set()
+        for _ in range(_TRIES):
+            progress.note("copying")
+            moment = self._moment()
+            before, missing = missing, self._copy_files(moment, progress=progress)
+            if missing <= before:  # gone since long: this library has lost them
+                break
+        return moment, missing
+
+    def _moment(self) -> _Moment:
+        """Copy the database, and read the files that are replaced together with it."""
+        library = self._library
+        with library.database.engine.connect() as connection:
+            slugs = {str(slug) for (slug,) in connection.exec_driver_sql("SELECT slug FROM map")}
+        with ExitStack() as writers:
+            for slug in sorted(slugs):
+                writers.enter_context(_no_export(library.map_folder(slug)))
+            for part in self._parts:
+                for lock, what in part.locks(library):
+                    writers.enter_context(_held(lock, what=what, where=part.name))
+            contents = snapshot.copy_to(library.database, self._archive.scratch, readers=readers(self._parts))
+            if not set(contents.maps.values()) <= slugs:  # a map is new: its writers were not asked to wait
+                writers.close()
+                return self._moment()
+            return _Moment(contents, dict(self._replaced(contents)))
+
+    def _replaced(self, contents: Contents) -> Iterator[tuple[str, bytes]]:
+        """Read the files that change under their names, each with its name in the backup."""
+        for slug in contents.maps.values():
+            for path in _exported(self._library, slug):
+                yield f"{MAPS}/{slug}/{path.name}", path.read_bytes()
+        for part in self._parts:
+            for id in sorted(contents.parts[part.name].ids):
+                for path in part.replaced(self._library, id):
+                    with suppress(FileNotFoundError):  # never written, or being deleted
+                        yield f"{part.name}/{id}/{path.name}", path.read_bytes()
+
+    def _copy_files(self, moment: _Moment, *, progress: Progress) -> set[str]:
+        """Copy what never changes; gives the names of what should be there and is not."""
+        found = {name: path for name, path in self._files(moment.contents) if name not in moment.replaced}
+        needed = {f"{MAPS}/{slug}/{path}" for slug, path in moment.contents.files}
+        needed |= {f"{QUERIES}/{map_id}/{file}" for map_id, file in moment.contents.queries}
+        for name, part in moment.contents.parts.items():
+            needed |= {f"{name}/{id}/{path}" for id, path in part.files}
+        progress.size(len(found))
+        for name, path in found.items():
+            progress.check()
+            try:
+                self._archive.add(name, path)
+            except FileNotFoundError:
+                continue  # deleted since it was listed
+            progress.advance()
+        return {name for name in needed if name not in self._archive.files}
+
+    def _files(self, contents: Contents) -> Iterator[tuple[str, Path]]:
+        library = self._library
+        for slug in contents.maps.values():
+            folder = library.map_folder(slug)
+            for path in sorted(folder.rglob("*")):
+                inside = path.relative_to(folder)
+                if path.is_file() and inside.parts[0] != _DERIVED and not path.name.startswith("."):
+                    yield f"{MAPS}/{slug}/{inside.as_posix()}", path
+        for map_id in contents.maps:
+            folder = queries.folder(library, map_id)
+            for file in sorted(file for id, file in contents.queries if id == map_id):
+                yield f"{QUERIES}/{map_id}/{file}", folder / file
+        for part in self._parts:
+            for id, name in sorted(contents.parts[part.name].files):
+                yield f"{part.name}/{id}/{name}", library.folder / part.folder / str(id) / name
 
 
 @contextmanager
@@ -174,62 +225,17 @@ def _held(path: Path, *, what: str, where: str) -> Iterator[None]:
 
 
 def _exported(library: Library, slug: str) -> list[Path]:
-    """List the .cfg file of a map that change under their names."""
+    """List the files of a map that change under their names."""
     folder = library.map_folder(slug)
     return [
         p for p in folder.glob("*") if p.suffix in _EXPORTED and p.is_file() and not p.name.startswith(".")
     ]
 
 
-def _reports(library: Library, contents: Contents) -> dict[str, bytes]:
-    """Read the reports on fused missions, by their names in the backup."""
-    found = {}
-    for id in sorted(contents.missions):
-        with suppress(FileNotFoundError):  # never fused, or being deleted
-            path = missions.folder(library, id) / fuse.REPORT
-            found[f"{MISSIONS}/{id}/{path.name}"] = path.read_bytes()
-    return found
-
-
-def _copy_files(library: Library, archive: Archive, moment: _Moment, *, progress: Progress) -> set[str]:
-    """Copy what never changes; gives the names of what should be there and is not."""
-    found = {name: path for name, path in _files(library, moment.contents) if name not in moment.replaced}
-    needed = {f"{MAPS}/{slug}/{path}" for slug, path in moment.contents.files}
-    needed |= {f"{QUERIES}/{map_id}/{file}" for map_id, file in moment.contents.queries}
-    needed |= {f"{MISSIONS}/{id}/{path}" for id, path in moment.contents.mission_photos}
-    progress.size(len(found))
-    for name, path in found.items():
-        progress.check()
-        try:
-            archive.add(name, path)
-        except FileNotFoundError:
-            continue  # deleted since it was listed
-        progress.advance()
-    return {name for name in needed if name not in archive.files}
-
-
-def _files(library: Library, contents: Contents) -> Iterator[tuple[str, Path]]:
-    for slug in contents.maps.values():
-        folder = library.map_folder(slug)
-        for path in sorted(folder.rglob("*")):
-            inside = path.relative_to(folder)
-            if path.is_file() and inside.parts[0] != _DERIVED and not path.name.startswith("."):
-                yield f"{MAPS}/{slug}/{inside.as_posix()}", path
-    for map_id in contents.maps:
-        folder = queries.folder(library, map_id)
-        for file in sorted(file for id, file in contents.queries if id == map_id):
-            yield f"{QUERIES}/{map_id}/{file}", folder / file
-    for mission_id, photo in sorted(contents.mission_photos):
-        yield f"{MISSIONS}/{mission_id}/{photo}", missions.folder(library, mission_id) / photo
-
-
 def _belongs(name: str, contents: Contents) -> bool:
-    """Tell whether a file is not one of a map or a mission that was deleted while it was copied."""
+    """Return whether a file is not one of a record that was deleted while it was copied."""
     kind, _, rest = name.partition("/")
-    whose = rest.partition("/")[0]
-    owners = {
-        MAPS: contents.maps.values(),
-        QUERIES: [str(id) for id in contents.maps],
-        MISSIONS: [str(id) for id in contents.missions],
-    }
-    return not rest or whose in owners[kind]
+    owner = rest.partition("/")[0]
+    owners = {MAPS: set(contents.maps.values()), QUERIES: {str(id) for id in contents.maps}}
+    owners |= {part: {str(id) for id in found.ids} for part, found in contents.parts.items()}
+    return not rest or owner in owners[kind]

@@ -7,6 +7,7 @@ through. Only then it takes its place; what was there is kept under another name
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -16,7 +17,6 @@ from webapp.errors import Conflict, InputError, UsageError
 from webapp.files.alive import any_alive
 from webapp.files.atomic import storage_error, sync_folder
 from webapp.files.operate.backup import read_manifest, unpack
-from webapp.missions.store import missions
 from webapp.progress import Progress
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, INNER, open_library
@@ -24,7 +24,8 @@ from webapp.store.operate import jobs, snapshot
 from webapp.store.operate.snapshot import Contents
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.export import INDEX_JOB
-from webapp.tasks.operate.backup import MAPS, MISSIONS, QUERIES
+from webapp.tasks.operate.backup import MAPS, QUERIES
+from webapp.tasks.operate.parts import LibraryPart, readers
 
 _STAGE = ".restoring"
 _BEFORE = ".before-restore-"
@@ -50,7 +51,14 @@ class RestoreReport:
     before: Path | None
 
 
-def run(archive: Path, folder: Path, *, force: bool = False, progress: Progress) -> RestoreReport:
+def run(
+    archive: Path,
+    folder: Path,
+    *,
+    parts: Sequence[LibraryPart],
+    force: bool = False,
+    progress: Progress,
+) -> RestoreReport:
     """Restore a library.
 
     Indexes are not part of a backup: the first worker builds them.
@@ -60,6 +68,8 @@ def run(archive: Path, folder: Path, *, force: bool = False, progress: Progress)
     archive : Path
     folder : Path
         Of the library; made when missing.
+    parts : sequence of LibraryPart
+        What the library keeps besides maps.
     force : bool
         Also where there is something already, which then is kept in a folder of its own.
     progress : Progress
@@ -96,8 +106,8 @@ def run(archive: Path, folder: Path, *, force: bool = False, progress: Progress)
         stage.mkdir(parents=True)
         try:
             progress.note("unpacking")
-            files = _unpack(archive, stage, progress=progress)
-            contents = _prepare(stage)
+            files = _unpack(archive, stage, parts, progress=progress)
+            contents = _prepare(stage, parts)
             before = _swap(folder, stage, there)
         finally:
             shutil.rmtree(stage, ignore_errors=True)
@@ -122,10 +132,11 @@ def _check_idle(folder: Path) -> None:
         )
 
 
-def _unpack(archive: Path, stage: Path, *, progress: Progress) -> int:
+def _unpack(archive: Path, stage: Path, parts: Sequence[LibraryPart], *, progress: Progress) -> int:
     """Unpack a backup as a library; gives the number of its files."""
 
-    folders = {MAPS: stage, QUERIES: stage / INNER / QUERIES, MISSIONS: stage / missions.FOLDER}
+    folders = {MAPS: stage, QUERIES: stage / INNER / QUERIES}
+    folders |= {part.name: stage / part.folder for part in parts}
 
     def place(name: str) -> Path:
         kind, _, rest = name.partition("/")
@@ -141,9 +152,9 @@ def _unpack(archive: Path, stage: Path, *, progress: Progress) -> int:
     return len(files)
 
 
-def _prepare(stage: Path) -> Contents:
+def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> Contents:
     """Look through the database, bring it up to date, and have the first worker build the indexes."""
-    contents = snapshot.check(stage / INNER / DATABASE)
+    contents = snapshot.check(stage / INNER / DATABASE, readers=readers(parts))
     library = open_library(stage)
     try:
         with library.database.write() as session:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from flask import Blueprint, render_template
 
 from webapp.errors import NotFound
-from webapp.missions.store import shares as mission_shares
 from webapp.store.sharing import shares
 from webapp.web import errors
 from webapp.web.accounts.access import public
@@ -13,6 +12,7 @@ from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library
 from webapp.web.localize.answer_colours import answer_colours
 from webapp.web.sharing import shared_state
+from webapp.web.state import parts
 
 blueprint = Blueprint("public_pages", __name__)
 
@@ -24,8 +24,8 @@ _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 def index() -> str:
     """List what is open to everybody."""
     with library().database.read() as session:
-        missions = mission_shares.public(session)
-        return render_template("public/index.html", opened=shares.public(session), missions=missions)
+        more = {name: read(session) for name, read in parts().public_lists.items()}
+        return render_template("public/index.html", opened=shares.public(session), **more)
 
 
 @blueprint.get("/s/<token>")

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from webapp.core.features.types import Kind
-
-Engine = Literal["ivf", "vlad"]
-"""What photos are found by: codes of all descriptors, or one signature a photo."""
+from webapp.core.features.types import Engine, Kind
 
 _BYTES_A_ROW = 20
 """Of each keypoint: its number in the inverted lists (8), where it is and how it is turned (12)."""

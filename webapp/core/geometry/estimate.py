@@ -1,0 +1,16 @@
+"""An estimate that failed, as a value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class NoPose:
+    """No pose could be estimated, and the reason. Falsy."""
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        """Return False: there is no pose."""
+        return False

@@ -1,0 +1,39 @@
+"""The mission that a request is about."""
+
+from __future__ import annotations
+
+from webapp.errors import NotFound
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission
+from webapp.store.maps.maps import Role
+from webapp.web.context import account, library
+
+
+def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mission:
+    """Find a mission that who asks may use in a role.
+
+    Parameters
+    ----------
+    id : int
+    role : str
+        That is needed: `viewer`, `editor` or `owner`.
+    binned : bool
+        Whether a mission in the bin counts.
+
+    Returns
+    -------
+    Mission
+        Of a session that is closed: for reading its fields.
+
+    Raises
+    ------
+    NotSignedIn, NotFound, NotAllowed
+    """
+    who = account()
+    with library().database.read() as session:
+        mission = missions.find(session, id, account=who, role=role)
+    if mission.binned_at is not None and not binned:
+        raise NotFound(
+            "this mission is in the bin", where=f"mission {id}", hint="restore it from the bin first"
+        )
+    return mission
