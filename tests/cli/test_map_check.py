@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from webapp.cli.map_check import check
+from webapp.app.main import root
 from webapp.errors import MapError
 
 
@@ -22,14 +22,14 @@ def cfg(tmp_path: Path) -> Path:
 
 
 def test_good_map(cfg: Path) -> None:
-    result = CliRunner().invoke(check, [str(cfg)])
+    result = CliRunner().invoke(root, ["map", "check", str(cfg)])
     assert (result.exit_code, result.stdout) == (0, "")
     assert result.stderr == f"{cfg}: 1 photo, 0 errors, 0 warnings\n"
 
 
 def test_bad_map(cfg: Path) -> None:
     cfg.write_bytes(b"s.png;40;30\n0;a.jpg;20,5;20\n")
-    result = CliRunner().invoke(check, [str(cfg)])
+    result = CliRunner().invoke(root, ["map", "check", str(cfg)])
     assert result.exit_code == 3
     assert result.stdout == (
         f"{cfg}:2:9: error: x = '20,5' has a decimal comma: pixels are whole numbers (decimal-comma)\n"
@@ -41,7 +41,7 @@ def test_bad_map(cfg: Path) -> None:
 def test_warnings_alone_leave_the_map_usable(cfg: Path) -> None:
     for i in range(25):
         Image.new("RGB", (8, 8)).save(cfg.with_name(f"orphan{i:02}.jpg"))
-    result = CliRunner().invoke(check, [str(cfg)])
+    result = CliRunner().invoke(root, ["map", "check", str(cfg)])
     assert result.exit_code == 0
     assert result.stdout.count("(orphan-photo)") == 5
     assert "20 more of orphan-photo; --json lists all" in result.stderr
@@ -49,7 +49,7 @@ def test_warnings_alone_leave_the_map_usable(cfg: Path) -> None:
 
 def test_json_lists_everything(cfg: Path) -> None:
     cfg.write_bytes(b"s.png;40;30\n" + b"0;a.jpg;1;1\n" * 30)
-    result = CliRunner().invoke(check, [str(cfg), "--json"])
+    result = CliRunner().invoke(root, ["map", "check", str(cfg), "--json"])
     assert result.exit_code == 3
     found = json.loads(result.stdout)
     assert (found["photos"], found["errors"], found["warnings"]) == (30, 29, 29)
@@ -65,5 +65,5 @@ def test_json_lists_everything(cfg: Path) -> None:
 
 
 def test_missing_file_is_an_error_of_the_map(cfg: Path) -> None:
-    result = CliRunner().invoke(check, [str(cfg.with_name("none.cfg"))])
+    result = CliRunner().invoke(root, ["map", "check", str(cfg.with_name("none.cfg"))])
     assert isinstance(result.exception, MapError)

@@ -44,7 +44,7 @@ def test_what_cannot_be_written_is_told_and_stops_nothing(library, settings, lat
     def refuse(_library, _id):
         raise StorageError("the disk is full")
 
-    monkeypatch.setattr(sweep.library_export, "run", refuse)
+    monkeypatch.setattr(sweep.export, "run", refuse)
     with caplog.at_level(logging.WARNING):
         Worker(library, settings, duties=DUTIES).run(once=True)
     assert "the disk is full" in caplog.text

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from webapp.app.main import root
 from webapp.errors import Cancelled, UsageError
 from webapp.files.localize import queries_csv
 from webapp.files.maps.folder import read_map
 from webapp.files.photos.photo import read_facts, read_gray
 from webapp.progress import Progress
 from webapp.sample import make as make_sample
-from webapp.sample.cli import sample
 from webapp.sample.content import FOV_DEG, OFF_MAP, SampleSize
 from webapp.settings import Settings
 from webapp.tasks.maps import check_map, from_photos
@@ -234,9 +234,9 @@ def test_force_replaces_and_a_missing_file_is_made_again(tmp_path, monkeypatch):
 
 
 def test_the_command_prints_the_map(sample_folder, small):
-    result = CliRunner().invoke(sample, ["--library", str(sample_folder.parent)])
+    result = CliRunner().invoke(root, ["sample", "--library", str(sample_folder.parent)])
     assert result.exit_code == 0
     assert result.stdout == f"{sample_folder / 'map.cfg'}\n"
     assert "already" in result.stderr
-    result = CliRunner().invoke(sample, [str(small)])  # made in another size
+    result = CliRunner().invoke(root, ["sample", str(small)])  # made in another size
     assert isinstance(result.exception, UsageError)
