@@ -3,6 +3,7 @@
 import hashlib
 import io
 
+from webapp.app.jobs import DUTIES
 from webapp.jobs import sweep
 from webapp.settings import Settings
 
@@ -49,5 +50,5 @@ def test_folders_of_no_mission_are_swept(library, mission, add_photo):
     add_photo()
     stray = library.folder / ".missions" / "999" / "photos"
     stray.mkdir(parents=True)
-    sweep.clean(library, Settings())
+    sweep.clean(library, Settings(), more=DUTIES.sweeps)
     assert [path.name for path in (library.folder / ".missions").iterdir()] == [str(mission)]
