@@ -1,0 +1,29 @@
+"""Who opens maps and localizes photos by program loads nothing of the web, and no extra."""
+
+import json
+import subprocess
+import sys
+
+from webapp.core import localize
+from webapp.extras import EXTRAS
+from webapp.tasks import evaluate, localize_photo, open_map
+
+WEB = {"flask", "apiflask", "sqlalchemy", "alembic", "requests", "urllib3", "werkzeug", "jinja2", "gunicorn"}
+
+IMPORT = """
+import importlib, json, sys
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
+"""
+
+
+def test_importing_the_localizer_loads_no_web(modules, project):
+    names = [m.name for m in modules if m.name.startswith(localize.__name__)]
+    names += [module.__name__ for module in (open_map, localize_photo, evaluate)]
+    command = [sys.executable, "-c", IMPORT, *names]
+    done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
+    loaded = set(json.loads(done.stdout))
+    assert {"webapp", "cv2", "numpy"} <= loaded
+    extras = {package for packages in EXTRAS.values() for package in packages}
+    assert loaded & (WEB | extras) == set()
