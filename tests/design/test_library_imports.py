@@ -6,7 +6,7 @@ import sys
 
 from webapp.core import localize
 from webapp.extras import EXTRAS
-from webapp.tasks import evaluate, localize_photo, open_map
+from webapp.tasks import localize as localize_tasks
 
 WEB = {"flask", "apiflask", "sqlalchemy", "alembic", "requests", "urllib3", "werkzeug", "jinja2", "gunicorn"}
 
@@ -19,8 +19,8 @@ print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
 
 
 def test_importing_the_localizer_loads_no_web(modules, project):
-    names = [m.name for m in modules if m.name.startswith(localize.__name__)]
-    names += [module.__name__ for module in (open_map, localize_photo, evaluate)]
+    tasks = [f"{localize_tasks.__name__}.{name}" for name in ("open_map", "photo", "evaluate")]
+    names = [m.name for m in modules if m.name.startswith(localize.__name__)] + tasks
     command = [sys.executable, "-c", IMPORT, *names]
     done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
     loaded = set(json.loads(done.stdout))
