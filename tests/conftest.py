@@ -8,6 +8,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command does, before OpenMP is loaded
 
 import cv2
+import hypothesis
 import numpy as np
 import pytest
 from filelock import FileLock
@@ -16,6 +17,18 @@ from webapp.extras import EXTRAS
 from webapp.progress import Progress
 from webapp.sample import make as make_sample
 from webapp.settings import Settings
+
+# Time limits and a search for new examples would make tests fail by chance. `make fuzz` searches, and what it
+# finds is kept as an `@example`.
+hypothesis.settings.register_profile(
+    "suite",
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
+hypothesis.settings.register_profile("fuzz", max_examples=1000, deadline=None, print_blob=True)
+hypothesis.settings.load_profile("suite")
 
 
 @pytest.fixture(scope="session")

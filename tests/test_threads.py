@@ -17,7 +17,7 @@ def test_results_in_the_order_of_the_items(monkeypatch, cores):
 
 def test_works_at_once_with_as_many_workersas_cores(monkeypatch):
     monkeypatch.setattr(threads, "cores", lambda: 2)
-    both = threading.Barrier(2, timeout=10)
+    both = threading.Barrier(2, timeout=60)
     in_threads(lambda _: both.wait(), range(2))
 
 

@@ -10,7 +10,7 @@ from playwright.sync_api import APIResponse, BrowserContext
 
 TOKEN = re.compile(r'<meta name="csrf-token" content="([^"]+)"')
 BUSY = ("queued", "running")
-PATIENCE_S = 90
+PATIENCE_S = 240
 
 
 class Api:

@@ -47,7 +47,7 @@ def click_at(page, id, *, across, down):
     page.mouse.click(box["x"] + across * box["width"], box["y"] + down * box["height"])
 
 
-def reloads(page, press, *, timeout=15_000):
+def reloads(page, press, *, timeout=60_000):
     """Do what ends with the page anew, and wait for what it says then."""
     with page.expect_event("load", timeout=timeout):
         press()
@@ -65,7 +65,7 @@ def test_an_area_of_a_tile_service(image_page):
     estimate = by_id(page, "tile-estimate").inner_text()
     assert axe.findings(page) == []
     # the worker may be at the sample's index
-    reloads(page, by_id(page, "tile-fetch").click, timeout=90_000)
+    reloads(page, by_id(page, "tile-fetch").click, timeout=240_000)
     satellite = state()["satellite"]
     assert estimate.startswith(f"{satellite['width']:,} × {satellite['height']:,} pixels")
     assert satellite["attribution"] == "© these tests"

@@ -16,14 +16,14 @@ def test_progress_and_cancel_in_two_pages(make_page, context, api):
     expect(one.first).to_be_visible()
     expect(two.first).to_be_visible()
     listed.get_by_role("button", name="Cancel").first.click()
-    expect(listed.get_by_text("cancelled")).to_be_visible(timeout=20_000)
+    expect(listed.get_by_text("cancelled")).to_be_visible(timeout=180_000)
     expect(edit.page.locator("[data-testid=job-progress][data-state=cancelled]")).to_be_attached(
-        timeout=20_000
+        timeout=180_000
     )
     (job, *_) = api.ask("GET", f"/jobs?map={edit.slug}")["jobs"]
     assert (job["state"], job["done"] < job["total"]) == ("cancelled", True)
     listed.get_by_role("button", name="Try again").first.click()
-    expect(listed.get_by_text("done", exact=True)).to_be_visible(timeout=60_000)
+    expect(listed.get_by_text("done", exact=True)).to_be_visible(timeout=180_000)
 
 
 def test_the_card_of_jobs_leaves_the_image_free_on_a_wide_screen(make_page):

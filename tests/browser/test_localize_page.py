@@ -3,6 +3,7 @@
 import base64
 import csv
 import math
+import time
 
 import pytest
 from PIL import Image
@@ -91,6 +92,13 @@ def scale_of(page):
 def painted(page, canvas_id, colour):
     """Count the pixels of a map's marks that have a colour."""
     return page.evaluate(COUNT, [f"#{canvas_id} canvas", colour])
+
+
+def wait_until_painted(page, canvas_id, colour):
+    until = time.monotonic() + 60
+    while painted(page, canvas_id, colour) <= 50:
+        assert time.monotonic() < until, f"{canvas_id} has no mark of colour {colour}"
+        page.wait_for_timeout(100)
 
 
 def choose(page, *paths):
@@ -202,10 +210,9 @@ def test_the_answer_is_shown_in_the_second_placement_too(page, copied_map, api, 
     expect(second).to_contain_text("Rooms")
     boxes = [page.locator(f"#{id}").bounding_box() for id in ("map-canvas", "map-canvas-2")]
     assert boxes[1]["x"] >= boxes[0]["x"] + boxes[0]["width"]
-    page.wait_for_timeout(300)  # both are drawn with the next frame
     colour = scale_of(page)[round(100 * first_place(page)[1])]
-    assert painted(page, "map-canvas", colour) > 50
-    assert painted(page, "map-canvas-2", colour) > 50
+    wait_until_painted(page, "map-canvas", colour)
+    wait_until_painted(page, "map-canvas-2", colour)
     assert axe.findings(page) == []
 
 

@@ -14,7 +14,7 @@ PHONE = {
     "is_mobile": True,
     "device_scale_factor": 2,
 }
-ANSWERED_WITHIN_MS = 60_000
+ANSWERED_WITHIN_MS = 180_000
 CUT = "net::ERR_INTERNET_DISCONNECTED"
 KEPT = """
 async slug => {

@@ -1,6 +1,8 @@
 """The tests of the pages notice what nobody should meet."""
 
+import re
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -63,7 +65,7 @@ def watched(pages, browser):
 
     def visit(path):
         page.goto(path)
-        page.wait_for_timeout(100)  # what the browser has to say comes a little later
+        page.wait_for_timeout(100)  # the browser reports what it noticed a little later
         return watch, page
 
     yield visit
@@ -83,7 +85,10 @@ def watched(pages, browser):
     ],
 )
 def test_a_fault_is_noticed(watched, path, fault):
-    watch, _ = watched(path)
+    watch, page = watched(path)
+    until = time.monotonic() + 60
+    while not re.search(fault, "\n".join(watch.faults)) and time.monotonic() < until:
+        page.wait_for_timeout(50)  # the browser reports it a little later
     with pytest.raises(AssertionError, match=fault):
         watch.check()
 

@@ -52,7 +52,7 @@ def start(cfg: Path, index: Path) -> Iterator[subprocess.Popen]:
 
 def finish(cfg: Path, index: Path) -> dict:
     with start(cfg, index) as build:
-        out, err = build.communicate(timeout=60)
+        out, err = build.communicate(timeout=300)
     assert build.returncode == 0, err
     return json.loads(out)
 
@@ -61,7 +61,7 @@ def finished_photos(index: Path) -> set[str]:
     return {p.name for p in index.glob("*/*/spool/*.features")}
 
 
-def wait_for(happened: Callable[[], bool], *, seconds: float = 30.0) -> None:
+def wait_for(happened: Callable[[], bool], *, seconds: float = 120.0) -> None:
     until = time.monotonic() + seconds
     while not happened():
         assert time.monotonic() < until, "it did not happen"
@@ -103,12 +103,12 @@ def test_ctrl_c_keeps_what_is_finished_and_leaves_no_process(slow_map, undisturb
     with start(slow_map, tmp_path) as build:
         wait_for(lambda: len(finished_photos(tmp_path)) >= 3)
         os.killpg(build.pid, signal.SIGINT)  # the terminal sends it to every process of the group
-        out, err = build.communicate(timeout=30)
+        out, err = build.communicate(timeout=300)
     assert build.returncode == 130, err
     assert out == ""
     assert "Traceback" not in err
     assert err.splitlines()[-1] == "expmap: stopped; what was finished is kept"
-    wait_for(lambda: not alive(build.pid), seconds=5.0)
+    wait_for(lambda: not alive(build.pid))
     kept = finished_photos(tmp_path)
     assert 3 <= len(kept) < PHOTOS
     report = finish(slow_map, tmp_path)
@@ -120,10 +120,10 @@ def test_ctrl_c_while_the_processes_start_is_no_mess(slow_map, tmp_path):
     with start(slow_map, tmp_path) as build:
         wait_for(lambda: len(alive(build.pid)) >= 3)
         os.killpg(build.pid, signal.SIGINT)
-        out, err = build.communicate(timeout=30)
+        out, err = build.communicate(timeout=300)
     assert (build.returncode, out) == (130, "")
     assert "Traceback" not in err
-    wait_for(lambda: not alive(build.pid), seconds=5.0)
+    wait_for(lambda: not alive(build.pid))
 
 
 def test_a_second_ctrl_c_stops_at_once(slow_map, tmp_path):
@@ -132,11 +132,11 @@ def test_a_second_ctrl_c_stops_at_once(slow_map, tmp_path):
         os.killpg(build.pid, signal.SIGINT)
         assert "press Ctrl-C again" in build.stderr.readline() + build.stderr.readline()
         os.killpg(build.pid, signal.SIGINT)
-        _, err = build.communicate(timeout=30)
+        _, err = build.communicate(timeout=300)
     assert build.returncode == 130
     assert err.startswith("interrupted\n")
     assert "Traceback" not in err
-    wait_for(lambda: not alive(build.pid), seconds=5.0)
+    wait_for(lambda: not alive(build.pid))
 
 
 def test_killed_again_and_again_it_ends_with_the_same_index(slow_map, undisturbed, tmp_path):
@@ -147,7 +147,7 @@ def test_killed_again_and_again_it_ends_with_the_same_index(slow_map, undisturbe
             wait_for(lambda: len(finished_photos(tmp_path)) >= target)  # noqa: B023
             build.kill()  # the parent alone, as the system does when memory is short
         # Nobody told the workers, and they end all the same.
-        wait_for(lambda: not alive(build.pid), seconds=5.0)
+        wait_for(lambda: not alive(build.pid))
         now = finished_photos(tmp_path)
         assert kept <= now
         kept = now
@@ -163,7 +163,7 @@ def test_killed_while_joining_it_ends_with_the_same_index(slow_map, undisturbed,
     with start(slow_map, tmp_path) as build:
         wait_for(lambda: any(tmp_path.glob("*/*/[0-9a-f]*.features")))
         build.kill()
-    wait_for(lambda: not alive(build.pid), seconds=5.0)
+    wait_for(lambda: not alive(build.pid))
     assert not list(tmp_path.rglob("manifest.json"))
     report = finish(slow_map, tmp_path)
     assert (report["extracted"], report["reused"]) == (0, PHOTOS)
@@ -174,7 +174,7 @@ def test_a_second_build_meanwhile_is_told(slow_map, tmp_path):
     with start(slow_map, tmp_path) as build:
         wait_for(lambda: len(finished_photos(tmp_path)) >= 1)
         with start(slow_map, tmp_path) as second:
-            out, err = second.communicate(timeout=30)
+            out, err = second.communicate(timeout=300)
         build.kill()
     assert (second.returncode, out) == (1, "")
     assert "another process is building this index" in err
@@ -184,7 +184,7 @@ def test_a_killed_worker_is_told_and_costs_nothing_that_is_finished(slow_map, un
     with start(slow_map, tmp_path) as build:
         wait_for(lambda: len(finished_photos(tmp_path)) >= 2)
         os.kill(workers(build.pid)[0], signal.SIGKILL)
-        out, err = build.communicate(timeout=30)
+        out, err = build.communicate(timeout=300)
     assert (build.returncode, out) == (1, "")
     assert "a worker process was killed" in err
     assert "fewer --jobs" in err

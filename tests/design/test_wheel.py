@@ -32,7 +32,7 @@ def run(*command, cwd):
     """Run a program without the environment that would let it find the source tree."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "EXPMAP", "PIP"))}
     done = subprocess.run(
-        list(map(str, command)), cwd=cwd, env=kept, capture_output=True, text=True, timeout=300
+        list(map(str, command)), cwd=cwd, env=kept, capture_output=True, text=True, timeout=600
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -68,7 +68,7 @@ def server(tmp_path_factory):
             yield url, token, Path(log.name)
         finally:
             process.send_signal(signal.SIGTERM)
-            process.wait(20)
+            process.wait(60)
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def example(tmp_path):
 def test_the_example_makes_a_map_localizes_and_takes_the_map_away(example, server, survey):
     url, token, log = server
     done = subprocess.run(
-        [sys.executable, example, url, token, survey], capture_output=True, text=True, timeout=120
+        [sys.executable, example, url, token, survey], capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr.startswith("notes.jpg: ") and done.stderr.count("\n") == 1

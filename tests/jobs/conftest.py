@@ -78,8 +78,9 @@ def start(settings):
     """Start a worker process that knows the kinds of the tests."""
     started = []
 
-    def run():
-        command = [sys.executable, Path(__file__).with_name("kinds_for_tests.py"), settings.library]
+    def run(*, lease_s=60.0):
+        program = Path(__file__).with_name("kinds_for_tests.py")
+        command = [sys.executable, program, settings.library, str(lease_s)]
         process = subprocess.Popen(command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)})
         started.append(process)
         return process
@@ -90,7 +91,7 @@ def start(settings):
         process.wait()
 
 
-def wait_for(happened, *, seconds=15.0):
+def wait_for(happened, *, seconds=60.0):
     until = time.monotonic() + seconds
     while not (found := happened()):
         assert time.monotonic() < until, "it did not happen"

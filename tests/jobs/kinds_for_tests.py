@@ -59,17 +59,22 @@ def stubborn(context):
 
 
 def write(context):
-    """Change the map's name, after having waited."""
-    time.sleep(context.arguments["seconds"])
-    with context.write() as session:
-        session.get_one(MapRecord, context.map_id).name = "Written"
+    """Change the map's name as soon as there is a file `go`; leaves a file `tried`, whatever the outcome."""
+    while not (context.library.inner / "go").exists():
+        time.sleep(0.02)
+    try:
+        with context.write() as session:
+            session.get_one(MapRecord, context.map_id).name = "Written"
+    finally:
+        (context.library.inner / "tried").touch()
 
 
 if __name__ == "__main__":
     logging.basicConfig(level=logging.INFO)
     duties = Duties({name: f"kinds_for_tests:{name}" for name in ("count", "stubborn", "write")})
     folder = Path(sys.argv[1])
-    settings = replace(Settings(), library=folder, jobs=JobSettings(lease_s=2.0, stop_s=0.5, sweep_s=0.2))
+    limits = JobSettings(lease_s=float(sys.argv[2]), stop_s=0.5, sweep_s=0.2)
+    settings = replace(Settings(), library=folder, jobs=limits)
     working = Worker(open_library(folder), settings, duties=duties)
     working.stop_on_signals()
     working.run()

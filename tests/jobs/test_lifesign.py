@@ -11,7 +11,7 @@ from pathlib import Path
 from webapp.jobs.lifesign import LifeSign
 sign = LifeSign(Path(sys.argv[1]))
 print(sign.name, flush=True)
-time.sleep(60)
+time.sleep(600)
 """
 
 

@@ -2,7 +2,6 @@
 
 import logging
 import signal
-import time
 
 import pytest
 
@@ -58,19 +57,19 @@ def test_a_job_that_lost_a_process_goes_on_but_not_for_ever(work, queue, seen, s
 
 
 def test_progress_is_seen_and_cancel_heard(library, start, queue, seen, wait_for):
-    id = queue("count", arguments={"steps": 100, "seconds": 0.05})
+    id = queue("count", arguments={"steps": 400, "seconds": 0.05})
     start()
     wait_for(lambda: seen(id)["done"] >= 3)
     running = seen(id)
-    assert (running["state"], running["total"]) == ("running", 100)
+    assert (running["state"], running["total"]) == ("running", 400)
     assert running["note"].startswith("step-")
-    assert 0 < running["seconds_left"] < 60
+    assert 0 < running["seconds_left"] < 600
     with library.database.write() as session:
         jobs.cancel(session, jobs.find(session, id))
     wait_for(lambda: seen(id)["state"] == "cancelled")
-    assert 3 <= seen(id)["done"] < 100
+    assert 3 <= seen(id)["done"] < 400
     kept = steps(library)
-    assert 3 <= kept < 100
+    assert 3 <= kept < 400
     with library.database.write() as session:
         jobs.retry(session, jobs.find(session, id)).arguments = {"steps": kept + 2, "seconds": 0.0}
     wait_for(lambda: seen(id)["state"] == "done")
@@ -78,16 +77,14 @@ def test_progress_is_seen_and_cancel_heard(library, start, queue, seen, wait_for
 
 
 def test_after_kill_9_another_worker_goes_on_at_once(library, start, queue, seen, wait_for):
-    id = queue("count", arguments={"steps": 12})
-    first, second = start(), start()
+    id = queue("count", arguments={"steps": 12, "seconds": 0.25})
+    first, second = start(lease_s=600.0), start(lease_s=600.0)  # nobody can wait for the lease to run out
     wait_for(lambda: steps(library) >= 2)
     with library.database.read() as session:
         holder = jobs.find(session, id).leased_by
     killed = first if f":{first.pid}:" in holder else second
     killed.kill()
-    died = time.monotonic()
     wait_for(lambda: seen(id)["state"] == "running" and seen(id)["total"] < 12)
-    assert time.monotonic() - died < 1.8, "it waited for the lease to run out"
     wait_for(lambda: seen(id)["state"] == "done")
     assert seen(id)["result"]["steps"] < 12
     assert steps(library) == 12
@@ -102,11 +99,11 @@ def test_two_workers_do_each_step_once(library, start, queue, seen, wait_for):
 
 
 def test_told_to_stop_it_gives_the_job_back(library, start, queue, seen, wait_for):
-    id = queue("count", arguments={"steps": 200, "seconds": 0.02})
+    id = queue("count", arguments={"steps": 2000, "seconds": 0.02})
     worker = start()
     wait_for(lambda: steps(library) >= 2)
     worker.send_signal(signal.SIGTERM)
-    assert worker.wait(5) == 0
+    assert worker.wait(60) == 0
     assert seen(id)["state"] == "queued"
     with library.database.read() as session:
         assert jobs.find(session, id).attempts == 0
@@ -114,32 +111,31 @@ def test_told_to_stop_it_gives_the_job_back(library, start, queue, seen, wait_fo
 
 
 def test_told_to_stop_in_a_long_step_it_ends_all_the_same(library, start, queue, seen, wait_for):
-    id = queue("stubborn", arguments={"seconds": 20})
+    id = queue("stubborn", arguments={"seconds": 600})
     worker = start()
     wait_for((library.inner / "begun").exists)
-    asked = time.monotonic()
     worker.send_signal(signal.SIGINT)
-    assert worker.wait(5) == 0
-    assert time.monotonic() - asked < 3
+    assert worker.wait(60) == 0
     assert seen(id)["state"] == "queued"
 
 
 def test_who_is_stopped_for_long_keeps_nothing_of_what_it_does_then(
     library, start, queue, seen, park, wait_for
 ):
-    id = queue("write", map_id=park, arguments={"seconds": 0.6})
-    worker = start()
+    id = queue("write", map_id=park)
+    worker = start(lease_s=2.0)
     wait_for(lambda: seen(id)["state"] == "running")
     worker.send_signal(signal.SIGSTOP)
-    limits = Limits(seconds=60.0, attempts=5)
+    limits = Limits(seconds=600.0, attempts=5)
 
     def taken():
         with library.database.write() as session:
             return jobs.lease(session, "elsewhere:1:1", limits=limits)
 
     wait_for(taken)
+    (library.inner / "go").touch()
     worker.send_signal(signal.SIGCONT)
-    time.sleep(1.2)
+    wait_for((library.inner / "tried").exists)
     assert seen(id)["state"] == "running"
     with library.database.read() as session:
         assert session.get(MapRecord, park).name == "Park"
@@ -147,14 +143,14 @@ def test_who_is_stopped_for_long_keeps_nothing_of_what_it_does_then(
 
 
 def test_a_deleted_map_ends_its_job(library, start, queue, park, wait_for):
-    queue("count", map_id=park, arguments={"steps": 500, "seconds": 0.02})
+    queue("count", map_id=park, arguments={"steps": 2000, "seconds": 0.02})
     start()
     wait_for(lambda: steps(library) >= 1)
     with library.database.write() as session:
         session.delete(session.get(MapRecord, park))
     next_one = queue("count", key="next", arguments={"steps": 0})
     wait_for(lambda: _state(library, next_one) == "done")
-    assert steps(library) < 500
+    assert steps(library) < 2000
 
 
 def _state(library, id):

@@ -30,10 +30,10 @@ def server() -> Iterator[StandIn]:
 
 @pytest.fixture
 def until() -> Callable[[Callable[[], object]], None]:
-    """Wait until something holds, for ten seconds."""
+    """Wait until something holds, for a minute at most."""
 
     def wait(holds: Callable[[], object]) -> None:
-        end = time.monotonic() + 10
+        end = time.monotonic() + 60
         while not holds():
             assert time.monotonic() < end, "it never came"
             time.sleep(0.005)

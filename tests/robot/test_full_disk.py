@@ -147,11 +147,11 @@ def test_in_any_order_everything_arrives_once(start, server, disk, seed):
             case "wait":
                 client.upload(wait_s=0.1)
     online[0] = True
-    assert client.upload(wait_s=10)
+    assert client.upload(wait_s=60)
     assert times(server) == walk.taken
     disk.free()
     time.sleep(1)
-    assert walk.go(100) == 100 and client.upload(wait_s=10)
+    assert walk.go(100) == 100 and client.upload(wait_s=60)
     assert times(server) == walk.taken
 
 
@@ -206,4 +206,4 @@ def test_a_photo_that_does_not_fit_leaves_nothing(start, server, disk, until):
     disk.free()
     time.sleep(1)
     client.photo(io.BytesIO(photo), name="second.jpg")
-    assert client.upload(wait_s=5)
+    assert client.upload(wait_s=60)

@@ -38,7 +38,7 @@ def test_poses_objects_and_photos_arrive(site, mission, tmp_path, quick, save_ph
         photo = robot.photo(tmp_path / "car.jpg", time_s=2.0, object_id="car 1")
         robot.object("car 1", "car", lat=50, lon=14, time_s=2, photo=photo)
         robot.end()
-        assert robot.upload(wait_s=10)
+        assert robot.upload(wait_s=60)
     poses = site.poses()
     assert poses.times_s.tolist() == [1, 2] and poses.heading_deg[0] == 359.5
     assert poses.covariance_m2[0].tolist() == [1, 2, 0.5]
@@ -59,7 +59,7 @@ def test_what_no_robot_can_mean_is_set_aside_by_the_server(site, mission, tmp_pa
             robot.pose(50, 14, time_s=number)
             if number == 7:
                 robot.object("", "", lat=1, lon=2, time_s=3)
-        assert robot.upload(wait_s=10)
+        assert robot.upload(wait_s=60)
     assert site.poses().times_s.tolist() == list(range(20))
     (told,) = look(tmp_path / "s").aside
     assert told["first"] == 8 and told["reason"].startswith("records.0.type ")
@@ -79,7 +79,7 @@ def test_damage_that_the_server_has_already_is_found_out_by_asking(site, mission
     damage_record(tmp_path / "s", 2)
     with start() as robot:
         robot.pose(50, 14, time_s=5)
-        assert robot.upload(wait_s=10)
+        assert robot.upload(wait_s=60)
     assert site.poses().times_s.tolist() == list(range(6))
     assert look(tmp_path / "s").aside == []
 

@@ -24,7 +24,7 @@ def test_the_example_in_python_sends_what_it_says(site, mission, tmp_path, save_
     save_photo(tmp_path / "door.jpg", 3)
     words = [sys.executable, "example.py", site.url, site.token, str(mission), "spool"]
     environ = {"PYTHONPATH": str(ROOT), "PATH": ""}
-    done = subprocess.run(words, cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(words, cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, "")
     assert site.told(mission) == {"tracks": [("gps", 1), ("odometry", 1)], "objects": ["door 1"], "photos": 1}
 

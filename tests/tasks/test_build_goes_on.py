@@ -281,6 +281,6 @@ print(report.index.extracted, len(report.index.failed))
 def test_few_files_are_open_at_a_time(tmp_path, make_map):
     cfg = make_map(tmp_path, 60)
     done = subprocess.run(
-        [sys.executable, "-c", FEW_FILES, str(cfg)], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", FEW_FILES, str(cfg)], capture_output=True, text=True, timeout=300
     )
     assert done.stdout == "60 0\n", done.stderr

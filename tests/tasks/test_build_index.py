@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import time
 from pathlib import Path
 
 import cv2
@@ -28,9 +27,8 @@ def test_first_everything_then_nothing(tmp_path, make_map, build, described):
     assert first.folder == tmp_path / "derived" / "map" / first.folder.name
     assert first.bytes == sum(p.stat().st_size for p in first.folder.rglob("*") if p.is_file())
     assert not list((first.folder / "spool").iterdir())
-    before, started = stamps(first.folder), time.perf_counter()
+    before = stamps(first.folder)
     again = build(cfg)
-    assert time.perf_counter() - started < 2.0
     assert (again.photos, again.extracted, again.reused, again.removed) == (6, 0, 6, 0)
     assert again.descriptors == first.descriptors
     assert stamps(first.folder) == before

@@ -206,7 +206,6 @@ def each(strategy, *, examples, call):
 
     @hypothesis.settings(
         max_examples=examples,
-        derandomize=True,
         deadline=None,
         database=None,
         phases=[Phase.generate],

@@ -112,7 +112,7 @@ def test_the_example_of_the_guide(url, token, new_mission, tmp_path, queries):
 
     def run(photo):
         words = [sys.executable, "example.py", url, token, str(mission), "spool", photo]
-        done = subprocess.run(words, cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(words, cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=300)
         assert (done.returncode, done.stderr) == (0, "")
         return done.stdout
 

@@ -14,8 +14,14 @@ CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0
 
 
 @pytest.fixture
-def settings(tmp_path):
-    limits = MissionSettings(stream_s=0.6, look_s=0.05)
+def stream_s():
+    """How long a stream stays open, in seconds."""
+    return 0.6
+
+
+@pytest.fixture
+def settings(tmp_path, stream_s):
+    limits = MissionSettings(stream_s=stream_s, look_s=0.05)
     return dataclasses.replace(Settings(library=tmp_path / "library"), missions=limits)
 
 
@@ -70,6 +76,7 @@ def test_then_what_is_new(send, walk, follow, state):
     assert (data["tracks"], len(data["objects"])) == ([], 1)
 
 
+@pytest.mark.parametrize("stream_s", [120.0])
 def test_what_comes_while_one_listens(client, mission, send, walk, state):
     send(walk(3))
     known = state()["cursor"]
@@ -79,7 +86,7 @@ def test_what_comes_while_one_listens(client, mission, send, walk, state):
     send([*walk(2, begin=3), {"type": "end"}], first=3)
     begun = time.monotonic()
     ((data, _),) = parsed(next(stream).decode())
-    assert time.monotonic() - begun < 0.5
+    assert time.monotonic() - begun < 60.0, "it came only when the stream ended"
     assert numbers(data) == [3, 4]
     assert data["ended_at"] is not None
     answer.close()
@@ -95,6 +102,7 @@ def test_of_very_many_poses_some_are_told(send, walk, follow, state):
     assert (told[0], told[-1]) == (1, 4999)
 
 
+@pytest.mark.parametrize("stream_s", [120.0])
 def test_only_so_many_streams_stay_open(app, client, mission, follow, send, walk):
     turns = app.extensions["expmap_turns"]["events"]
     answers = [client.get(f"/api/v1/missions/{mission}/events", buffered=False) for _ in range(2)]
@@ -102,7 +110,7 @@ def test_only_so_many_streams_stay_open(app, client, mission, follow, send, walk
     send(walk(1))
     begun = time.monotonic()
     assert len(follow()) == 1
-    assert time.monotonic() - begun < 0.6
+    assert time.monotonic() - begun < 60.0, "it stayed open"
     for answer in answers:
         answer.close()
         answer.close()

@@ -5,6 +5,7 @@ distance and azimuth from the origin are those of the geodesic, exactly, at any 
 no part. A topocentric frame would be a tangent plane in space: it shortens distances over ground (by 1 mm
 in 6 km) and asks for heights that photos do not know well. Between two points away from the origin the
 plane is true to about r^2 / (6 R^2) of their distance: 4 mm in 10 km, far below a micrometre on a yard.
+PROJ takes points within 1e-10 rad (0.6 mm) of the origin in latitude and longitude to be the origin.
 
 Charles F. F. Karney, "Algorithms for geodesics", Journal of Geodesy 87 (2013), is what PROJ computes it with.
 """
