@@ -1,16 +1,14 @@
-"""The records that the server takes, made from what a robot's code says."""
+"""Makes the records that the server takes from what a robot's code says."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, SupportsFloat, TypedDict, Unpack
 
 from webapp.errors import InputError
 
-SOURCES = ("gps", "odometry", "visual", "fused", "manual")
-_MAX_TEXT = 200
+from .fields import RECORDS, Covariance, FieldError, Number, check_record
 
 
 class PoseFields(TypedDict, total=False):
@@ -24,7 +22,7 @@ class PoseFields(TypedDict, total=False):
     covariance : sequence of 3 floats
         Square metres: variance east, variance north, covariance of the two.
     source : str
-        One of `SOURCES`; `gps` where nothing is said.
+        One of `fields.SOURCES`; `gps` where nothing is said.
     track : str
         Name of the track, where there are several of one source.
     travelled_m : float
@@ -75,26 +73,17 @@ def pose_record(
     Raises
     ------
     InputError
-        A field is no such thing, or unknown.
+        A field has the wrong type, is out of range, or unknown.
     """
-    given: dict[str, Any] = dict(more)
-    record: dict[str, Any] = {"type": "pose", **_where_and_when(lat, lon, time=time)}
-    for name in ("height_m", "travelled_m"):
-        if (value := given.pop(name, None)) is not None:
-            record[name] = _number(name, value)
-    if (heading := given.pop("heading_deg", None)) is not None:
-        record["heading_deg"] = _number("heading_deg", heading) % 360.0 % 360.0
-    if (covariance := given.pop("covariance", None)) is not None:
-        record["covariance"] = _covariance(covariance)
-    if (source := given.pop("source", None)) is not None:
-        if source not in SOURCES:
-            raise InputError(f"{source!r} is no source", where="source", hint=f"one of {', '.join(SOURCES)}")
-        record["source"] = source
-    if (track := given.pop("track", "")) != "":
-        record["track"] = _text("track", track)
-    if skipped := given.pop("skipped", 0):
-        record["skipped"] = int(_number("skipped", skipped, least=0))
-    return _nothing_left(record, given)
+    given = {"time": time, "lat": lat, "lon": lon, **more}
+    if given.get("track") == "":
+        del given["track"]
+    if given.get("skipped") == 0:
+        del given["skipped"]
+    record = _record("pose", given)
+    if "heading_deg" in record:
+        record["heading_deg"] = record["heading_deg"] % 360.0 % 360.0
+    return record
 
 
 def object_record(
@@ -123,30 +112,20 @@ def object_record(
     Raises
     ------
     InputError
-        A field is no such thing, or unknown.
+        A field has the wrong type, is out of range, or unknown.
     """
-    given: dict[str, Any] = dict(more)
-    record: dict[str, Any] = {"type": "object", "id": _text("id", id), "class": _text("class", kind)}
-    record |= _where_and_when(lat, lon, time=time)
-    if (height := given.pop("height_m", None)) is not None:
-        record["height_m"] = _number("height_m", height)
-    if (confidence := given.pop("confidence", None)) is not None:
-        record["confidence"] = _number("confidence", confidence, least=0.0, most=1.0)
-    if (photo := given.pop("photo", None)) is not None:
-        record["photo"] = _text("photo", photo)
-    return _nothing_left(record, given)
+    return _record("object", {"id": id, "class": kind, "time": time, "lat": lat, "lon": lon, **more})
 
 
 def end_record(left_out: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
-    """Make the record that says that the mission is over.
+    """Make the record of the end of the mission.
 
     Parameters
     ----------
     left_out : sequence of mapping
         Of tracks whose last poses were left out: `source`, `track`, `skipped`, and `travelled_m` with them.
     """
-    record: dict[str, Any] = {"type": "end"}
-    return record | {"left_out": list(left_out)} if left_out else record
+    return _record("end", {"left_out": list(left_out)} if left_out else {})
 
 
 def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
@@ -161,21 +140,16 @@ def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
     Raises
     ------
     InputError
-        It is no record.
     """
     fields = dict(given)
-    type_ = fields.pop("type", None)
-    try:
-        match type_:
-            case "pose":
-                return pose_record(**({"time": now_s} | fields))
-            case "object":
-                return object_record(**({"time": now_s, "kind": fields.pop("class", "")} | fields))
-            case "end":
-                return _nothing_left(end_record(), fields)
-    except TypeError as error:
-        raise InputError(f"a field of the {type_} is missing", hint=str(error).rpartition(") ")[2]) from error
-    raise InputError(f"{type_!r} is no type of a record", where="type", hint="one of pose, object, end")
+    match fields.pop("type", None):
+        case "pose":
+            return pose_record(**_with_place(fields, now_s=now_s))
+        case "object":
+            more = {"id": None, "kind": fields.pop("class", None)}
+            return object_record(**more | _with_place(fields, now_s=now_s))
+        case type_:
+            return _record(type_, fields)
 
 
 def to_json(record: Mapping[str, Any]) -> bytes:
@@ -189,51 +163,30 @@ def to_json(record: Mapping[str, Any]) -> bytes:
     return json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode("utf-8")
 
 
-def _where_and_when(lat: SupportsFloat, lon: SupportsFloat, *, time: SupportsFloat) -> dict[str, Any]:
-    return {
-        "time": _number("time", time),
-        "lat": _number("lat", lat, least=-90.0, most=90.0),
-        "lon": _number("lon", lon, least=-180.0, most=180.0),
-    }
+def _with_place(fields: dict[str, Any], *, now_s: float) -> dict[str, Any]:
+    return {"time": now_s, "lat": None, "lon": None} | fields
 
 
-def _number(name: str, value: SupportsFloat, *, least: float = -math.inf, most: float = math.inf) -> float:
+def _record(type_: object, given: Mapping[str, Any]) -> dict[str, Any]:
+    table = RECORDS.get(type_, {}) if isinstance(type_, str) else {}
+    plain = {name: _plain(value, table.get(name)) for name, value in given.items() if value is not None}
     try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{value!r} is no number", where=name) from error
-    if not math.isfinite(number) or not least <= number <= most:
-        between = f"{least:g} to {most:g}" if math.isfinite(most) else "a finite number"
-        raise InputError(f"{number} is out of range", where=name, hint=f"give {between}, or leave it out")
-    return number
-
-
-def _covariance(values: Sequence[SupportsFloat]) -> list[float]:
-    numbers = [_number("covariance", value) for value in values]
-    if (
-        len(numbers) != 3
-        or min(numbers[:2]) < 0
-        or numbers[2] ** 2 > numbers[0] * numbers[1] * (1 + 1e-6) + 1e-9
-    ):
+        checked_type, checked = check_record({"type": type_, **plain})
+    except FieldError as error:
+        value = f"{plain[error.name]!r}: "[:60] if error.name in plain else ""
         raise InputError(
-            "these are not the three numbers of a covariance",
-            where="covariance",
-            hint="give variance east, variance north, covariance of the two, in square metres",
-        )
-    return numbers
+            value + error.message, where=error.name, hint="docs/robots.md lists the fields"
+        ) from error
+    return {"type": checked_type, **checked}
 
 
-def _text(name: str, value: object) -> str:
-    if not isinstance(value, str) or not 1 <= len(value) <= _MAX_TEXT or not value.isprintable():
-        raise InputError(
-            f"{str(value)[:40]!r} cannot be used",
-            where=name,
-            hint=f"give 1 to {_MAX_TEXT} printable characters",
-        )
+def _plain(value: Any, field: object) -> Any:
+    """Convert what is like a number, such as NumPy's; what is not stays as it is, and is refused."""
+    try:
+        if isinstance(field, Number) and not isinstance(value, (bool, int)):
+            return int(value) if field.whole and float(value).is_integer() else float(value)
+        if isinstance(field, Covariance):
+            return [float(part) for part in value]
+    except (TypeError, ValueError, OverflowError):
+        return value
     return value
-
-
-def _nothing_left(record: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    if given:
-        raise InputError("there is no such field", where=next(iter(given)), hint="look at its spelling")
-    return record

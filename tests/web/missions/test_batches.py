@@ -97,7 +97,7 @@ def test_a_batch_says_how_to_know_it_again(client, mission, given):
         ({"covariance": [1, 1]}, "covariance"),
         ({"covariance": [1, 1, 2]}, "covariance"),
         ({"covariance": [-1, 1, 0]}, "covariance"),
-        ({"covariance": [1, "1", 0]}, "2"),
+        ({"covariance": [1, "1", 0]}, "covariance"),
         ({"skipped": -1}, "skipped"),
         ({"travelled_m": -1}, "travelled_m"),
         ({"speed": 1}, "speed"),
@@ -113,8 +113,6 @@ def test_a_batch_says_how_to_know_it_again(client, mission, given):
 def test_one_wrong_record_stores_none(send, walk, state, change, field):
     records = walk(3)
     records[1] = {**records[1], **change}
-    if field == "2":
-        field = "1"
     answer = send(records)
     assert answer.status_code == 422
     assert answer.json["error"]["where"].split(".")[:2] == ["records", "1"]
@@ -226,7 +224,7 @@ def test_the_end_tells_what_was_left_out_after_the_last_pose(send, walk, state):
     ("told", "where"),
     [
         ("x", "left_out"),
-        ([{"gap": 1}], "left_out"),
+        ([{"gap": 1}], "gap"),
         ([{"skipped": -1}], "skipped"),
         ([{"source": 1}], "source"),
     ],

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from webapp.core.geo.types import LatLon
+from webapp.robot.fields import SOURCES, Source
 
-Source = Literal["gps", "odometry", "visual", "fused", "manual"]
-"""Where poses come from: a receiver, dead reckoning, photos localized on the map, a filter, or a person."""
-
-SOURCES: tuple[Source, ...] = get_args(Source)
+__all__ = ["SOURCES", "Poses", "Sighting", "Source", "join", "make_poses"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

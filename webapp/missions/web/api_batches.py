@@ -10,12 +10,12 @@ from apiflask.fields import Integer, List, Raw, String
 from apiflask.validators import Length, Predicate, Range, Regexp
 from flask import Response, jsonify, request
 
-from webapp.core.trajectory.records import SOURCES
 from webapp.errors import UsageError
 from webapp.missions.store.batches import FILE, OutOfOrder
 from webapp.missions.tasks import store_batch
 from webapp.missions.tasks.store_batch import Numbered
 from webapp.missions.web.context import open_mission
+from webapp.robot.fields import record_schema
 from webapp.web.context import library, settings
 from webapp.web.errors import as_json
 from webapp.web.turns import Turns
@@ -34,70 +34,6 @@ _SHARE = 0.75
 _turns = Turns("batches", share=_SHARE)
 blueprint.record(_turns.set_up)
 
-_NUMBER = {"type": "number"}
-_LATLON = {
-    "time": {"type": "number", "description": "Unix seconds."},
-    "lat": {"type": "number", "minimum": -90, "maximum": 90},
-    "lon": {"type": "number", "minimum": -180, "maximum": 180},
-    "height_m": _NUMBER,
-}
-_RECORD: dict[str, Any] = {
-    "oneOf": [
-        {
-            "type": "object",
-            "required": ["type", "time", "lat", "lon"],
-            "properties": {
-                "type": {"const": "pose"},
-                **_LATLON,
-                "heading_deg": {"type": "number", "description": "Clockwise from north."},
-                "covariance": {
-                    "type": "array",
-                    "items": _NUMBER,
-                    "minItems": 3,
-                    "maxItems": 3,
-                    "description": "Variance east, variance north, covariance; square metres.",
-                },
-                "source": {"enum": list(SOURCES), "default": "gps"},
-                "track": {"type": "string", "description": "Tells tracks of one source apart."},
-                "travelled_m": {"type": "number", "minimum": 0, "description": "Measured if not told."},
-                "skipped": {"type": "integer", "minimum": 0, "description": "Poses left out before it."},
-            },
-        },
-        {
-            "type": "object",
-            "required": ["type", "id", "class", "time", "lat", "lon"],
-            "properties": {
-                "type": {"const": "object"},
-                "id": {"type": "string"},
-                "class": {"type": "string"},
-                **_LATLON,
-                "confidence": {"type": "number", "minimum": 0, "maximum": 1},
-                "photo": {"type": "string", "description": "SHA-256 of a photo of the mission."},
-            },
-        },
-        {
-            "type": "object",
-            "required": ["type"],
-            "properties": {
-                "type": {"const": "end"},
-                "left_out": {
-                    "type": "array",
-                    "description": "Of tracks whose last poses were left out.",
-                    "items": {
-                        "type": "object",
-                        "properties": {
-                            "source": {"enum": list(SOURCES), "default": "gps"},
-                            "track": {"type": "string"},
-                            "skipped": {"type": "integer", "minimum": 0},
-                            "travelled_m": {"type": "number", "minimum": 0},
-                        },
-                    },
-                },
-            },
-        },
-    ]
-}
-
 
 class BatchIn(Schema):
     """Records; with `sender` and `first`, or else with the header `Idempotency-Key`."""
@@ -111,7 +47,7 @@ class BatchIn(Schema):
         validate=Range(min=0),
         metadata={"description": "Number of the first record, counted from 0 by the sender."},
     )
-    records = List(Raw(metadata=_RECORD), required=True)
+    records = List(Raw(metadata=record_schema()), required=True)
 
 
 class KeyIn(Schema):
