@@ -41,6 +41,7 @@ lint: $(VENV)/.tested ## check style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python tests/js/check.py
 
 test: lint       ## run everything that must pass; installs chromium through apt where there is no browser
 	$(BIN)/python tests/browser/ensure_browser.py

@@ -1,6 +1,6 @@
 /** The grid of a plain ground: lines every round number of metres. */
 
-import { roundLength } from "../shared/map/map-view.js";
+import { roundLength } from "../shared/map/coords.js";
 
 const APART_PX = 70;
 const STRONG_EVERY = 5;

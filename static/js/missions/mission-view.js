@@ -2,8 +2,7 @@
 
 import { h, icon } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
-import { latLonText } from "../shared/map/coords.js";
-import { roundLength } from "../shared/map/map-view.js";
+import { latLonText, roundLength } from "../shared/map/coords.js";
 import { lengthText } from "./format.js";
 
 const calm = matchMedia("(prefers-reduced-motion: reduce)");

@@ -107,3 +107,9 @@ export function parseLatLon(text) {
   const [lat, lon] = numbers;
   return numbers.length === 2 && Math.abs(lat) <= 85 && Math.abs(lon) <= 180 ? [lat, lon] : null;
 }
+
+/** The longest 1, 2 or 5 times a power of ten that is not above. */
+export function roundLength(length) {
+  const power = 10 ** Math.floor(Math.log10(length));
+  return [5, 2, 1].find((n) => n * power <= length) * power;
+}

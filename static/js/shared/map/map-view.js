@@ -2,7 +2,7 @@
 
 import { h } from "../dom.js";
 import { t } from "../i18n.js";
-import { imageBounds, isInside, latLngOf, latLonText, pixelOf } from "./coords.js";
+import { imageBounds, isInside, latLngOf, latLonText, pixelOf, roundLength } from "./coords.js";
 
 const TILE = 256;
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -167,10 +167,4 @@ export function tileLayer(satellite, bounds) {
     noWrap: true,
     keepBuffer: 3,
   });
-}
-
-/** The longest 1, 2 or 5 times a power of ten that is not above. */
-export function roundLength(length) {
-  const power = 10 ** Math.floor(Math.log10(length));
-  return [5, 2, 1].find((n) => n * power <= length) * power;
 }

@@ -1,0 +1,43 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { placesOf } from "../../static/js/shared/answer/answer-places.js";
+import { isOffMap, QuerySession } from "../../static/js/shared/answer/query-session.js";
+
+const hypothesis = (rank, probability, fields = {}) => ({ rank, probability, x_px: rank, y_px: rank, radius_px: 5, heading_deg: null, experiences: [rank], ...fields });
+const exact = { placement: null, position: () => null };
+const rooms = { placement: "rooms", position: (id) => ({ 1: [10, 10], 2: [10, 10], 3: [90, 90] })[id] ?? null };
+
+test("in the exact placement each hypothesis has its own position, the most probable last", () => {
+  const places = placesOf({ hypotheses: [hypothesis(1, 0.6), hypothesis(2, 0.3)] }, exact);
+  assert.deepEqual(places.map(({ ranks, position }) => [ranks, position]), [[[2], [2, 2]], [[1], [1, 1]]]);
+  assert.equal(places[0].radius, 5);
+});
+
+test("in another placement, hypotheses of one position are one, and their probabilities add up", () => {
+  const places = placesOf({ hypotheses: [hypothesis(1, 0.3), hypothesis(2, 0.25), hypothesis(3, 0.4)] }, rooms);
+  assert.deepEqual(places.map(({ ranks }) => ranks), [[3], [1, 2]]);
+  assert.ok(Math.abs(places[1].probability - 0.55) < 1e-12);
+  assert.equal(places[1].radius, null);
+});
+
+test("hypotheses whose photos are in no position of the placement are left out", () => {
+  assert.deepEqual(placesOf({ hypotheses: [hypothesis(7, 0.9)] }, rooms), []);
+  assert.deepEqual(placesOf(null, exact), []);
+});
+
+test("not on this map: no hypothesis, or a higher probability than the first", () => {
+  assert.ok(isOffMap({ hypotheses: [], off_map_probability: null }));
+  assert.ok(isOffMap({ hypotheses: [hypothesis(1, 0.3)], off_map_probability: 0.5 }));
+  assert.ok(!isOffMap({ hypotheses: [hypothesis(1, 0.3)], off_map_probability: null }));
+});
+
+test("a position that is given by hand comes before the hypothesis until another one is chosen", () => {
+  const session = new QuerySession();
+  session.setAnswer({ hypotheses: [hypothesis(1, 0.6), hypothesis(2, 0.3)], off_map_probability: 0 });
+  assert.deepEqual(session.position, [1, 1]);
+  session.setSpot([40, 50]);
+  assert.deepEqual(session.position, [40, 50]);
+  session.choose(2);
+  assert.deepEqual(session.position, [2, 2]);
+});

@@ -1,0 +1,14 @@
+/** The little of a page that modules read when they are loaded: words, colours, events, and Leaflet's positions. */
+
+const scale = Array.from({ length: 101 }, (_, percent) => `fill ${percent}`);
+const data = {
+  i18n: { language: "en", plurals: ["one", "other"], messages: { Hello: "Ahoj", "{n} photo": ["{n} fotka", "{n} fotek"] } },
+  colours: { scale, text: scale.map((name) => name.replace("fill", "text")) },
+};
+
+globalThis.document = {
+  getElementById: (id) => (id in data ? { textContent: JSON.stringify(data[id]) } : null),
+  querySelector: () => null,
+};
+globalThis.addEventListener = () => {};
+globalThis.L = { latLng: (lat, lng) => ({ lat, lng }) };
