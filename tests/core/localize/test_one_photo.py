@@ -1,16 +1,12 @@
 """One oriented photo: a position where the depths of what it shows are known, else its own place."""
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "reconstruction"))
-from photos_in_a_room import RADIUS, Scene, tilted
-
+from tests.core.photos_in_a_room import RADIUS, Scene, tilted
 from webapp.core.geometry.orientations import Orientations, no_depths
 from webapp.core.localize.places import Verified, join
 from webapp.core.retrieval.indexed import IndexedMap

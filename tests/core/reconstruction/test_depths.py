@@ -1,15 +1,11 @@
 """Depths of what oriented photos see in common."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from photos_in_a_room import RADIUS, Scene, cameras, tilted
-
+from tests.core.photos_in_a_room import RADIUS, Scene, cameras, tilted
 from webapp.core.geometry.orientations import Depths, Orientations, no_depths
 from webapp.core.reconstruction.depths import DepthsWithout, sightings_of
 

@@ -1,12 +1,8 @@
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-from photos_in_a_room import RADIUS, Scene, cameras
-
+from tests.core.photos_in_a_room import RADIUS, Scene, cameras
 from webapp.core.geometry import so3
 from webapp.core.geometry.orientations import USABLE_TRUST
 from webapp.core.reconstruction.orientation import orient

@@ -1,6 +1,6 @@
 """Takes a `.cfg` apart line by line and keeps every fault.
 
-The strict reader (`cfg`) refuses the file at the first fault, the linter (`webapp.tasks.maps.check_map`) lists
+The strict reader (`cfg`) rejects the file at the first fault, the linter (`tasks.maps.check_map`) lists
 them all: one grammar for both.
 """
 

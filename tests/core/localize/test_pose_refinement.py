@@ -1,13 +1,9 @@
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from photos_in_a_room import RADIUS, Scene, cameras, tilted
-
+from tests.core.photos_in_a_room import RADIUS, Scene, cameras, tilted
 from webapp.core.geometry import so3
 from webapp.core.geometry.orientations import Orientations, no_depths
 from webapp.core.localize.pose_refinement import locate

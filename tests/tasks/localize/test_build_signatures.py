@@ -146,7 +146,7 @@ def test_a_build_that_was_killed_among_its_signatures_goes_on(
     cfg = make_map(tmp_path, 9)
     undisturbed = opening(cfg, matcher="vlad", index=tmp_path / "undisturbed").folder.folder
     assert len(list(undisturbed.glob("*.vlad"))) == 3
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     for seen in ("*.codebook", "*.vlad"):  # before the first signatures, and among them
         with subprocess.Popen([sys.executable, "-c", SLOWLY, str(cfg)], cwd=root) as building:
             until = time.monotonic() + 120.0
