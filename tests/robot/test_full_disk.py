@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.ports import reserved_port
 from tests.robot.stand_in import refused
-from tests.robot.test_kills import free_port, run, stored
+from tests.robot.test_kills import run, stored
 from webapp.errors import DiskFull
 from webapp.robot import RobotClient
 from webapp.robot.database import RESERVE_BYTES
@@ -155,8 +156,14 @@ def test_in_any_order_everything_arrives_once(start, server, disk, seed):
     assert times(server) == walk.taken
 
 
-def test_a_client_killed_on_a_full_disk_goes_on_there(disk, tmp_path):
-    port, file = free_port(), tmp_path / "stored"
+@pytest.fixture
+def port():
+    with reserved_port() as port:
+        yield port
+
+
+def test_a_client_killed_on_a_full_disk_goes_on_there(disk, port, tmp_path):
+    file = tmp_path / "stored"
     words = ("walker", f"http://127.0.0.1:{port}", disk.folder / "spool", 600)
     walker = run(*words)
     time.sleep(1.5)
