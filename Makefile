@@ -12,7 +12,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 
-.PHONY: help install run lint test translations clean
+.PHONY: help install run lint test translations robot clean
 
 help:            ## say what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -49,6 +49,9 @@ test: lint       ## run everything that must pass; installs chromium through apt
 
 translations: $(VENV)/.tested ## collect the texts of pages and scripts for translators, and compile what they wrote
 	$(BIN)/python docs/make_translations.py
+
+robot: $(VENV)/.tested ## build the client of robots as a wheel of its own, dist/experience_map_robot-*.whl
+	$(BIN)/python -m build --wheel --no-isolation --outdir dist webapp/robot
 
 clean:           ## remove what was made here, but no map
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

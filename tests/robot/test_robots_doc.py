@@ -56,18 +56,3 @@ def test_every_option_is_explained_with_its_default():
 def test_every_call_is_explained():
     told = set(re.findall(r"^\| `([a-z_]+)\(", PAGE, re.M))
     assert told == {name for name in vars(RobotClient) if not name.startswith("_")}
-
-
-def test_the_folder_and_one_module_are_enough(tmp_path, server):
-    package = tmp_path / "webapp"
-    (package / "robot").mkdir(parents=True)
-    parts = ["__init__.py", "errors.py", *(f"robot/{p.name}" for p in (ROOT / "webapp/robot").glob("*.py"))]
-    for part in parts:
-        (package / part).write_bytes((ROOT / "webapp" / part).read_bytes())
-    program = (
-        "from webapp.robot import RobotClient\n"
-        f"with RobotClient({server.url!r}, 'token', mission=1, spool='spool') as robot: robot.pose(1, 2)\n"
-    )
-    words = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.insert(0, '.')\n{program}"]
-    subprocess.run(words, cwd=tmp_path, check=True)
-    assert server.stored()[0]["lat"] == 1

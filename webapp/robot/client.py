@@ -11,9 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
 
-from webapp.errors import ExpMapError
-
 from .backoff import Backoff
+from .errors import ExpMapError
 from .fixes import Fix, FixFields, ask_where
 from .motionfilter import MotionFilter
 from .options import RobotOptions

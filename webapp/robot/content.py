@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from webapp.errors import UsageError
-
 from .database import FILE, DatabaseDamaged, open_for_reading, read
+from .errors import UsageError
 from .schema import IDENTITY, Identity, check_version
 
 

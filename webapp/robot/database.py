@@ -24,7 +24,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from webapp.errors import Conflict, DiskFull, StorageError
+from .errors import Conflict, DiskFull, StorageError
 
 FILE = "spool.sqlite3"
 DAMAGED = "damaged"

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypedDict, Unpack
 
-from webapp.errors import NotReady
-
+from .errors import NotReady
 from .uplink import NoAnswer, Uplink
 
 _PATIENCE_S = 60.0

@@ -10,7 +10,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from webapp.errors import UsageError
+from .errors import UsageError
 
 _WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(m|deg|)\s*", re.IGNORECASE)
 _A_M = 6_378_137.0

@@ -6,8 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, SupportsFloat, TypedDict, Unpack
 
-from webapp.errors import InputError
-
+from .errors import InputError
 from .fields import RECORDS, Covariance, FieldError, Number, check_record
 
 

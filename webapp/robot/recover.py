@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from webapp.errors import NotReady
-
 from .backoff import Backoff
+from .errors import NotReady
 from .options import RobotOptions
 from .spool import Spool
 from .uplink import Uplink

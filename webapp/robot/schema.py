@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.errors import UsageError
-
 from .database import Database
+from .errors import UsageError
 
 _FORMAT = 2
 

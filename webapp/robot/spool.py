@@ -29,9 +29,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from webapp.errors import DiskFull, InputError, UsageError
-
 from .database import DAMAGED, Database, DatabaseDamaged, FolderLock, Statement, disk_errors
+from .errors import DiskFull, InputError, UsageError
 from .options import RobotOptions
 from .photos import PhotoQueue, WaitingPhoto
 from .salvage import put_aside, salvage

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from webapp.errors import ExpMapError
+from .errors import ExpMapError
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from webapp.errors import (
+from .errors import (
     Conflict,
     ExpMapError,
     InputError,

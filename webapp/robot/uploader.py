@@ -12,9 +12,8 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from webapp.errors import Conflict, ExpMapError, UsageError
-
 from .database import disk_errors
+from .errors import Conflict, ExpMapError, UsageError
 from .options import RobotOptions
 from .spool import Gap, Run, Spool
 from .uplink import Answer, NoAnswer, Uplink
