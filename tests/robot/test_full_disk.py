@@ -117,11 +117,12 @@ def test_a_disk_filled_to_the_last_byte_and_freed(start, server, disk, until):
         until(lambda: client.status().waiting == 0)
     assert disk.free_bytes() == 0 and times(server) == walk.taken
     disk.free()
-    until(lambda: walk.go(1))
+    reserve = disk.folder / "spool" / "reserve"
+    until(lambda: walk.go(1) and reserve.exists())
     assert walk.go(3000) == 3000
     until(lambda: client.status().waiting == 0)
     assert times(server) == walk.taken
-    assert (disk.folder / "spool" / "reserve").stat().st_size == RESERVE_BYTES
+    assert reserve.stat().st_size == RESERVE_BYTES
 
 
 @pytest.mark.parametrize("seed", range(2))
