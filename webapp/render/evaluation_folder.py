@@ -11,7 +11,7 @@ from PIL import Image
 from webapp.core.evaluation.rows import Row
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
-from webapp.files.localize import tum
+from webapp.files.exchange import tum
 from webapp.files.photos.photo import read_upright
 from webapp.render.map_picture import draw_map
 from webapp.render.match_picture import draw_matches

@@ -1,56 +1,84 @@
-"""Writes a map as GeoJSON (RFC 7946): a point a photo, longitude before latitude."""
+"""GeoJSON (RFC 7946), written piece by piece: longitude before latitude."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable, Iterator, Mapping
 
 from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Experience, Map
 
 _DIGITS = 9
 """Of degrees: a tenth of a millimetre."""
 
 
-def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> bytes:
+def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iterator[bytes]:
     """Write the photos of a map as points.
 
-    Parameters
-    ----------
-    map_ : Map
-    georeference : Georeference
-    title : str
-        Name of the map.
-
-    Returns
-    -------
+    Yields
+    ------
     bytes
         UTF-8. A photo whose place has no position on the Earth has no geometry. What is unknown is null.
     """
-    content = {
-        "type": "FeatureCollection",
-        "name": title,
-        "features": [_feature(e, georeference) for e in map_.experiences],
-    }
-    text = json.dumps(content, ensure_ascii=False, indent=1, allow_nan=False)
-    return f"{text}\n".encode("utf-8", "replace")
+    return write_collection(title, ([_photo(e, georeference)] for e in map_.experiences))
 
 
-def _feature(e: Experience, georeference: Georeference) -> dict[str, object]:
-    lat, lon = georeference.latlon_of(e.position)
-    known = math.isfinite(lat) and math.isfinite(lon)
-    point = {"type": "Point", "coordinates": [round(lon, _DIGITS), round(lat, _DIGITS)]}
+def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[bytes]:
+    """Write a collection.
+
+    Parameters
+    ----------
+    name : str
+    features : iterable of iterable of str
+        The text of each feature, in parts.
+
+    Yields
+    ------
+    bytes
+        UTF-8.
+    """
+    yield f'{{"type":"FeatureCollection","name":{to_json(name)},"features":['.encode("utf-8", "replace")
+    for number, feature in enumerate(features):
+        yield b",\n" if number else b"\n"
+        for part in feature:
+            yield part.encode("utf-8", "replace")
+    yield b"\n]}\n"
+
+
+def point_feature(
+    id_: int | str, latlon: LatLon | None, *, properties: Mapping[str, object], height_m: float | None = None
+) -> str:
+    """Write a point; without a position it has no geometry."""
+    geometry = None
+    if latlon is not None:
+        position = [round(latlon.lon, _DIGITS), round(latlon.lat, _DIGITS)]
+        if height_m is not None:
+            position.append(height_m)
+        geometry = {"type": "Point", "coordinates": position}
+    return to_json({"type": "Feature", "id": id_, "geometry": geometry, "properties": properties})
+
+
+def to_json(value: object) -> str:
+    """Write a value without blanks; infinite numbers are an error."""
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
+def photo_properties(e: Experience) -> dict[str, object]:
+    """List what a map knows of a photo, None where it does not; KML has the same names."""
     return {
-        "type": "Feature",
-        "id": e.id,
-        "geometry": point if known else None,
-        "properties": {
-            "photo": e.photo,
-            "x_px": e.position.x,
-            "y_px": e.position.y,
-            "heading_deg": e.heading_deg,
-            "fov_deg": e.fov_deg,
-            "gps_accuracy_m": e.gps_accuracy_m,
-            "taken_at": e.taken_at,
-        },
+        "photo": e.photo,
+        "x_px": e.position.x,
+        "y_px": e.position.y,
+        "heading_deg": e.heading_deg,
+        "fov_deg": e.fov_deg,
+        "gps_accuracy_m": e.gps_accuracy_m,
+        "taken_at": e.taken_at,
     }
+
+
+def _photo(e: Experience, georeference: Georeference) -> str:
+    latlon = georeference.latlon_of(e.position)
+    known = math.isfinite(latlon.lat) and math.isfinite(latlon.lon)
+    return point_feature(e.id, latlon if known else None, properties=photo_properties(e))

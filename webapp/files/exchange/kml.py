@@ -1,23 +1,23 @@
-"""Writes a map as KML 2.3: a placemark a photo, with its direction, time and picture.
+"""KML 2.3, written piece by piece: the elements that maps and missions share, and a map's photos.
 
-The standard library's XML writer escapes everything and has no state that two requests could share.
+Photos are placemarks with direction, time and picture. Everything is escaped; see
+https://docs.ogc.org/is/12-007r2/12-007r2.html for the order of elements.
 """
 
 from __future__ import annotations
 
 import html
 import math
-import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from xml.etree import ElementTree as ET
 
 from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Experience, Map
+from webapp.files.exchange.geojson import photo_properties
+from webapp.files.exchange.xml import DECLARATION, element, quoted
 
-_KML = "http://www.opengis.net/kml/2.2"
-_GX = "http://www.google.com/kml/ext/2.2"
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">\n'
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Pictures:
 
 def format_kml(
     map_: Map, georeference: Georeference, *, title: str, pictures: Pictures | None = None
-) -> bytes:
+) -> Iterator[bytes]:
     """Write the photos of a map as placemarks.
 
     Parameters
@@ -50,78 +50,90 @@ def format_kml(
     pictures : Pictures, optional
         For a KMZ.
 
-    Returns
-    -------
+    Yields
+    ------
     bytes
         UTF-8. A photo whose place has no position on the Earth is left out.
     """
     pictures = pictures or Pictures()
-    root = ET.Element("kml", {"xmlns": _KML, "xmlns:gx": _GX})
-    document = ET.SubElement(root, "Document")
-    _text(document, "name", title)
+    content = [element("name", title), "\n"]
     if pictures.ground is not None:
-        _ground(document, map_, georeference, href=pictures.ground)
-    for e in map_.experiences:
-        _placemark(document, e, georeference, picture=pictures.photos.get(e.id))
-    ET.indent(root, " ")
-    xml: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
-    return xml + b"\n"
+        content.append(_ground(map_, georeference, href=pictures.ground))
+    marks = (_photo(e, georeference, picture=pictures.photos.get(e.id)) for e in map_.experiences)
+    return write_kml(("<Document>", *content), marks, ("</Document>\n",))
 
 
-def _placemark(parent: ET.Element, e: Experience, georeference: Georeference, *, picture: str | None) -> None:
-    lat, lon = georeference.latlon_of(e.position)
-    if not (math.isfinite(lat) and math.isfinite(lon)):
-        return
-    mark = ET.SubElement(parent, "Placemark", {"id": f"photo-{e.id}"})
-    _text(mark, "name", e.photo.rsplit("/", 1)[-1])
-    if picture is not None:
-        # a description is HTML: escaped once for that, and once more as text of the XML
-        _text(mark, "description", f'<p>{html.escape(e.photo)}</p><img src="{html.escape(picture)}" alt="">')
+def write_kml(*parts: Iterable[str]) -> Iterator[bytes]:
+    """Write a file around features.
+
+    Yields
+    ------
+    bytes
+        UTF-8.
+    """
+    yield (DECLARATION + _OPEN).encode()
+    for part in parts:
+        for text in part:
+            yield text.encode("utf-8", "replace")
+    yield b"</kml>\n"
+
+
+def coordinates(at: LatLon, height_m: float | None = None) -> str:
+    """Write longitude, latitude and perhaps height, to a tenth of a millimetre."""
+    return f"{at.lon:.9f},{at.lat:.9f}" + ("" if height_m is None else f",{height_m:.3f}")
+
+
+def point(at: LatLon, height_m: float | None = None) -> str:
+    """Write the geometry of a placemark."""
+    return f"<Point>{element('coordinates', coordinates(at, height_m))}</Point>"
+
+
+def picture_description(href: str, *, caption: str = "") -> str:
+    """Write a description that shows a picture."""
+    # a description is HTML: escaped once for that, and once more as text of the XML
+    about = f"<p>{html.escape(caption)}</p>" if caption else ""
+    return element("description", f'{about}<img src="{html.escape(href)}" alt="">')
+
+
+def extended_data(facts: Mapping[str, object]) -> str:
+    """Write facts by name; those that are None are left out."""
+    data = "".join(
+        f"<Data name={quoted(name)}>{element('value', value)}</Data>"
+        for name, value in facts.items()
+        if value is not None
+    )
+    return f"<ExtendedData>{data}</ExtendedData>"
+
+
+def _photo(e: Experience, georeference: Georeference, *, picture: str | None) -> str:
+    at = georeference.latlon_of(e.position)
+    if not (math.isfinite(at.lat) and math.isfinite(at.lon)):
+        return ""
+    about = "" if picture is None else picture_description(picture, caption=e.photo)
+    look = when = style = ""
     if e.heading_deg is not None:
-        look = ET.SubElement(mark, "LookAt")
-        for name, value in (("longitude", lon), ("latitude", lat)):
-            _text(look, name, f"{value:.9f}")
-        for name, text in (("heading", f"{e.heading_deg % 360:g}"), ("tilt", "60"), ("range", "100")):
-            _text(look, name, text)
+        heading = element("heading", f"{e.heading_deg % 360:g}")
+        place = f"<longitude>{at.lon:.9f}</longitude><latitude>{at.lat:.9f}</latitude>"
+        look = f"<LookAt>{place}{heading}<tilt>60</tilt><range>100</range></LookAt>"
+        style = f"<Style><IconStyle>{heading}</IconStyle></Style>"
     if e.taken_at is not None and "T" in e.taken_at:
-        _text(ET.SubElement(mark, "TimeStamp"), "when", e.taken_at)
-    if e.heading_deg is not None:
-        icon = ET.SubElement(ET.SubElement(mark, "Style"), "IconStyle")
-        _text(icon, "heading", f"{e.heading_deg % 360:g}")
-    _facts(mark, e)
-    _text(ET.SubElement(mark, "Point"), "coordinates", f"{lon:.9f},{lat:.9f}")
+        when = f"<TimeStamp>{element('when', e.taken_at)}</TimeStamp>"
+    name = element("name", e.photo.rsplit("/", 1)[-1])
+    return (
+        f'<Placemark id="photo-{e.id}">{name}{about}{look}{when}{style}'
+        f"{extended_data({'id': e.id} | photo_properties(e))}{point(at)}</Placemark>\n"
+    )
 
 
-def _facts(mark: ET.Element, e: Experience) -> None:
-    known = {
-        "id": e.id,
-        "photo": e.photo,
-        "x_px": e.position.x,
-        "y_px": e.position.y,
-        "heading_deg": e.heading_deg,
-        "fov_deg": e.fov_deg,
-        "gps_accuracy_m": e.gps_accuracy_m,
-        "taken_at": e.taken_at,
-    }
-    data = ET.SubElement(mark, "ExtendedData")
-    for name, value in known.items():
-        if value is not None:
-            _text(ET.SubElement(data, "Data", {"name": name}), "value", str(value))
-
-
-def _ground(parent: ET.Element, map_: Map, georeference: Georeference, *, href: str) -> None:
-    """Lay the satellite image on the ground by its four corners, from bottom left against the clock."""
+def _ground(map_: Map, georeference: Georeference, *, href: str) -> str:
+    """Lay the satellite image on the ground by its four corners, counterclockwise from the bottom left."""
     width, height = map_.satellite.width, map_.satellite.height
     corners = georeference.latlon_from_pixel([(0, height), (width, height), (width, 0), (0, 0)]).tolist()
     if not all(math.isfinite(value) for corner in corners for value in corner):
-        return
-    ground = ET.SubElement(parent, "GroundOverlay")
-    _text(ground, "name", map_.satellite.path.rsplit("/", 1)[-1])
-    _text(ET.SubElement(ground, "Icon"), "href", href)
-    quad = ET.SubElement(ground, "gx:LatLonQuad")
-    _text(quad, "coordinates", " ".join(f"{lon:.9f},{lat:.9f}" for lat, lon in corners))
-
-
-def _text(parent: ET.Element, tag: str, text: str) -> None:
-    """Add an element with text; characters that XML cannot hold become question marks."""
-    ET.SubElement(parent, tag).text = _NOT_XML.sub("?", text)
+        return ""
+    quad = " ".join(coordinates(LatLon(*corner)) for corner in corners)
+    return (
+        f"<GroundOverlay>{element('name', map_.satellite.path.rsplit('/', 1)[-1])}"
+        f"<Icon>{element('href', href)}</Icon>"
+        f"<gx:LatLonQuad>{element('coordinates', quad)}</gx:LatLonQuad></GroundOverlay>\n"
+    )

@@ -15,7 +15,8 @@ from webapp.core.trajectory.columns import Column, Columns, guess_columns, parse
 from webapp.core.trajectory.records import SOURCES, Sighting, Source, make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import TrackError
-from webapp.missions.files.text_lines import numbered_lines
+from webapp.files.exchange.times import unix_time
+from webapp.files.text_lines import numbered_lines
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -26,7 +27,6 @@ from webapp.missions.files.track_chunks import (
     WorldObjects,
     WorldPiece,
 )
-from webapp.missions.files.track_times import unix_time
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 _NUMBERS = (

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from webapp.core.trajectory.outgoing import MissionOut
-from webapp.files.xml_text import utc
+from webapp.files.exchange.times import utc
 
 POSE_COLUMNS = (
     "source", "track", "number", "time", "time_s", "lat", "lon", "height_m", "heading_deg",

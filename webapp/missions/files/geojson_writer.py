@@ -6,7 +6,6 @@ goes over the 180th meridian is cut there into several lines, as the standard ad
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator
 
@@ -15,10 +14,8 @@ from numpy.typing import NDArray
 
 from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut
 from webapp.core.trajectory.records import Poses, join, make_poses
-from webapp.files.xml_text import utc
-
-_DIGITS = 9
-"""Of degrees: a tenth of a millimetre."""
+from webapp.files.exchange.geojson import point_feature, to_json, write_collection
+from webapp.files.exchange.times import utc
 
 
 def format_mission_geojson(mission: MissionOut) -> Iterator[bytes]:
@@ -29,21 +26,14 @@ def format_mission_geojson(mission: MissionOut) -> Iterator[bytes]:
     bytes
         UTF-8. What is unknown is null, or left out of a position.
     """
-    for text in _pieces(mission):
-        yield text.encode("utf-8", "replace")
+    return write_collection(mission.name, _features(mission))
 
 
-def _pieces(mission: MissionOut) -> Iterator[str]:
-    yield f'{{"type":"FeatureCollection","name":{_json(mission.name)},"features":['
-    comma = ""
+def _features(mission: MissionOut) -> Iterator[Iterable[str]]:
     for track in mission.tracks:
-        yield f"{comma}\n"
-        yield from _track(track)
-        comma = ","
+        yield _track(track)
     for found in mission.objects():
-        yield f"{comma}\n{_json(_object(found))}"
-        comma = ","
-    yield "\n]}\n"
+        yield [_object(found)]
 
 
 def _track(track: TrackOut) -> Iterator[str]:
@@ -57,7 +47,7 @@ def _track(track: TrackOut) -> Iterator[str]:
     kind = "Point" if track.count == 1 else "MultiLineString" if over else "LineString"
     yield f'{{"type":"Feature","id":"track-{track.id}","geometry":{{"type":"{kind}","coordinates":'
     yield from _nested(track, _positions, kind=kind)
-    yield f'}},"properties":{_json(facts)[:-1]},"coordinateProperties":{{'
+    yield f'}},"properties":{to_json(facts)[:-1]},"coordinateProperties":{{'
     if track.timed:
         yield '"times":'
         yield from _nested(track, lambda poses: [f'"{time}"' for time in utc(poses.times_s)], kind=kind)
@@ -134,25 +124,14 @@ def _headings(poses: Poses) -> list[str]:
     return ["null" if heading != heading else f"{heading:.3f}" for heading in poses.heading_deg.tolist()]
 
 
-def _object(found: ObjectOut) -> dict[str, object]:
+def _object(found: ObjectOut) -> str:
     first, last = utc([found.first_time_s, found.last_time_s])
-    position = [round(found.latlon.lon, _DIGITS), round(found.latlon.lat, _DIGITS)]
-    if found.height_m is not None:
-        position.append(found.height_m)
-    return {
-        "type": "Feature",
-        "id": found.id,
-        "geometry": {"type": "Point", "coordinates": position},
-        "properties": {
-            "class": found.kind,
-            "confidence": found.confidence,
-            "sightings": found.sightings,
-            "first_time": first,
-            "last_time": last,
-            "photo": found.photo,
-        },
+    properties = {
+        "class": found.kind,
+        "confidence": found.confidence,
+        "sightings": found.sightings,
+        "first_time": first,
+        "last_time": last,
+        "photo": found.photo,
     }
-
-
-def _json(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return point_feature(found.id, found.latlon, properties=properties, height_m=found.height_m)

@@ -1,4 +1,4 @@
-"""GPX 1.0 and 1.1 as missions take it: tracks and routes are tracks, waypoints are objects."""
+"""GPX as missions take it: tracks and routes are tracks, waypoints are objects."""
 
 from __future__ import annotations
 
@@ -6,30 +6,28 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO
-from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.records import Sighting, make_poses
-from webapp.missions.files.track_chunks import CHUNK, UNTIMED, Findings, Piece, WorldObjects, WorldPiece
-from webapp.missions.files.track_times import filled, unix_time
-from webapp.missions.files.xml_stream import child_text, local_name, walk
-
-_POINTS = {"trkpt", "rtept", "wpt"}
-_LINES = {"trk": "track", "rte": "route"}
+from webapp.files.exchange.gpx import GpxLine, GpxPoint, GpxWaypoint, read_gpx
+from webapp.missions.files.track_chunks import (
+    CHUNK,
+    UNTIMED,
+    Findings,
+    Piece,
+    WorldObjects,
+    WorldPiece,
+    fill_times,
+)
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read a GPX file.
 
-    Several segments of a track are joined. Points without a time get one between their neighbours; where
-    none has a time they are counted as one second apart, from the file's own time on.
-
-    Parameters
-    ----------
-    file : binary file
-    findings : Findings
+    Points without a time get one between their neighbours; where none has a time they are counted as one
+    second apart, from the file's own time on.
 
     Yields
     ------
@@ -40,111 +38,72 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     TrackError
         It is damaged, or declares a document type.
     """
-    lines = {"trk": 0, "rte": 0}
-    waypoints = 0
-    file_time = 0.0
-    line: _Line | None = None
-    for event, element in walk(file, whole=_POINTS):
-        name = local_name(element)
-        if event == "start":
-            if name in lines:
-                lines[name] += 1
-                line = _Line(f"{_LINES[name]} {lines[name]}", file_time)
-            continue
-        if name == "name" and line is not None:
-            line.called = line.called or " ".join((element.text or "").split())
-        elif name == "time" and line is None:
-            file_time = _or(unix_time(element.text or ""), file_time)
-        elif name == "wpt":
-            waypoints += 1
-            yield from _waypoint(element, waypoints, file_time, findings=findings)
-        elif name in _POINTS and line is not None:
-            line.points.append(_point(element))
-            if line.full():
-                yield line.piece()
-        elif name in lines and line is not None:
-            yield from line.rest(findings)
-            line = None
+    buffer: _Buffer | None = None
+    for item in read_gpx(file):
+        if isinstance(item, GpxWaypoint):
+            yield _object(item, findings=findings)
+        elif isinstance(item, GpxLine):
+            if buffer is not None:
+                yield from buffer.flush(findings)
+            buffer = _Buffer(item, _or_epoch(item.file_time_s))
+        else:
+            assert buffer is not None, "points follow their line"
+            buffer.points.append(item)
+            if buffer.full():
+                yield buffer.piece()
+    if buffer is not None:
+        yield from buffer.flush(findings)
 
 
 @dataclass(slots=True)
-class _Line:
-    """The points of a track or route that are not given out yet."""
+class _Buffer:
+    """The points of a line that are in no piece yet."""
 
-    place: str
+    line: GpxLine
     begin_s: float
-    called: str = ""
-    points: list[tuple[float, ...]] = field(default_factory=list)
+    points: list[GpxPoint] = field(default_factory=list)
     timed: bool = False
-    given: int = 0
+    emitted: int = 0
 
     @property
     def name(self) -> str:
-        return f"{self.place} {self.called}".strip()
+        return f"{self.line.kind} {self.line.number} {self.line.name}".strip()
 
     def full(self) -> bool:
-        """Tell whether a piece can be given: it has to end with a point whose time is known."""
-        return len(self.points) >= CHUNK and (not math.isnan(self.points[-1][0]) or not self.timed)
+        """Check whether a piece is complete: it has to end with a point whose time is known."""
+        return len(self.points) >= CHUNK and (not math.isnan(self.points[-1].time_s) or not self.timed)
 
     def piece(self) -> WorldPiece:
         times, lat, lon, height, course = np.array(self.points).T
         known = bool((~np.isnan(times)).any())
-        times = filled(times.tolist(), begin_s=self.begin_s)
+        times = fill_times(times.tolist(), begin_s=self.begin_s)
         self.timed = self.timed or known
         self.begin_s = float(times[-1]) + 1.0
-        self.given += len(times)
+        self.emitted += len(times)
         self.points = []
         latlon = np.column_stack([lat, lon])
         poses = make_poses(times, latlon, height_m=height, heading_deg=course)
         return WorldPiece(self.name, "gps", poses, self.timed)
 
-    def rest(self, findings: Findings) -> Iterator[WorldPiece]:
+    def flush(self, findings: Findings) -> Iterator[WorldPiece]:
         if self.points:
             yield self.piece()
-        if not self.given:
+        if not self.emitted:
             findings.skip("tracks and routes without a point", where=self.name)
         elif not self.timed:
             findings.note(UNTIMED)
 
 
-def _point(element: Element) -> tuple[float, ...]:
-    course = child_text(element, "course")
-    return (
-        unix_time(child_text(element, "time")),
-        number(element.get("lat")),
-        number(element.get("lon")),
-        number(child_text(element, "ele")),
-        number(course),
-    )
-
-
-def _waypoint(element: Element, count: int, file_time: float, *, findings: Findings) -> Iterator[Piece]:
-    time_s, lat, lon, height, _ = _point(element)
-    name = " ".join(child_text(element, "name").split())
-    kind = child_text(element, "type") or child_text(element, "sym") or "waypoint"
+def _object(waypoint: GpxWaypoint, *, findings: Findings) -> WorldObjects:
+    point = waypoint.point
+    time_s = point.time_s
     if math.isnan(time_s):
         findings.note("waypoints without a time have that of the file")
-    yield WorldObjects(
-        (
-            Sighting(
-                f"waypoint {count} {name}".strip(),
-                kind,
-                _or(time_s, file_time),
-                LatLon(lat, lon),
-                None if math.isnan(height) else height,
-            ),
-        )
-    )
+        time_s = _or_epoch(waypoint.file_time_s)
+    name = f"waypoint {waypoint.number} {waypoint.name}".strip()
+    height = None if math.isnan(point.height_m) else point.height_m
+    return WorldObjects((Sighting(name, waypoint.kind, time_s, LatLon(point.lat, point.lon), height),))
 
 
-def number(text: str | None) -> float:
-    """Read a finite number; NaN for what is none."""
-    try:
-        value = float(text) if text else math.nan
-    except ValueError:
-        return math.nan
-    return value if math.isfinite(value) else math.nan
-
-
-def _or(value: float, other: float) -> float:
-    return other if math.isnan(value) else value
+def _or_epoch(time_s: float) -> float:
+    return 0.0 if math.isnan(time_s) else time_s

@@ -9,7 +9,8 @@ import numpy as np
 
 from webapp.core.trajectory.outgoing import MissionOut, ObjectOut
 from webapp.core.trajectory.records import Poses
-from webapp.files.xml_text import DECLARATION, element, utc
+from webapp.files.exchange.times import utc
+from webapp.files.exchange.xml import DECLARATION, element
 
 NAMESPACE = "urn:experience-map:gpx"
 """Of `heading`, degrees clockwise from north, and `covariance`, square metres."""

@@ -18,10 +18,17 @@ import numpy as np
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.records import Poses, Sighting, make_poses
 from webapp.errors import TrackError
-from webapp.missions.files.gpx_reader import number
-from webapp.missions.files.track_chunks import CHUNK, UNTIMED, Findings, Piece, WorldObjects, WorldPiece
-from webapp.missions.files.track_times import filled, unix_time
-from webapp.missions.files.xml_stream import child_text, local_name, walk
+from webapp.files.exchange.times import unix_time
+from webapp.files.exchange.xml import child_text, local_name, number, walk
+from webapp.missions.files.track_chunks import (
+    CHUNK,
+    UNTIMED,
+    Findings,
+    Piece,
+    WorldObjects,
+    WorldPiece,
+    fill_times,
+)
 
 MAX_LINES = 100
 """A KML with more lines is a drawing, no record of a way."""
@@ -137,7 +144,7 @@ def _track(part: Element, *, findings: Findings, where: str) -> tuple[Poses, boo
 
 def _poses(times: np.ndarray, rows: np.ndarray, headings: np.ndarray, *, begin_s: float) -> Poses:
     begin = 0.0 if math.isnan(begin_s) else begin_s
-    times = filled(times.tolist(), begin_s=begin)
+    times = fill_times(times.tolist(), begin_s=begin)
     return make_poses(times, rows[:, [1, 0]], height_m=rows[:, 2], heading_deg=headings)
 
 

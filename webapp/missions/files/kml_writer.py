@@ -7,18 +7,16 @@ back: in one `gx:Track`, times ascend.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
 import numpy as np
 
-from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut, kind_colour
 from webapp.core.trajectory.records import Poses
-from webapp.files.xml_text import DECLARATION, element, quoted, utc
-
-_OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">\n'
+from webapp.files.exchange.kml import extended_data, picture_description, point, write_kml
+from webapp.files.exchange.times import utc
+from webapp.files.exchange.xml import element
 
 
 def format_mission_kml(
@@ -39,8 +37,7 @@ def format_mission_kml(
     bytes
         UTF-8. A height that is unknown is 0, which says nothing where tracks are laid on the ground.
     """
-    for text in _pieces(mission, icons or {}, photos=photos or {}):
-        yield text.encode("utf-8", "replace")
+    return write_kml(_pieces(mission, icons or {}, photos=photos or {}))
 
 
 def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
@@ -62,13 +59,13 @@ def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
     lines = (
         f"<NetworkLink>{element('name', title)}<Link>{element('href', href)}",
         f"<refreshMode>onInterval</refreshMode>{element('refreshInterval', f'{refresh_s:g}')}",
-        "</Link></NetworkLink>\n</kml>\n",
+        "</Link></NetworkLink>\n",
     )
-    return (DECLARATION + _OPEN + "".join(lines)).encode("utf-8", "replace")
+    return b"".join(write_kml(lines))
 
 
 def _pieces(mission: MissionOut, icons: Mapping[str, str], *, photos: Mapping[str, str]) -> Iterator[str]:
-    yield f"{DECLARATION}{_OPEN}<Document>{element('name', mission.name)}<open>1</open>\n"
+    yield f"<Document>{element('name', mission.name)}<open>1</open>\n"
     styles = {kind: f"kind-{number}" for number, kind in enumerate(mission.kinds)}
     for kind, style in styles.items():
         yield _kind_style(kind, style, icons.get(kind))
@@ -80,7 +77,7 @@ def _pieces(mission: MissionOut, icons: Mapping[str, str], *, photos: Mapping[st
     yield "</Folder>\n<Folder><name>Objects</name>\n"
     for found in mission.objects():
         yield _object(found, styles.get(found.kind), picture=photos.get(found.photo or ""))
-    yield "</Folder>\n</Document>\n</kml>\n"
+    yield "</Folder>\n</Document>\n"
 
 
 def _kind_style(kind: str, style: str, icon: str | None) -> str:
@@ -105,9 +102,10 @@ def _track_style(track: TrackOut) -> str:
 
 def _track(track: TrackOut) -> Iterator[str]:
     yield f'<Placemark id="t-{track.id}">{element("name", track.title)}'
-    yield f"<styleUrl>#track-{track.id}</styleUrl><ExtendedData>"
-    yield _data({"source": track.source, "poses": track.count, "distance_m": f"{track.distance_m:.2f}"})
-    yield "</ExtendedData>"
+    yield f"<styleUrl>#track-{track.id}</styleUrl>"
+    yield extended_data(
+        {"source": track.source, "poses": track.count, "distance_m": f"{track.distance_m:.2f}"}
+    )
     if track.timed:
         yield from _timed(track)
     else:
@@ -155,27 +153,12 @@ def _object(found: ObjectOut, style: str | None, *, picture: str | None) -> str:
         "height_m": found.height_m,
         "confidence": found.confidence,
     }
-    # a description is HTML: escaped once for that, and once more as text of the XML
-    about = "" if picture is None else element("description", f'<img src="{html.escape(picture)}" alt="">')
+    about = "" if picture is None else picture_description(picture)
     return (
         f"<Placemark>{element('name', f'{found.kind} {found.id}')}{about}"
         f"<TimeSpan><begin>{first}</begin><end>{last}</end></TimeSpan>"
         f"{f'<styleUrl>#{style}</styleUrl>' if style else ''}"
-        f"<ExtendedData>{_data(facts)}</ExtendedData>"
-        f"<Point><coordinates>{_coordinates(found.latlon, found.height_m)}</coordinates></Point>"
-        "</Placemark>\n"
-    )
-
-
-def _coordinates(at: LatLon, height_m: float | None) -> str:
-    return f"{at.lon:.9f},{at.lat:.9f}" + ("" if height_m is None else f",{height_m:.3f}")
-
-
-def _data(facts: Mapping[str, object]) -> str:
-    return "".join(
-        f"<Data name={quoted(name)}>{element('value', value)}</Data>"
-        for name, value in facts.items()
-        if value is not None
+        f"{extended_data(facts)}{point(found.latlon, found.height_m)}</Placemark>\n"
     )
 
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from webapp.files.exchange.tum import yaw_of
 from webapp.missions.files.track_chunks import LocalSighting
-from webapp.missions.files.trajectory_text import yaw_of
 
 _NAN = math.nan
 _UNKNOWN = (_NAN, _NAN, _NAN)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
 
 from webapp.core.trajectory.records import Poses, Sighting, Source
 from webapp.core.trajectory.robotframe import LocalPoses
@@ -142,3 +146,31 @@ class Findings:
     def skipped(self) -> tuple[Skipped, ...]:
         """Give what was left out, in the order in which it was met."""
         return tuple(Skipped(reason, self._counts[reason], where) for reason, where in self._first.items())
+
+
+def fill_times(times_s: Sequence[float], *, begin_s: float) -> NDArray[np.float64]:
+    """Interpolate the times of points without one, so that they stay in their order.
+
+    Between two points with times they lie evenly; before the first and after the last they are one second
+    apart; where no point has a time, the first is at `begin_s`.
+
+    Parameters
+    ----------
+    times_s : sequence of float
+        NaN where unknown.
+    begin_s : float
+
+    Returns
+    -------
+    (n,) float64
+    """
+    times = np.array(times_s, dtype=np.float64)
+    known = np.flatnonzero(~np.isnan(times))
+    places = np.arange(len(times), dtype=np.float64)
+    if not len(known):
+        return begin_s + places
+    first, last = int(known[0]), int(known[-1])
+    result = np.interp(places, known, times[known])
+    result[:first] = times[first] + (places[:first] - first)
+    result[last + 1 :] = times[last] + (places[last + 1 :] - last)
+    return result

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 from webapp.errors import TrackError
+from webapp.files.exchange.xml import local_name, walk
+from webapp.files.text_lines import numbered_lines
 from webapp.missions.files.kmz import opened_kml
 from webapp.missions.files.nmea import is_sentence
-from webapp.missions.files.text_lines import numbered_lines
 from webapp.missions.files.trajectory_text import layout_of
-from webapp.missions.files.xml_stream import local_name, walk
 
 Kind = Literal[
     "ros1", "ros2-sqlite", "ros2-mcap", "ros2-folder", "gpx", "kml", "kmz", "nmea", "tum", "kitti", "csv"

@@ -17,31 +17,23 @@ from numpy.typing import NDArray
 
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import TrackError
-from webapp.missions.files.text_lines import numbered_lines
+from webapp.files.exchange import tum
 from webapp.missions.files.track_chunks import CHUNK, Findings, RobotPiece
 
 Layout = Literal["tum", "kitti"]
 
-_COLUMNS: dict[Layout, int] = {"tum": 8, "kitti": 12}
+_COLUMNS: dict[Layout, int] = {"tum": tum.COLUMNS, "kitti": 12}
 _KITTI_HZ = 10.0
 
 
 def layout_of(line: str) -> Layout | None:
-    """Tell from a line of numbers which of the two it is; None for neither."""
-    words = line.split()
-    if all(math.isfinite(_number(word)) for word in words):
-        return next((layout for layout, columns in _COLUMNS.items() if columns == len(words)), None)
-    return None
+    """Detect from a line of numbers which of the two it is; None for neither."""
+    count = len(tum.parse_numbers(line) or [])
+    return next((layout for layout, columns in _COLUMNS.items() if columns == count), None)
 
 
 def read(file: BinaryIO, layout: Layout, *, findings: Findings) -> Iterator[RobotPiece]:
     """Read a trajectory; lines that begin with `#` are remarks.
-
-    Parameters
-    ----------
-    file : binary file
-    layout : {"tum", "kitti"}
-    findings : Findings
 
     Yields
     ------
@@ -50,20 +42,17 @@ def read(file: BinaryIO, layout: Layout, *, findings: Findings) -> Iterator[Robo
     Raises
     ------
     TrackError
-        It is no text.
+        It is no text, or has no pose.
     """
     if layout == "kitti":
         findings.note("the poses have no times: they count as ten a second from 1970-01-01")
     rows: list[list[float]] = []
     given = 0
-    for number, line in numbered_lines(file):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        values = [_number(word) for word in line.split()]
-        if len(values) != _COLUMNS[layout] or not all(map(math.isfinite, values)):
+    for number, row in tum.read_rows(file, columns=_COLUMNS[layout]):
+        if row is None:
             findings.skip(f"lines without {_COLUMNS[layout]} numbers", where=f"line {number}")
             continue
-        rows.append(values)
+        rows.append(row)
         if len(rows) == CHUNK:
             yield _piece(layout, np.array(rows), given)
             given += len(rows)
@@ -74,27 +63,9 @@ def read(file: BinaryIO, layout: Layout, *, findings: Findings) -> Iterator[Robo
         raise TrackError("the file has no pose")
 
 
-def yaw_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give the turn about z of rotations.
-
-    Parameters
-    ----------
-    quaternion : (n, 4) float64
-        x, y, z, w, of any length.
-
-    Returns
-    -------
-    (n,) float64
-        Radians from x towards y; NaN for a quaternion of zeros.
-    """
-    x, y, z, w = quaternion.T
-    sin, cos = 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z
-    return np.where((quaternion != 0.0).any(axis=1), np.arctan2(sin, cos), math.nan)
-
-
 def _piece(layout: Layout, rows: NDArray[np.float64], given: int) -> RobotPiece:
     if layout == "tum":
-        times, xyz, yaw = rows[:, 0], rows[:, 1:4], yaw_of(rows[:, 4:])
+        times, xyz, yaw = rows[:, 0], rows[:, 1:4], tum.yaw_of(rows[:, 4:])
     else:
         times = (given + np.arange(len(rows))) / _KITTI_HZ
         matrix = rows.reshape(-1, 3, 4)
@@ -103,10 +74,3 @@ def _piece(layout: Layout, rows: NDArray[np.float64], given: int) -> RobotPiece:
         yaw = np.arctan2(-matrix[:, 0, 2], matrix[:, 2, 2])
     unknown = np.full((len(rows), 3), math.nan)
     return RobotPiece("", "odometry", "", "", LocalPoses(times, xyz, yaw, unknown), layout == "tum")
-
-
-def _number(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan

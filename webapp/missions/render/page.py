@@ -10,7 +10,7 @@ from folium.raster_layers import ImageOverlay
 
 from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut, kind_colour
 from webapp.errors import UsageError
-from webapp.files.xml_text import utc
+from webapp.files.exchange.times import utc
 from webapp.missions.store import reading
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks.icons import icon

@@ -15,4 +15,4 @@ def run(source: Source) -> Download:
         The map has no georeference.
     """
     data = format_geojson(source.map, source.georeference(), title=source.title)
-    return Download(f"{source.name}.geojson", "application/geo+json", iter([data]))
+    return Download(f"{source.name}.geojson", "application/geo+json", data)

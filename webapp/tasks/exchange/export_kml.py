@@ -25,7 +25,7 @@ def run(source: Source) -> Download:
         The map has no georeference.
     """
     data = format_kml(source.map, source.georeference(), title=source.title)
-    return Download(f"{source.name}.kml", "application/vnd.google-earth.kml+xml", iter([data]))
+    return Download(f"{source.name}.kml", "application/vnd.google-earth.kml+xml", data)
 
 
 def run_kmz(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:

@@ -11,7 +11,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map
-from webapp.files.localize.tum import PlanarPose
+from webapp.files.exchange.tum import PlanarPose
 
 _Sight = tuple[int, MapPixel, float | None]
 

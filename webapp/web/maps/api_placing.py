@@ -11,7 +11,7 @@ from flask import request
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.trajectory.match import ClockOffset
-from webapp.files.maps.gpx import parse_gpx
+from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, told_as
 from webapp.files.text_file import MAX_BYTES
 from webapp.tasks.maps import place_by_file, place_by_gps, place_by_track

@@ -10,9 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.errors import TrackError
+from webapp.files.exchange.times import unix_time
 from webapp.missions.files import csv_reader, nmea, trajectory_text
-from webapp.missions.files.track_chunks import Findings, RobotObjects, RobotPiece, WorldObjects, WorldPiece
-from webapp.missions.files.track_times import filled, unix_time
+from webapp.missions.files.track_chunks import (
+    Findings,
+    RobotObjects,
+    RobotPiece,
+    WorldObjects,
+    WorldPiece,
+    fill_times,
+)
 
 
 def sentence(body: str) -> str:
@@ -196,5 +203,5 @@ def test_what_is_no_time_is_nan(text: str) -> None:
 
 def test_missing_times_lie_between_their_neighbours() -> None:
     nan = math.nan
-    assert filled([nan, 10.0, nan, nan, 40.0, nan], begin_s=7.0).tolist() == [9, 10, 20, 30, 40, 41]
-    assert filled([nan, nan], begin_s=7.0).tolist() == [7, 8]
+    assert fill_times([nan, 10.0, nan, nan, 40.0, nan], begin_s=7.0).tolist() == [9, 10, 20, 30, 40, 41]
+    assert fill_times([nan, nan], begin_s=7.0).tolist() == [7, 8]

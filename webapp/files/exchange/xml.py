@@ -1,10 +1,16 @@
-"""XML from outside, element by element: no document types, no entities, not too deep, and nothing is kept."""
+"""XML of tracks and maps: a streaming reader for untrusted files, and escaped pieces for writers that stream.
+
+The reader refuses document types, entities and deep nesting, and keeps nothing that it has passed.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Collection, Iterator
 from typing import BinaryIO
 from xml.etree.ElementTree import Element, ParseError
+from xml.sax.saxutils import escape, quoteattr
 
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
@@ -12,29 +18,32 @@ from defusedxml.ElementTree import iterparse
 from webapp.errors import TrackError
 
 MAX_DEPTH = 60
+DECLARATION = '<?xml version="1.0" encoding="UTF-8"?>\n'
+
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def local_name(element: Element) -> str:
-    """Give an element's name without its namespace; empty for what is no element."""
+    """Return an element's name without its namespace; empty for a comment or an instruction."""
     return element.tag.rsplit("}", 1)[-1] if isinstance(element.tag, str) else ""
 
 
 def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Element]]:
-    """Go through a document.
+    """Parse a document element by element.
 
     Parameters
     ----------
     file : binary file
     whole : collection of str
-        Names, without namespaces, of the elements that are given complete with all that is in them; all
-        others are given empty when they begin, and with their own text but without children when they end.
+        Names, without namespaces, of the elements that are yielded complete with their children; all others
+        are yielded empty when they begin, and with their own text but without children when they end.
 
     Yields
     ------
     event : {"start", "end"}
         Elements inside of one of `whole` have no events of their own.
     element : Element
-        To be looked at until the next one is asked for.
+        Valid until the next event.
 
     Raises
     ------
@@ -62,8 +71,28 @@ def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Eleme
 
 
 def child_text(element: Element, name: str) -> str:
-    """Give the text of the first child of a name, without blanks around it; empty without one."""
+    """Return the stripped text of the first child with this local name; empty without one."""
     return next(((child.text or "").strip() for child in element if local_name(child) == name), "")
+
+
+def number(text: str | None) -> float:
+    """Parse a finite number; NaN for anything else."""
+    try:
+        value = float(text) if text else math.nan
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
+def element(tag: str, text: object, **attributes: str) -> str:
+    """Write an element with a text; characters that XML cannot hold become question marks."""
+    inner = "".join(f" {name}={quoted(value)}" for name, value in attributes.items())
+    return f"<{tag}{inner}>{escape(_NOT_XML.sub('?', str(text)))}</{tag}>"
+
+
+def quoted(text: str) -> str:
+    """Write the value of an attribute, with its quotes."""
+    return quoteattr(_NOT_XML.sub("?", text))
 
 
 def _events(file: BinaryIO) -> Iterator[tuple[str, Element]]:

@@ -12,14 +12,20 @@ systems", IROS 2012.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
-from webapp.errors import TableError
+import numpy as np
+from numpy.typing import NDArray
+
 from webapp.files.atomic import write_text
+from webapp.files.text_lines import numbered_lines
 
+COLUMNS = 8
 _UNKNOWN = "# heading unknown"
+_IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,44 +72,65 @@ def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = (
     write_text(path, "\n".join(lines) + "\n")
 
 
-def read(path: Path) -> list[PlanarPose]:
-    """Read a trajectory; heights and rotations out of the plane are dropped.
+def read_rows(file: BinaryIO, *, columns: int = COLUMNS) -> Iterator[tuple[int, list[float] | None]]:
+    """Read the rows of a trajectory, or of another text of numbers with remarks, one at a time.
 
     Parameters
     ----------
-    path : Path
+    file : binary file
+    columns : int
+        Numbers in a row: 8, or 12 of KITTI's matrices.
 
-    Returns
-    -------
-    list of PlanarPose
+    Yields
+    ------
+    int
+        Number of the line, from 1.
+    list of float, or None
+        None for a line that does not hold `columns` finite numbers. Under the remark `# heading unknown` the
+        quaternion is zeros, of which `yaw_of` is NaN.
 
     Raises
     ------
-    TableError
-        The file cannot be read, or a line does not hold eight finite numbers with a rotation among them.
+    TrackError
+        A line is too long, or the file is UTF-16.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise TableError(f"the trajectory cannot be read: {error}", where=str(path)) from error
-    poses = []
-    known = True
-    for number, line in enumerate(lines, 1):
-        if line.startswith("#") or not line.strip():
-            known = line.rstrip() != _UNKNOWN
+    unknown = False
+    for number, line in numbered_lines(file):
+        text = line.strip()
+        if not text or text.startswith("#"):
+            unknown = text == _UNKNOWN
             continue
-        poses.append(_pose(line, known, f"{path}:{number}"))
-        known = True
-    return poses
+        row = parse_numbers(text)
+        if row is not None and len(row) != columns:
+            row = None
+        if row is not None and unknown and row[4:] == _IDENTITY:
+            row[4:] = [0.0] * 4
+        unknown = False
+        yield number, row
 
 
-def _pose(line: str, known: bool, where: str) -> PlanarPose:
+def parse_numbers(line: str) -> list[float] | None:
+    """Parse finite numbers separated by blanks; None where one is not."""
     try:
-        values = [float(field) for field in line.split()]
-    except ValueError as error:
-        raise TableError(str(error), where=where, hint="write numbers separated by spaces") from error
-    if len(values) != 8 or not all(map(math.isfinite, values)) or not any(values[4:]):
-        raise TableError("not a pose", where=where, hint="write timestamp tx ty tz qx qy qz qw")
-    timestamp, x, y, _, qx, qy, qz, qw = values
-    yaw = math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
-    return PlanarPose(timestamp, x, y, yaw if known else None)
+        values = [float(word) for word in line.split()]
+    except ValueError:
+        return None
+    return values if all(map(math.isfinite, values)) else None
+
+
+def yaw_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the rotation about z.
+
+    Parameters
+    ----------
+    quaternion : (n, 4) float64
+        x, y, z, w, of any length.
+
+    Returns
+    -------
+    (n,) float64
+        Radians from x towards y; NaN for a quaternion of zeros.
+    """
+    x, y, z, w = quaternion.T
+    sin, cos = 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z
+    return np.where((quaternion != 0.0).any(axis=1), np.arctan2(sin, cos), math.nan)

@@ -1,14 +1,13 @@
-"""Times as track files write them, and times for points that have none."""
+"""Times as files of tracks have them: ISO 8601, read and written."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
@@ -18,12 +17,12 @@ _ISO = re.compile(
 
 
 def unix_time(text: str) -> float:
-    """Read a date and time of ISO 8601, with or without separators; without a zone it is UTC.
+    """Parse a date and time of ISO 8601, with or without separators; without a zone it is UTC.
 
     Returns
     -------
     float
-        Seconds since 1970, UTC; NaN for what is none.
+        Seconds since 1970, UTC; NaN for anything else.
     """
     found = _ISO.fullmatch(text.strip())
     if found is None:
@@ -39,32 +38,20 @@ def unix_time(text: str) -> float:
     return moment / timedelta(seconds=1) + second + (float(f"0.{found[7]}") if found[7] else 0.0)
 
 
-def filled(times_s: Sequence[float], *, begin_s: float) -> NDArray[np.float64]:
-    """Give points without a time one, so that they stay in their order.
-
-    Between two points with times they lie evenly; before the first and after the last they are one second
-    apart; where no point has a time, the first is at `begin_s`.
+def utc(times_s: ArrayLike) -> list[str]:
+    """Write times as ISO 8601, to the microsecond, in UTC: `2026-05-01T10:00:00.250000Z`.
 
     Parameters
     ----------
-    times_s : sequence of float
-        NaN where unknown.
-    begin_s : float
+    times_s : (n,) array_like of float
+        Seconds since 1970.
 
     Returns
     -------
-    (n,) float64
+    list of str
     """
-    times = np.array(times_s, dtype=np.float64)
-    known = np.flatnonzero(~np.isnan(times))
-    places = np.arange(len(times), dtype=np.float64)
-    if not len(known):
-        return begin_s + places
-    first, last = int(known[0]), int(known[-1])
-    result = np.interp(places, known, times[known])
-    result[:first] = times[first] + (places[:first] - first)
-    result[last + 1 :] = times[last] + (places[last + 1 :] - last)
-    return result
+    microseconds = np.round(np.asarray(times_s, dtype=np.float64).reshape(-1) * 1e6).astype(np.int64)
+    return [f"{time}Z" for time in np.datetime_as_string(microseconds.astype("datetime64[us]")).tolist()]
 
 
 def _zone(text: str | None) -> timezone:

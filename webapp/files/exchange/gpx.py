@@ -1,0 +1,181 @@
+"""GPX 1.0 and 1.1: a streaming reader of tracks, routes and waypoints, and the timed fixes of a track."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO, Literal, NamedTuple
+from xml.etree.ElementTree import Element
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.track import Track, make_track
+from webapp.errors import TrackError
+from webapp.files.exchange.times import unix_time
+from webapp.files.exchange.xml import child_text, local_name, number, walk
+
+MAX_BYTES = 30_000_000
+"""Of a file that `parse_gpx` reads from memory."""
+
+MAX_FIXES = 200_000
+
+_POINTS = {"trkpt", "rtept", "wpt"}
+_LINES: dict[str, Literal["track", "route"]] = {"trk": "track", "rte": "route"}
+
+
+@dataclass(slots=True, eq=False)
+class GpxLine:
+    """A track or route whose points follow; the segments of a track are joined.
+
+    Attributes
+    ----------
+    kind : {"track", "route"}
+    number : int
+        From 1, among those of its kind.
+    file_time_s : float
+        Seconds since 1970, UTC, of the file itself; NaN where it has none.
+    name : str
+        Filled in when the reader meets it.
+    """
+
+    kind: Literal["track", "route"]
+    number: int
+    file_time_s: float
+    name: str = ""
+
+
+class GpxPoint(NamedTuple):
+    """A point of the line before it; NaN where a value is missing or no number.
+
+    Attributes
+    ----------
+    time_s : float
+        Seconds since 1970, UTC.
+    lat, lon : float
+        Degrees.
+    height_m : float
+    course_deg : float
+        Degrees clockwise from north (GPX 1.0).
+    """
+
+    time_s: float
+    lat: float
+    lon: float
+    height_m: float
+    course_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class GpxWaypoint:
+    """A waypoint: its `type`, or else `sym`, is its kind."""
+
+    number: int
+    name: str
+    kind: str
+    point: GpxPoint
+    file_time_s: float
+
+
+def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
+    """Read a GPX file of any size.
+
+    Yields
+    ------
+    GpxLine, GpxPoint or GpxWaypoint
+        Each line before its points. Positions are not checked.
+
+    Raises
+    ------
+    TrackError
+        The XML is damaged, or declares a document type.
+    """
+    counts = dict.fromkeys((*_LINES, "wpt"), 0)
+    file_time_s = math.nan
+    line: GpxLine | None = None
+    for event, element in walk(file, whole=_POINTS):
+        name = local_name(element)
+        if event == "start":
+            if name in _LINES:
+                counts[name] += 1
+                line = GpxLine(_LINES[name], counts[name], file_time_s)
+                yield line
+        elif name == "wpt":
+            counts[name] += 1
+            yield _waypoint(element, counts[name], file_time_s)
+        elif name in _LINES:
+            line = None
+        elif line is None:
+            if name == "time":
+                moment = unix_time(element.text or "")
+                file_time_s = file_time_s if math.isnan(moment) else moment
+        elif name in _POINTS:
+            yield _point(element)
+        elif name == "name":
+            line.name = line.name or _one_line(element.text or "")
+
+
+def parse_gpx(data: bytes) -> Track:
+    """Read the tracks of a small GPX file as one.
+
+    Fixes without a time, and positions that are not on the Earth, are left out; so are routes and waypoints.
+
+    Returns
+    -------
+    Track
+        Of at least two fixes.
+
+    Raises
+    ------
+    TrackError
+        The file is too large, is damaged, declares a document type (which can exhaust a reader's memory), or
+        has fewer than two fixes with times.
+    """
+    if len(data) > MAX_BYTES:
+        raise TrackError(
+            f"the file is larger than {MAX_BYTES // 10**6} MB", hint="export a part of the track"
+        )
+    points: list[GpxPoint] = []
+    of_track = False
+    for item in read_gpx(io.BytesIO(data)):
+        if isinstance(item, GpxLine):
+            of_track = item.kind == "track"
+        elif isinstance(item, GpxPoint) and of_track:
+            points.append(item)
+            if len(points) > MAX_FIXES:
+                raise TrackError(f"the track has more than {MAX_FIXES} points", hint="export a part of it")
+    return _track(points)
+
+
+def _track(points: list[GpxPoint]) -> Track:
+    timed = [point for point in points if not math.isnan(point.time_s)]
+    fixes = [point for point in timed if abs(point.lat) <= 90.0 and abs(point.lon) <= 180.0]
+    track = make_track([fix.time_s for fix in fixes], [LatLon(fix.lat, fix.lon) for fix in fixes])
+    if len(track) >= 2:
+        return track
+    if not points:
+        raise TrackError("the file has no track", hint="routes and waypoints have no times: export the track")
+    hint = "export the track with times" if not timed else None
+    raise TrackError(
+        f"of {len(points)} points of the track, {len(track)} have a time of their own",
+        hint=hint,
+    )
+
+
+def _point(element: Element) -> GpxPoint:
+    return GpxPoint(
+        unix_time(child_text(element, "time")),
+        number(element.get("lat")),
+        number(element.get("lon")),
+        number(child_text(element, "ele")),
+        number(child_text(element, "course")),
+    )
+
+
+def _waypoint(element: Element, count: int, file_time_s: float) -> GpxWaypoint:
+    kind = child_text(element, "type") or child_text(element, "sym") or "waypoint"
+    return GpxWaypoint(count, _one_line(child_text(element, "name")), kind, _point(element), file_time_s)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
