@@ -1,4 +1,5 @@
 # Two commands do all the set-up: `make run` and `make test`. Both need only Python 3.11+ and make.
+# `make test` runs part after part and stops after the first that fails; the quickest come first.
 PYTHON ?= python3
 VENV   := .venv
 ifeq ($(OS),Windows_NT)
@@ -7,14 +8,21 @@ else
 BIN    := $(VENV)/bin
 endif
 SAMPLE := maps/sample
+SITE   := build/docs
+# Parts of the suite: what needs no server and no process, what is not named here, pages without and with a browser.
+QUICK  := tests/core tests/files tests/store
+PAGES  := tests/web tests/missions
+REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
+          $(wildcard tests/test_*.py)
+PYTEST  = $(BIN)/pytest -n auto --dist loadgroup
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # By environment, so that what builds the package is pinned too.
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 
-.PHONY: help install run lint test translations robot clean
+.PHONY: help install run lint quick test fuzz coverage docs translations robot clean
 
-help:            ## say what can be made
+help:            ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
 
 install: $(VENV)/.installed ## make .venv with the command expmap in it
@@ -43,9 +51,25 @@ lint: $(VENV)/.tested ## check style and types
 	$(BIN)/mypy
 	$(BIN)/python tests/js/check.py
 
+quick: $(VENV)/.tested ## run the tests that need no server, no browser and no other process, in less than a minute
+	$(PYTEST) -q $(QUICK)
+
 test: lint       ## run everything that must pass; installs chromium through apt where there is no browser
 	$(BIN)/python tests/browser/ensure_browser.py
-	$(BIN)/pytest -n auto --dist loadgroup
+	$(PYTEST) -q $(QUICK)
+	$(PYTEST) -q $(REST)
+	$(PYTEST) -q $(wildcard $(PAGES))
+	$(PYTEST) -q tests/browser
+
+fuzz: $(VENV)/.tested ## search for inputs that break a property, by chance and other ones each time
+	$(PYTEST) -m hypothesis --hypothesis-profile fuzz
+
+coverage: $(VENV)/.tested ## run the tests without a browser and print which lines they reach; half as slow again
+	$(PYTEST) -q --ignore tests/browser --cov=webapp --cov-report=term:skip-covered
+
+docs: $(VENV)/.tested ## make a site of docs/ in build/docs; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file .mkdocs.yml --site-dir $(SITE)
+	@echo "open $(SITE)/index.html"
 
 translations: $(VENV)/.tested ## collect the texts of pages and scripts for translators, and compile what they wrote
 	$(BIN)/python docs/make_translations.py

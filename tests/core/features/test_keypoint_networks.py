@@ -141,7 +141,7 @@ def test_another_file_is_one_clear_error(opened, kind):
             opened(kind, wrong)
         assert refused.value.where == f"{kind}.onnx"
         assert "keypoints" in refused.value.hint
-        assert "docs/localization.md" in refused.value.hint
+        assert "docs/features.md" in refused.value.hint
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -41,7 +41,7 @@ class Interface:
             f"not a {self.name} model that onnxruntime can run",
             where=file,
             hint=f"it needs the inputs {', '.join(self.inputs)} and the outputs {', '.join(self.outputs)}; "
-            "docs/localization.md, Models that you supply, says more",
+            "docs/features.md, Models that you supply, says more",
         )
 
 

@@ -120,7 +120,7 @@ def how_to_get(file: ModelFile) -> str:
         return f"take {file.name} from a folder that has it: expmap models fetch --from FOLDER"
     return (
         f"it is yours to supply: put it as {file.name} into the folder that expmap models list prints; "
-        "docs/localization.md, Models that you supply, says which export"
+        "docs/features.md, Models that you supply, says which export"
     )
 
 
