@@ -94,7 +94,7 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel, modules, project):
         if path.is_file()
     }
     translations = (project / "webapp/web/translations").rglob("*.?o")
-    pages |= {path.relative_to(project).as_posix() for path in translations}
+    pages |= {path.relative_to(project).as_posix() for path in translations} | {"webapp/py.typed"}
     rest = {name for name in names - program - pages if ".dist-info/" not in name}
     assert program | pages <= names
     assert rest == set()

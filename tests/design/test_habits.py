@@ -1,0 +1,113 @@
+"""Files for contributors, forges and containers agree with the project."""
+
+import re
+import stat
+
+import pytest
+import yaml
+
+from webapp import __version__
+
+
+@pytest.fixture(scope="module")
+def targets(project):
+    """Targets of make."""
+    return set(re.findall(r"^([a-z]+):", (project / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
+
+
+def load(path):
+    return yaml.safe_load(path.read_text("utf-8"))
+
+
+def test_the_citation_names_this_version(project):
+    citation = load(project / "CITATION.cff")
+    assert citation["cff-version"] == "1.2.0"
+    assert (citation["version"], citation["license"]) == (__version__, "MIT")
+    assert {"message", "title", "authors"} <= citation.keys()
+
+
+def test_types_are_shipped(project):
+    assert (project / "webapp" / "py.typed").is_file()
+
+
+def test_the_readme_names_this_version(project):
+    text = (project / "README.md").read_text("utf-8")
+    assert re.findall(r"^Version (\d+\.\d+\.\d+)", text, flags=re.MULTILINE) == [__version__]
+
+
+def test_the_forge_runs_what_is_run_here(project, targets):
+    workflow = load(project / ".github" / "workflows" / "test.yml")
+    steps = [step for job in workflow["jobs"].values() for step in job["steps"]]
+    ran = [step["run"] for step in steps if "run" in step]
+    assert all(line.removeprefix("make ") in targets for line in ran), ran
+    assert {"make test", "make coverage", "make docs"} == set(ran)
+    assert all(re.fullmatch(r"actions/[a-z-]+@v\d+", step["uses"]) for step in steps if "uses" in step)
+    assert workflow["jobs"]["test"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13", "3.14"]
+    assert workflow["permissions"] == {"contents": "read"}
+
+
+def test_hooks_before_a_commit_need_no_network(project):
+    config = load(project / ".pre-commit-config.yaml")
+    assert [repo["repo"] for repo in config["repos"]] == ["local"]
+    for hook in config["repos"][0]["hooks"]:
+        assert hook["language"] == "system"
+        assert hook["entry"].startswith(".venv/bin/")
+
+
+def instructions(text):
+    """Instructions of a Dockerfile: name and the rest, continued lines joined."""
+    lines = re.sub(r"\\\n\s*", " ", re.sub(r"^#.*\n", "", text, flags=re.MULTILINE)).splitlines()
+    return [tuple(line.split(maxsplit=1)) for line in lines if line]
+
+
+def test_the_image_is_pinned_unprivileged_and_watched(project):
+    found = instructions((project / ".docker" / "Dockerfile").read_text("utf-8"))
+    names = [name for name, _ in found]
+    given = dict(found)
+    assert names[0] == "FROM" and names.count("FROM") == 1
+    assert re.fullmatch(r"python:3\.\d+\.\d+-[a-z-]+", given["FROM"]), "a base with an exact tag"
+    assert given["USER"] not in ("root", "0")
+    assert names.index("USER") > max(n for n, name in enumerate(names) if name == "RUN")
+    assert "/healthz" in given["HEALTHCHECK"]
+    assert "/maps" in given["VOLUME"].split() and "EXPMAP_LIBRARY=/maps" in given["ENV"]
+    assert "ADD" not in names
+    for name, rest in found:
+        assert name != "RUN" or "--no-cache-dir" in rest or "pip" not in rest
+        for source in rest.split()[:-1] if name == "COPY" else ():
+            assert (project / source).exists(), source
+    assert given["CMD"].startswith('["expmap", "serve"')
+
+
+def test_what_is_copied_into_the_image_is_sent_to_the_builder(project):
+    ignore = (project / ".docker" / "Dockerfile.dockerignore").read_text("utf-8").split()
+    found = instructions((project / ".docker" / "Dockerfile").read_text("utf-8"))
+    copied = {source for name, rest in found if name == "COPY" for source in rest.split()[:-1]}
+    assert ignore[0] == "*"
+    assert {line[1:] for line in ignore if line.startswith("!")} == copied
+
+
+def test_the_composition_keeps_the_library_and_listens_here_only(project):
+    composition = load(project / ".docker" / "compose.yaml")
+    (app,) = composition["services"].values()
+    build = project / ".docker" / app["build"]["context"]
+    assert (build / app["build"]["dockerfile"]).is_file()
+    assert all(port.startswith("127.0.0.1:") for port in app["ports"])
+    volumes = dict(volume.split(":") for volume in app["volumes"])
+    assert "/maps" in volumes.values() and set(volumes) <= set(composition["volumes"])
+    assert app["read_only"] and app["cap_drop"] == ["ALL"]
+
+
+def test_each_part_of_the_suite_is_run_once(project):
+    """`make test` names folders: together they are all of tests/, and none comes twice."""
+    text = (project / "Makefile").read_text("utf-8")
+    named = re.search(r"^QUICK\s*:= (.+)$", text, re.M)[1].split()
+    pages = re.search(r"^PAGES\s*:= (.+)$", text, re.M)[1].split()
+    for folder in (*named, *pages):
+        assert (project / folder).is_dir(), folder
+    recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", text, re.M)[1]
+    for part in ("$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser"):
+        assert recipe.count(part) == (2 if part == "tests/browser" else 1), part
+
+
+def test_scripts_can_be_run(project):
+    assert (project / ".ci" / "run").stat().st_mode & stat.S_IXUSR
