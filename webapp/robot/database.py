@@ -16,7 +16,6 @@ import errno
 import os
 import shutil
 import sqlite3
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -71,7 +70,7 @@ class Database:
         self._reserve = _Reserve(reserve)
         self._commits = self._synced = 0
         self._is_durable: bool | None = None
-        with disk_errors(folder):
+        with storage_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
         try:
             self._open()
@@ -92,7 +91,7 @@ class Database:
     def select(self, query: str, *values: object, tolerant: bool = False) -> list[tuple[Any, ...]]:
         """Run a query; damage has the database put aside at the next start, but where it is `tolerant`."""
         noting = contextlib.nullcontext() if tolerant else self._noting_damage()
-        with self.guard, noting, _database_errors(self._path):
+        with self.guard, noting, storage_errors(self._path):
             return self._connection.execute(query, values).fetchall()
 
     def write(
@@ -166,7 +165,7 @@ class Database:
         if commits == self._synced:
             return
         # A checkpoint syncs what it takes out of the log, so the log has all that is not synced yet.
-        with disk_errors(self._path), contextlib.suppress(FileNotFoundError):
+        with storage_errors(self._path), contextlib.suppress(FileNotFoundError):
             descriptor = os.open(f"{self._path}-wal", os.O_RDWR)
             try:
                 os.fsync(descriptor)
@@ -181,7 +180,7 @@ class Database:
             self._connection.close()
 
     def _open(self) -> None:
-        with _database_errors(self._path):
+        with storage_errors(self._path):
             self._connection = sqlite3.connect(
                 self._path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False
             )
@@ -197,7 +196,7 @@ class Database:
 
     def _commit(self, statements: tuple[Statement, ...], *, durable: bool) -> int:
         changed = 0
-        with self._noting_damage(), _database_errors(self._path):
+        with self._noting_damage(), storage_errors(self._path):
             if durable is not self._is_durable:
                 self._connection.execute(f"PRAGMA synchronous = {'FULL' if durable else 'NORMAL'}")
                 self._is_durable = durable
@@ -226,11 +225,11 @@ class Database:
 
     def _checkpoint(self) -> None:
         """Copy the log into the database, so that the next commit writes over its beginning."""
-        with contextlib.suppress(StorageError), _database_errors(self._path):
+        with contextlib.suppress(StorageError), storage_errors(self._path):
             self._connection.execute("PRAGMA wal_checkpoint(RESTART)").fetchall()
 
     def _pragma(self, name: str) -> int:
-        with _database_errors(self._path):
+        with storage_errors(self._path):
             return int(self._connection.execute(f"PRAGMA {name}").fetchone()[0])
 
 
@@ -251,7 +250,9 @@ class _Reserve:
             if shutil.disk_usage(self._path.parent).free < RESERVE_BYTES + _MARGIN_BYTES:
                 return False
             with self._path.open("wb") as file:
-                _allocate(file.fileno())
+                file.write(bytes(RESERVE_BYTES))
+                file.flush()
+                os.fsync(file.fileno())
         except OSError:
             with contextlib.suppress(OSError):
                 self._path.unlink(missing_ok=True)
@@ -267,21 +268,6 @@ class _Reserve:
         return was_held
 
 
-if sys.platform == "linux":
-
-    def _allocate(descriptor: int) -> None:
-        os.posix_fallocate(descriptor, 0, RESERVE_BYTES)
-
-else:
-
-    def _allocate(descriptor: int) -> None:
-        block = bytes(1 << 16)
-        left = RESERVE_BYTES
-        while left:
-            left -= os.write(descriptor, block[:left])
-        os.fsync(descriptor)
-
-
 def open_for_reading(folder: Path) -> sqlite3.Connection:
     """Open the database in a folder while its writer may have it open.
 
@@ -290,13 +276,13 @@ def open_for_reading(folder: Path) -> sqlite3.Connection:
     DatabaseDamaged, StorageError
     """
     path = folder / FILE
-    with _database_errors(path):
+    with storage_errors(path):
         return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
 
 
 def read(connection: sqlite3.Connection, query: str, *values: object) -> list[tuple[Any, ...]]:
     """Run a query on a database that was opened for reading; nothing where it has no such table yet."""
-    with _database_errors(Path(FILE)):
+    with storage_errors(Path(FILE)):
         try:
             return connection.execute(query, values).fetchall()
         except sqlite3.OperationalError as error:
@@ -306,42 +292,28 @@ def read(connection: sqlite3.Connection, query: str, *values: object) -> list[tu
 
 
 @contextmanager
-def disk_errors(path: Path) -> Iterator[None]:
-    """Convert what the system reports about a file.
+def storage_errors(path: Path) -> Iterator[None]:
+    """Convert what the system or SQLite reports about a file.
 
     Raises
     ------
-    DiskFull, StorageError
+    DatabaseDamaged, DiskFull, StorageError
     """
     try:
         yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise _disk_full(path, reason) from error
-        raise StorageError(
-            f"the file cannot be used: {reason}",
-            where=str(path),
-            hint="choose a folder that you may write to",
-        ) from error
-
-
-@contextmanager
-def _database_errors(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except sqlite3.DatabaseError as error:
+    except (OSError, sqlite3.DatabaseError) as error:
         code = getattr(error, "sqlite_errorcode", 0)
-        if code in _FULL:
-            raise _disk_full(path, str(error)) from error
+        reason = getattr(error, "strerror", None) or str(error)
+        if code in _FULL or getattr(error, "errno", 0) in (errno.ENOSPC, errno.EDQUOT):
+            raise _disk_full(path, reason) from error
         if code & 0xFF in _CORRUPT:
             raise DatabaseDamaged(
-                f"the database of the spool is damaged: {error}",
+                f"the database of the spool is damaged: {reason}",
                 where=str(path),
                 hint="start the client again: it puts the database aside and goes on with what can be read",
             ) from error
         raise StorageError(
-            f"the database of the spool cannot be used: {error}",
+            f"the file cannot be used: {reason}",
             where=str(path),
             hint="choose a folder that you may write to",
         ) from error
@@ -363,28 +335,19 @@ class FolderLock:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._file = (folder / "lock").open("a+b")
+        path = folder / "lock.sqlite3"  # SQLite locks files on every system
+        self._connection = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
         try:
-            _lock(self._file.fileno())
-        except OSError as error:
-            self._file.close()
+            with storage_errors(path):
+                self._connection.execute("BEGIN EXCLUSIVE")
+        except StorageError as error:
+            self._connection.close()
+            if getattr(error.__cause__, "sqlite_errorcode", 0) & 0xFF != sqlite3.SQLITE_BUSY:
+                raise
             raise Conflict(
                 "another program is using this spool", where=str(folder), hint="wait until it has ended"
             ) from error
 
     def release(self) -> None:
         """Let others have the folder."""
-        self._file.close()
-
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _lock(descriptor: int) -> None:
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-
-else:
-    import fcntl
-
-    def _lock(descriptor: int) -> None:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._connection.close()

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from .database import Database, disk_errors
+from .database import Database, storage_errors
 
 _BLOCK = 1 << 16
 _ROWS = "SELECT id, file, name, sha256, size, time, object FROM photos ORDER BY id"
@@ -61,7 +61,7 @@ class PhotoQueue:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._folder = database.folder / "photos"
-        with disk_errors(self._folder):
+        with storage_errors(self._folder):
             self._folder.mkdir(exist_ok=True)
             self._delete_unknown()
         self.damaged = [photo for photo in self._waiting() if not _is_whole(photo)]
@@ -87,7 +87,7 @@ class PhotoQueue:
         plain = re.sub(r"[^\w.-]", "_", Path(name).name)[-60:]
         path = self._folder / f"{secrets.token_hex(4)}-{plain}"
         try:
-            with disk_errors(path):
+            with storage_errors(path):
                 sha256, size = _copy(source, path)
             self._database.write(
                 (
@@ -110,7 +110,7 @@ class PhotoQueue:
         """Delete a photo that the server has."""
         self._database.write(("DELETE FROM photos WHERE id = ?", (photo.id,)), urgent=True)
         self.count, self.size = self.count - 1, self.size - photo.size
-        with disk_errors(photo.path):
+        with storage_errors(photo.path):
             photo.path.unlink(missing_ok=True)
 
     def set_aside(self, photo: WaitingPhoto, *, reason: str, next_number: int) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .database import Database, disk_errors, open_for_reading
+from .database import Database, open_for_reading, storage_errors
 from .schema import create_tables
 
 _ROWS_AT_ONCE = 500
@@ -30,7 +30,7 @@ _TABLES = {
 
 def put_aside(folder: Path) -> None:
     """Rename `data` in the folder of a spool to `damaged-N`."""
-    with disk_errors(folder):
+    with storage_errors(folder):
         (folder / "data").rename(folder / f"damaged-{_last_number(folder) + 1}")
 
 
@@ -44,7 +44,7 @@ def salvage(folder: Path) -> None:
     if number == 0 or (folder / "data").exists():
         return
     damaged, made = folder / f"damaged-{number}", folder / "data.tmp"
-    with disk_errors(folder):
+    with storage_errors(folder):
         shutil.rmtree(made, ignore_errors=True)
         made.mkdir()
         _link_photos(damaged / "photos", made / "photos")
@@ -54,7 +54,7 @@ def salvage(folder: Path) -> None:
         _copy_tables(damaged, database)
     finally:
         database.close()
-    with disk_errors(folder):
+    with storage_errors(folder):
         made.rename(folder / "data")
 
 

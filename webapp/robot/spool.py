@@ -7,7 +7,7 @@
       data/photos/        photos that wait
       damaged-1/          a `data` whose database was damaged
       reserve             disk space for acknowledgements when the disk is full
-      lock
+      lock.sqlite3
 
 Every record has a number. The server wants numbers without gaps, so a record that is set aside does not count
 there: the state has both `next`, the first record that is not acknowledged, and `wire`, its number at the
@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from .database import DAMAGED, Database, DatabaseDamaged, FolderLock, Statement, disk_errors
+from .database import DAMAGED, Database, DatabaseDamaged, FolderLock, Statement, storage_errors
 from .errors import DiskFull, InputError, UsageError
 from .options import RobotOptions
 from .photos import PhotoQueue, WaitingPhoto
@@ -96,7 +96,7 @@ class Spool:
         self.folder = folder
         self._options = options or RobotOptions()
         check_version(folder)
-        with disk_errors(folder):
+        with storage_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = FolderLock(folder)
         try:

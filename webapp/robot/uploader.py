@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from .database import disk_errors
+from .database import storage_errors
 from .errors import Conflict, ExpMapError, UsageError
 from .options import RobotOptions
 from .spool import Gap, Run, Spool
@@ -84,7 +84,7 @@ class Uploader:
         if photo is None:
             return _NOTHING_LEFT
         fields = {"time": repr(photo.time)} | ({} if photo.object is None else {"object": photo.object})
-        with disk_errors(photo.path):
+        with storage_errors(photo.path):
             answer = self._uplink.post_file(
                 f"{self._mission}/photos", photo.path, name=photo.name, fields=fields
             )
