@@ -29,7 +29,8 @@ from pyproj import Geod
 from rosbags.highlevel import AnyReader
 
 from benchmarks.killer import descendants
-from tests.browser.app import expmap, free_port
+from tests.browser.app import expmap
+from tests.ports import reserved_port
 from tests.robot.wire import Wire
 from webapp.core.trajectory.records import Poses
 from webapp.core.trajectory.thinning import parse_min_move
@@ -38,7 +39,7 @@ from webapp.missions.store.schema import MissionSender, Track
 from webapp.missions.tasks import import_file
 from webapp.missions.tasks.import_file import Order
 from webapp.missions.tasks.read_track import Wishes
-from webapp.robot.content import has_spool, look
+from webapp.robot.content import has_spool, read_content
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
@@ -140,11 +141,12 @@ class _Programs:
 
 
 def _replay(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    rng, port = random.Random(arguments.seed), free_port()
+    rng = random.Random(arguments.seed)
     planned = ["cut"] * arguments.cuts + ["client", "server"] * arguments.kills
     rng.shuffle(planned)
     longest, after_the_end = 0, 0
     with (
+        reserved_port() as port,
         Wire(("127.0.0.1", port)) as wire,
         _Programs(folder, wire.url, port=port, arguments=arguments) as programs,
     ):
@@ -161,11 +163,11 @@ def _replay(folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
             if action == "cut":
                 wire.cut()
                 time.sleep(rng.uniform(0.2, 1.5))
-                longest = max(longest, look(folder / "spool").waiting)
+                longest = max(longest, read_content(folder / "spool").waiting)
                 wire.mend()
             else:
                 programs.kill(action)
-                longest = max(longest, look(folder / "spool").waiting)
+                longest = max(longest, read_content(folder / "spool").waiting)
                 programs.start(action)
         code = programs.end()
         cuts = wire.cuts
@@ -192,7 +194,7 @@ def _wait_for_server(port: int) -> None:
 
 def _compare(library: Library, folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     """Compare what the server has with what an import of the file gives."""
-    spool = look(folder / "spool")
+    spool = read_content(folder / "spool")
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
         other = missions.create(session, "Imported", account_id=owner.id).id

@@ -41,8 +41,8 @@ class Site:
             found = session.get_one(Mission, mission or self.mission)
             return found.name, found.start, found.ended_at is not None
 
-    def told(self, mission):
-        """What a robot has told, in short."""
+    def summary(self, mission):
+        """What a robot has sent, in short."""
         with self.library.database.read() as session:
             objects = select(MissionObject.object_id).where(MissionObject.mission_id == mission)
             return {

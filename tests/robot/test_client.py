@@ -14,7 +14,7 @@ from tests.robot.stand_in import refused
 from webapp.errors import Conflict, DiskFull, InputError, NotSignedIn, UsageError
 from webapp.robot import RobotClient
 from webapp.robot.backoff import Backoff
-from webapp.robot.content import look
+from webapp.robot.content import read_content
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def times(server):
     return [record["time"] for record in server.stored()]
 
 
-def test_what_is_told_arrives_as_it_was_told(start, server):
+def test_records_arrive_unchanged(start, server):
     client = start()
     covariance = [0.8, 0.9, 0.1]
     client.pose(50, 14, time_s=1, heading_deg=-90, height_m=200, covariance=covariance, source="odometry")
@@ -80,7 +80,7 @@ def test_what_is_told_arrives_as_it_was_told(start, server):
         ({"haeding": 3}, "haeding"),
     ],
 )
-def test_nonsense_is_refused_before_it_is_written(start, fields, where):
+def test_invalid_fields_are_refused_before_they_are_stored(start, fields, where):
     client = start(every_s=None)
     with pytest.raises(InputError) as refusal:
         client.pose(**{"lat": 50, "lon": 14} | fields)
@@ -119,7 +119,7 @@ def test_nothing_is_sent_before_the_command(start, server, until):
     until(lambda: client.status().waiting == 0)
 
 
-def test_what_was_left_out_at_the_end_is_told(start, server):
+def test_the_end_reports_what_was_left_out(start, server):
     client = start(min_move="1m")
     for number in (0, 1, 1, 1):
         send(client, 1, begin=number)
@@ -134,7 +134,7 @@ def test_what_was_left_out_at_the_end_is_told(start, server):
     assert again == {"type": "end"}
 
 
-def test_by_the_timer(start, server, until):
+def test_records_are_sent_by_the_timer(start, server, until):
     client = start()
     for number in range(3):
         send(client, 1, begin=number)
@@ -142,7 +142,7 @@ def test_by_the_timer(start, server, until):
     assert times(server) == [0, 1, 2]
 
 
-def test_at_the_end(start, server, until):
+def test_records_are_sent_at_the_end(start, server, until):
     client = start(every_s=None)
     send(client, 5)
     client.end()
@@ -198,7 +198,7 @@ def test_a_bad_record_is_set_aside_with_a_report_and_holds_up_nothing(start, ser
     send(client, 5, begin=17)
     assert client.upload(wait_s=60)
     assert times(server) == [*range(10), *range(11, 16), *range(17, 22)]
-    told = look(tmp_path / "spool").aside
+    told = read_content(tmp_path / "spool").aside
     assert [(e["first"], e["count"], e["record"]["id"]) for e in told] == [(10, 1, "x"), (16, 1, "y")]
     assert told[0]["reason"] == "records.0.class status 422"
     client.close()
@@ -217,7 +217,7 @@ def test_a_bad_record_is_found_without_its_place(start, server, tmp_path):
     send(client, 100)
     assert client.upload(wait_s=60)
     assert times(server) == [n for n in range(100) if n not in (33, 34, 70)]
-    assert [entry["first"] for entry in look(tmp_path / "spool").aside] == [33, 34, 70]
+    assert [entry["first"] for entry in read_content(tmp_path / "spool").aside] == [33, 34, 70]
     assert len(server.requests) < 60
 
 
@@ -226,12 +226,12 @@ def test_a_proxy_that_refuses_everything_sets_nothing_aside(start, server, tmp_p
     client = start()
     send(client, 10)
     until(lambda: client.status().refused)
-    assert look(tmp_path / "spool").aside == []
+    assert read_content(tmp_path / "spool").aside == []
     server.script = lambda path, body: None
     assert client.upload(wait_s=60) and times(server) == list(range(10))
 
 
-def test_a_token_that_is_not_known_is_told_and_nothing_is_lost(start, server, until):
+def test_an_unknown_token_is_reported_and_nothing_is_lost(start, server, until):
     server.script = lambda path, body: refused(401)
     client = start()
     send(client, 10)
@@ -265,7 +265,7 @@ def test_a_server_from_a_backup_gets_what_it_lacks(start, server):
     assert times(server) == [*range(30), *range(31, 46)]
 
 
-def test_a_server_that_lacks_what_is_gone_is_told_of(start, server, until):
+def test_a_server_that_lacks_deleted_records_is_reported(start, server, until):
     client = start(limit_mb=0.03, batch_records=100)
     for begin in range(0, 800, 100):
         send(client, 100, begin=begin)
@@ -288,7 +288,7 @@ def test_damage_that_the_server_has_already_is_no_loss(start, server, tmp_path):
     send(client, 5, begin=5)
     assert client.upload(wait_s=60)
     assert times(server) == list(range(10))
-    assert [e for e in look(tmp_path / "spool").aside if e["count"]] == []
+    assert [e for e in read_content(tmp_path / "spool").aside if e["count"]] == []
 
 
 def test_photos_follow_the_records(start, server, tmp_path):
@@ -331,7 +331,7 @@ def test_photos_wait_on_the_disk_and_refused_ones_go_aside(start, server, tmp_pa
     server.script = script
     client = start()
     assert client.upload(wait_s=60)
-    (told,) = look(tmp_path / "spool").aside
+    (told,) = read_content(tmp_path / "spool").aside
     assert told["reason"] == "file status 422"
     assert (tmp_path / "spool" / told["photo"]).read_bytes() == b"bad"
 
@@ -349,12 +349,12 @@ def test_photos_that_were_not_stored_whole_are_deleted_and_damaged_ones_set_asid
     client = start(every_s=None)
     assert client.status().photos == 1
     assert sorted(path.name.partition("-")[2] for path in folder.iterdir()) == ["good.jpg", "short.jpg"]
-    aside = look(tmp_path / "spool").aside
+    aside = read_content(tmp_path / "spool").aside
     assert [entry["photo"].partition("-")[2] for entry in aside] == ["short.jpg", "missing.jpg"]
     assert "damaged" in aside[0]["reason"]
 
 
-def test_a_full_spool_is_told_at_once(start):
+def test_a_full_spool_raises_at_once(start):
     client = start(every_s=None, limit_mb=0.02)
     with pytest.raises(DiskFull, match="full"):
         send(client, 1000)
@@ -369,7 +369,7 @@ def test_poses_that_hardly_moved_are_left_out_and_counted(start, server):
     client.close()
     assert [r.get("skipped", 0) for r in server.stored()] == [0, 2, 2, 2]
     assert server.stored()[-1]["travelled_m"] == pytest.approx(9 * 4e-6 * 111229, rel=1e-3)
-    client = start(min_move="0.00001deg")  # the way goes on where it was
+    client = start(min_move="0.00001deg")  # the distance continues
     client.pose(50.1, 14, time_s=10)
     client.pose(50.2, 14, time_s=11)
     assert client.upload(wait_s=60)
@@ -377,12 +377,12 @@ def test_poses_that_hardly_moved_are_left_out_and_counted(start, server):
 
 
 @pytest.mark.parametrize("url", ["maps.example.org", "ftp://maps.example.org", "http://"])
-def test_an_address_that_is_none_is_told(start, url):
-    with pytest.raises(UsageError, match="no address"):
+def test_an_invalid_address_is_refused(start, url):
+    with pytest.raises(UsageError, match="not an address"):
         start(url=url)
 
 
-def test_a_redirect_is_told(start, server, until):
+def test_a_redirect_is_reported(start, server, until):
     server.script = lambda path, body: (301, {}, {"Location": "https://maps.example.org/"})
     client = start()
     send(client, 1)
@@ -416,7 +416,7 @@ def test_waits_double_up_to_the_longest_with_jitter():
             return high
 
     backoff = Backoff(1, 10, rng=Half())
-    assert [backoff.failed() for _ in range(6)] == [1, 2, 4, 8, 10, 10]
-    assert backoff.failed(at_least_s=7) == 17
-    backoff.worked()
-    assert backoff.failed() == 1
+    assert [backoff.next_delay() for _ in range(6)] == [1, 2, 4, 8, 10, 10]
+    assert backoff.next_delay(at_least_s=7) == 17
+    backoff.reset()
+    assert backoff.next_delay() == 1

@@ -64,7 +64,7 @@ def test_it_sends_from_an_environment_with_nothing_else(wheel, site, mission, tm
     save_photo(tmp_path / "car.jpg", 1)
     printed = run(python, "-c", PROGRAM, site.url, site.token, mission, cwd=tmp_path)
     assert printed == "['expmap_robot'] None\n"
-    assert site.told(mission) == {"tracks": [("gps", 5)], "objects": ["car 1"], "photos": 1}
+    assert site.summary(mission) == {"tracks": [("gps", 5)], "objects": ["car 1"], "photos": 1}
     assert site.poses().times_s.tolist() == [0, 1, 2, 3, 4] and site.state()[2]
 
 

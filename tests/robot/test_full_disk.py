@@ -16,7 +16,7 @@ from tests.robot.stand_in import refused
 from tests.robot.test_kills import run, stored
 from webapp.errors import DiskFull
 from webapp.robot import RobotClient
-from webapp.robot.content import has_spool, look
+from webapp.robot.content import has_spool, read_content
 from webapp.robot.database import RESERVE_BYTES
 
 MEGABYTE = 1_000_000
@@ -167,7 +167,7 @@ def test_a_client_killed_on_a_full_disk_goes_on_there(disk, port, tmp_path, unti
     spool, file = disk.folder / "spool", tmp_path / "stored"
     words = ("walker", f"http://127.0.0.1:{port}", spool, 600)
     walker = run(*words)
-    until(lambda: has_spool(spool) and look(spool).written > 50)
+    until(lambda: has_spool(spool) and read_content(spool).written > 50)
     disk.fill()
     walker.kill()
     walker.wait()

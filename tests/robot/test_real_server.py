@@ -12,7 +12,7 @@ from webapp.app import main as program
 from webapp.missions.store import missions
 from webapp.missions.store.schema import MissionObject
 from webapp.robot import RobotClient
-from webapp.robot.content import look
+from webapp.robot.content import read_content
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_poses_objects_and_photos_arrive(site, mission, tmp_path, quick, save_ph
         assert session.get(MissionObject, (mission, "car 1")).photo_sha == photo
 
 
-def test_what_no_robot_can_mean_is_set_aside_by_the_server(site, mission, tmp_path, quick, monkeypatch):
+def test_a_record_that_the_server_rejects_is_set_aside(site, mission, tmp_path, quick, monkeypatch):
     monkeypatch.setattr("webapp.robot.client.object_record", lambda *_, **more: {"type": "walk", **more})
     with RobotClient(
         site.url, site.token, mission=mission, spool=tmp_path / "s", options=quick(every_s=None)
@@ -61,7 +61,7 @@ def test_what_no_robot_can_mean_is_set_aside_by_the_server(site, mission, tmp_pa
                 robot.object("", "", lat=1, lon=2, time_s=3)
         assert robot.upload(wait_s=60)
     assert site.poses().times_s.tolist() == list(range(20))
-    (told,) = look(tmp_path / "s").aside
+    (told,) = read_content(tmp_path / "s").aside
     assert told["first"] == 8 and told["reason"].startswith("records.0.type ")
 
 
@@ -81,7 +81,7 @@ def test_damage_that_the_server_has_already_is_found_out_by_asking(site, mission
         robot.pose(50, 14, time_s=5)
         assert robot.upload(wait_s=60)
     assert site.poses().times_s.tolist() == list(range(6))
-    assert look(tmp_path / "s").aside == []
+    assert read_content(tmp_path / "s").aside == []
 
 
 def test_lines_of_another_program_are_sent(site, expmap, mission, tmp_path):
@@ -128,7 +128,7 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
     assert poses.travelled_m[-1] == pytest.approx(48 * 4e-6 * 111_229, rel=1e-3)
     before = site.poses(number).times_s.tolist()
     code, _, err = expmap(*words, "--new", "Walk", "--start", "50,14,90")  # again: it is all there
-    assert code == 0 and f"going on with mission {number}" in err
+    assert code == 0 and f"continuing mission {number}" in err
     assert site.poses(number).times_s.tolist() == before
     code, _, err = expmap(*words, "--min-move", "0", "--start", "50,14,90")
     assert code == 2 and "something else" in err
@@ -139,14 +139,14 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
     [
         (("send", "SPOOL"), "either --mission N or --new NAME"),
         (("send", "SPOOL", "--mission", "99"), None),
-        (("send", "SPOOL", "--new", "x", "--start", "here"), "is no start"),
+        (("send", "SPOOL", "--new", "x", "--start", "here"), "is not a start"),
         (("send", "SPOOL", "--new", "x", "--map", "nowhere"), "no such map"),
         (("send", "SPOOL", "--new", "x", "--token", "wrong"), "not known"),
         (("status", "SPOOL"), "no spool"),
         (("recover", "SPOOL"), "no spool"),
     ],
 )
-def test_what_cannot_work_is_told(site, expmap, tmp_path, words, told):
+def test_usage_errors(site, expmap, tmp_path, words, told):
     words = [tmp_path / "s" if word == "SPOOL" else word for word in words]
     words += ["--url", site.url] if words[0] == "send" else []
     code, _, err = expmap(*words)
@@ -156,7 +156,7 @@ def test_what_cannot_work_is_told(site, expmap, tmp_path, words, told):
         assert code in (1, 2) and told in err
 
 
-def test_a_mission_that_is_not_there_is_told_at_once(site, expmap, tmp_path):
+def test_a_missing_mission_is_reported_at_once(site, expmap, tmp_path):
     file = tmp_path / "walk.csv"
     file.write_text("time,lat,lon\n1000,50,14\n1001,50.1,14\n")
     code, _, err = expmap("replay", file, "--spool", tmp_path / "s", "--url", site.url, "--mission", "99")

@@ -27,7 +27,11 @@ def test_the_example_in_python_sends_what_it_says(site, mission, tmp_path, save_
     environ = {"PYTHONPATH": str(ROOT), "PATH": ""}
     done = subprocess.run(words, cwd=tmp_path, env=environ, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, "")
-    assert site.told(mission) == {"tracks": [("gps", 1), ("odometry", 1)], "objects": ["door 1"], "photos": 1}
+    assert site.summary(mission) == {
+        "tracks": [("gps", 1), ("odometry", 1)],
+        "objects": ["door 1"],
+        "photos": 1,
+    }
 
 
 def test_the_lines_for_other_languages_are_records():

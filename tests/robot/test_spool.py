@@ -15,7 +15,7 @@ import pytest
 
 from tests.robot.damage import PAGE, damage_page, damage_record, database, root_page
 from webapp.errors import Conflict, DiskFull, InputError, UsageError
-from webapp.robot.content import look
+from webapp.robot.content import read_content
 from webapp.robot.database import DatabaseDamaged
 from webapp.robot.options import RobotOptions
 from webapp.robot.schema import Identity
@@ -39,7 +39,7 @@ def filled(folder, count, *, options=None):
 def drain(spool):
     """What an uploader would send, and the gaps; all of it is acknowledged or set aside."""
     texts, gaps = [], []
-    while (found := spool.take(records=3, size=1000)) is not None:
+    while (found := spool.next_batch(records=3, size=1000)) is not None:
         if isinstance(found, Gap):
             gaps.append((found.first, found.count))
             spool.set_aside(found.count, reason="damaged")
@@ -52,19 +52,19 @@ def drain(spool):
 def test_records_come_back_in_order(tmp_path):
     spool = filled(tmp_path / "s", 500)
     assert drain(spool) == (list(range(500)), [])
-    assert (spool.waiting, spool.take(records=3, size=1000)) == (0, None)
+    assert (spool.waiting, spool.next_batch(records=3, size=1000)) == (0, None)
     spool.close()
 
 
 def test_what_is_taken_has_at_most_so_many_records_and_bytes(tmp_path):
     spool = filled(tmp_path / "s", 200)
-    assert spool.take(records=70, size=10**6) == Run(0, tuple(map(record, range(70))))
-    assert len(spool.take(records=200, size=1000).texts) == 1000 // len(record(30))
-    assert len(spool.take(records=200, size=1).texts) == 1
+    assert spool.next_batch(records=70, size=10**6) == Run(0, tuple(map(record, range(70))))
+    assert len(spool.next_batch(records=200, size=1000).texts) == 1000 // len(record(30))
+    assert len(spool.next_batch(records=200, size=1).texts) == 1
     spool.close()
 
 
-def test_a_new_start_goes_on_behind_what_is_acknowledged(tmp_path):
+def test_a_new_start_continues_after_what_is_acknowledged(tmp_path):
     spool = filled(tmp_path / "s", 10)
     spool.acknowledge(4)
     spool.close()
@@ -105,7 +105,7 @@ def test_damaged_records_cost_themselves_and_are_listed(tmp_path):
     numbers, gaps = drain(spool)
     assert gaps == [(3, 3), (20, 1), (39, 1)]
     assert numbers == [n for n in range(40) if n not in (3, 4, 5, 20, 39)]
-    assert [(e["first"], e["count"]) for e in look(tmp_path / "s").aside] == gaps
+    assert [(e["first"], e["count"]) for e in read_content(tmp_path / "s").aside] == gaps
     assert (spool.state.wire, spool.next) == (35, 40)
     spool.close()
 
@@ -143,7 +143,7 @@ def test_a_damaged_page_costs_its_records_at_most(tmp_path, seed):
 
 def test_numbers_that_left_the_robot_are_not_given_again(tmp_path):
     spool = filled(tmp_path / "s", 5)
-    spool.take(records=5, size=1000)
+    spool.next_batch(records=5, size=1000)
     spool.close()
     with closing(sqlite3.connect(database(tmp_path / "s"))) as connection:
         connection.execute("DELETE FROM records WHERE number = 4")
@@ -155,21 +155,21 @@ def test_numbers_that_left_the_robot_are_not_given_again(tmp_path):
 
 
 @pytest.mark.parametrize("page", ["first", "records", "spool"])
-def test_a_damaged_database_is_put_aside_and_what_can_be_read_goes_on(tmp_path, page):
+def test_a_damaged_database_is_set_aside_and_what_can_be_read_is_kept(tmp_path, page):
     folder = tmp_path / "s"
     spool = filled(folder, 300)
     spool.acknowledge(100)
     spool.add_photo(io.BytesIO(b"photo"), name="a.jpg", time=1.0, object_id=None)
     spool.close()
-    before = look(folder).identity.id
+    before = read_content(folder).identity.id
     damage_page(folder, 1 if page == "first" else root_page(folder, page))
     damaged = database(folder).read_bytes()
     if page != "records":
         with pytest.raises(DatabaseDamaged, match="damaged"):
-            look(folder)
+            read_content(folder)
     spool = Spool(folder, identity=WHO)
     assert database(folder).parent.with_name("damaged-1").joinpath("spool.sqlite3").read_bytes() == damaged
-    (note,) = look(folder).aside
+    (note,) = read_content(folder).aside
     assert note["reason"].startswith("the database was damaged") and "damaged-1" in note["reason"]
     assert len(list((folder / "damaged-1" / "photos").iterdir())) == 1
     if page == "records":  # its state is readable: the same sender, with a gap where the records were
@@ -194,13 +194,13 @@ def test_a_salvage_that_was_killed_begins_again(tmp_path):
     spool.close()
 
 
-def test_damage_that_is_found_later_has_the_database_put_aside_at_the_next_start(tmp_path):
+def test_damage_that_is_found_later_has_the_database_set_aside_at_the_next_start(tmp_path):
     folder = tmp_path / "s"
     filled(folder, 300).close()
     damage_page(folder, root_page(folder, "aside_by_stop"))
     spool = Spool(folder, identity=WHO)
     with pytest.raises(DatabaseDamaged, match="damaged"):
-        spool.take(records=10, size=1000)
+        spool.next_batch(records=10, size=1000)
     spool.append(record(300), sync=True)
     spool.close()
     spool = Spool(folder, identity=WHO)
@@ -253,7 +253,7 @@ def test_another_process_is_refused_but_may_look(tmp_path):
     spool = filled(tmp_path / "s", 3)
     program = (
         "import sys; from pathlib import Path; from tests.robot.test_spool import *\n"
-        "print(look(Path(sys.argv[1])).written)\n"
+        "print(read_content(Path(sys.argv[1])).written)\n"
         "try: Spool(Path(sys.argv[1]), identity=WHO)\n"
         "except Conflict as error: print(error)"
     )
@@ -261,7 +261,7 @@ def test_another_process_is_refused_but_may_look(tmp_path):
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.startswith("3\n") and "another program is using this spool" in done.stdout
     spool.append(record(3), sync=False)
-    assert look(tmp_path / "s").waiting == 4
+    assert read_content(tmp_path / "s").waiting == 4
     spool.close()
 
 
@@ -272,7 +272,7 @@ def test_a_killed_owner_leaves_it_to_the_next(tmp_path):
     )
     killed = subprocess.run([sys.executable, "-c", program, tmp_path / "s"], cwd=ROOT)
     assert killed.returncode == -9
-    assert look(tmp_path / "s").waiting == 100
+    assert read_content(tmp_path / "s").waiting == 100
     spool = Spool(tmp_path / "s", identity=WHO)
     assert drain(spool) == (list(range(100)), [])
     spool.close()
@@ -306,9 +306,9 @@ def test_a_spool_belongs_to_one_mission_and_one_thing(tmp_path):
     moved = Spool(tmp_path / "s", identity=Identity("", 7, "http://elsewhere", ""))
     assert moved.identity.url == "http://elsewhere"
     moved.close()
-    assert look(tmp_path / "s").identity.url == "http://elsewhere"
+    assert read_content(tmp_path / "s").identity.url == "http://elsewhere"
     with pytest.raises(UsageError, match="no spool"):
-        look(tmp_path / "empty")
+        read_content(tmp_path / "empty")
     assert not (tmp_path / "empty").exists()
 
 
@@ -319,7 +319,7 @@ def test_a_spool_of_version_0_7_is_refused_with_the_way_out(tmp_path):
         '{"format": 1, "id": "a", "mission": 7, "url": "http://x", "about": ""}'
     )
     (folder / "records-000000000000.log").write_bytes(b"00000000 0 {}\n")
-    for use in (lambda: Spool(folder, identity=WHO), lambda: look(folder)):
+    for use in (lambda: Spool(folder, identity=WHO), lambda: read_content(folder)):
         with pytest.raises(UsageError, match=r"version 0\.7") as refusal:
             use()
         assert "expmap robot recover" in refusal.value.hint

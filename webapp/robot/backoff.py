@@ -1,4 +1,4 @@
-"""How long to wait before the next try."""
+"""Exponential backoff."""
 
 from __future__ import annotations
 
@@ -6,13 +6,7 @@ import random
 
 
 class Backoff:
-    """Waits that double with each failure, with jitter so that robots do not come back all at once.
-
-    Parameters
-    ----------
-    first_s, longest_s : float
-    rng : random.Random, optional
-    """
+    """Delays that double with each failure, with jitter so that robots do not retry all at once."""
 
     def __init__(self, first_s: float, longest_s: float, *, rng: random.Random | None = None) -> None:
         self._first_s = first_s
@@ -20,8 +14,8 @@ class Backoff:
         self._rng = rng or random.Random()
         self._failures = 0
 
-    def failed(self, *, at_least_s: float = 0.0) -> float:
-        """Tell how many seconds to wait after one more failure.
+    def next_delay(self, *, at_least_s: float = 0.0) -> float:
+        """Return how many seconds to wait after one more failure.
 
         Parameters
         ----------
@@ -32,6 +26,6 @@ class Backoff:
         self._failures += 1
         return at_least_s + usual * self._rng.uniform(0.5, 1.0)
 
-    def worked(self) -> None:
-        """Begin with the shortest wait again."""
+    def reset(self) -> None:
+        """Start with the shortest delay again."""
         self._failures = 0

@@ -13,8 +13,8 @@ from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
 
 from .backoff import Backoff
 from .errors import ExpMapError
-from .fixes import Fix, FixFields, ask_where
-from .motionfilter import MotionFilter
+from .fixes import Fix, FixFields, request_fix
+from .motion_filter import MotionFilter
 from .options import RobotOptions
 from .records import (
     ObjectFields,
@@ -49,7 +49,7 @@ class RobotClient:
         `expmap account token` makes one.
     mission : int
     spool : Path or str
-        Folder for the records, of this mission alone; the next start goes on with it.
+        Folder for the records, of this mission alone; the next start continues it.
     options : RobotOptions, optional
     about : str
         What fills the spool, where it must not be continued with something else.
@@ -57,7 +57,7 @@ class RobotClient:
     Raises
     ------
     UsageError
-        The spool is of another mission, or an option is no such thing.
+        The spool is of another mission, or an option is invalid.
     Conflict
         Another program uses the spool.
     StorageError, DiskFull
@@ -75,8 +75,8 @@ class RobotClient:
         about: str = "",
     ) -> None:
         self._options = options or RobotOptions()
-        self._moves: dict[tuple[str, str], MotionFilter] = {}
-        MotionFilter(self._options.min_move)  # says at once if it is no distance
+        self._filters: dict[tuple[str, str], MotionFilter] = {}
+        MotionFilter(self._options.min_move)  # raises at once if it is invalid
         self._server = (url, token)
         uplink = Uplink(url, token, timeout_s=self._options.timeout_s)
         self._spool = Spool(Path(spool), identity=Identity("", mission, url, about), options=self._options)
@@ -91,9 +91,9 @@ class RobotClient:
         self._dirty = threading.Event()
         self._wake = threading.Event()
         self._idle = threading.Condition()
-        self._threads = [threading.Thread(target=self._send_on, name="robot upload", daemon=True)]
+        self._threads = [threading.Thread(target=self._upload_loop, name="robot upload", daemon=True)]
         if self._options.sync_s > 0:
-            self._threads.append(threading.Thread(target=self._sync_on, name="robot sync", daemon=True))
+            self._threads.append(threading.Thread(target=self._sync_loop, name="robot sync", daemon=True))
         for thread in self._threads:
             thread.start()
 
@@ -113,7 +113,7 @@ class RobotClient:
         time_s: SupportsFloat | None = None,
         **more: Unpack[PoseFields],
     ) -> bool:
-        """Tell where the robot is.
+        """Send where the robot is.
 
         Parameters
         ----------
@@ -127,12 +127,12 @@ class RobotClient:
         Returns
         -------
         bool
-            False where it was left out, because it hardly moved.
+            False where it was left out, because the robot hardly moved.
 
         Raises
         ------
         InputError
-            A field is no such thing; nothing was written.
+            A field is invalid or unknown; nothing was written.
         DiskFull, StorageError
             Nothing was written.
         """
@@ -149,7 +149,7 @@ class RobotClient:
         time_s: SupportsFloat | None = None,
         **more: Unpack[ObjectFields],
     ) -> None:
-        """Tell of an object that the robot sees.
+        """Send an object that the robot sees.
 
         Parameters
         ----------
@@ -180,7 +180,7 @@ class RobotClient:
         time_s: float | None = None,
         object_id: str | None = None,
     ) -> str:
-        """Take over a photo, which is sent after the records.
+        """Send a photo, after the records.
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ class RobotClient:
         Raises
         ------
         DiskFull, StorageError
-            It was not taken over.
+            It was not stored.
         """
         when = time.time() if time_s is None else time_s
         if isinstance(file, (str, Path)):
@@ -214,9 +214,9 @@ class RobotClient:
     def fix(
         self, file: Path | str | BinaryIO, *, time_s: float | None = None, **more: Unpack[FixFields]
     ) -> Fix:
-        """Ask where a photo was taken, and wait for the answer; the server keeps both with the mission.
+        """Localize a photo on the server, and wait for the answer; the server keeps both with the mission.
 
-        Nothing of it goes through the spool: without a network there is no answer.
+        It bypasses the spool: without a network there is no answer.
 
         Parameters
         ----------
@@ -231,18 +231,18 @@ class RobotClient:
         NotReady
             The server does not answer, or not now.
         ExpMapError
-            What the server has against it: this is no photo, the mission is on no map.
+            The server refuses: the file is not a photo, the mission is on no map.
         """
         when = time.time() if time_s is None else time_s
-        return ask_where(self._server, self._spool.identity.mission, file=file, time_s=when, **more)
+        return request_fix(self._server, self._spool.identity.mission, file=file, time_s=when, **more)
 
     def send(self, record: dict[str, Any]) -> bool:
-        """Take a record in the form in which it is sent: `{"type": "pose", "lat": 50.0755, "lon": 14.4378}`.
+        """Send a record in the form of the API: `{"type": "pose", "lat": 50.0755, "lon": 14.4378}`.
 
         Returns
         -------
         bool
-            False where it was left out, because it hardly moved.
+            False where it was left out, because the robot hardly moved.
 
         Raises
         ------
@@ -256,21 +256,21 @@ class RobotClient:
         return self._write(checked)
 
     def end(self, *, left_out: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Say that the mission is over, and begin to upload.
+        """End the mission, and start to upload.
 
         Parameters
         ----------
         left_out : sequence of mapping
-            What the caller has left out at the end, as `end_record` takes it; what `min_move` has is told
-            by itself.
+            What the caller has left out at the end, as `end_record` takes it; what `min_move` left out is
+            added.
         """
         with self._writing:
-            rests = [{"source": s, "track": t, **asdict(m.rest())} for (s, t), m in self._moves.items()]
+            rests = [{"source": s, "track": t, **asdict(m.flush())} for (s, t), m in self._filters.items()]
         self._write(end_record([*left_out, *(rest for rest in rests if rest["skipped"])]))
         self._wake.set()
 
     def upload(self, *, wait_s: float = 0.0) -> bool:
-        """Begin to upload now.
+        """Start to upload now.
 
         Parameters
         ----------
@@ -287,7 +287,7 @@ class RobotClient:
             return self._idle.wait_for(self._is_done, timeout=wait_s)
 
     def status(self) -> RobotStatus:
-        """Tell how far it is."""
+        """Return how many records wait, and what is wrong."""
         spool, photos = self._spool, self._spool.photos.count
         return RobotStatus(spool.next, spool.waiting, photos, self._online, self._problem, self._refused)
 
@@ -319,18 +319,20 @@ class RobotClient:
 
     def _write(self, record: dict[str, Any]) -> bool:
         with self._writing:
-            if record["type"] == "pose" and self._options.min_move != "0" and not self._thin(record):
+            if record["type"] == "pose" and self._options.min_move != "0" and not self._filter(record):
                 return False
             self._spool.append(to_json(record), sync=self._options.sync_s == 0)
         self._dirty.set()
         return True
 
-    def _thin(self, record: dict[str, Any]) -> bool:
-        """Measure the way of a pose, and tell whether it is kept."""
+    def _filter(self, record: dict[str, Any]) -> bool:
+        """Apply `min_move` to a pose; return whether it is kept."""
         key = (record.get("source", "gps"), record.get("track", ""))
-        if key not in self._moves:
-            self._moves[key] = MotionFilter(self._options.min_move, travelled_m=self._spool.travelled_m(key))
-        kept = self._moves[key].add(record["lat"], record["lon"])
+        if key not in self._filters:
+            self._filters[key] = MotionFilter(
+                self._options.min_move, travelled_m=self._spool.travelled_m(key)
+            )
+        kept = self._filters[key].update(record["lat"], record["lon"])
         if kept is None:
             return False
         record.setdefault("travelled_m", round(kept.travelled_m, 3))
@@ -341,58 +343,58 @@ class RobotClient:
     def _is_done(self) -> bool:
         return self._spool.waiting == 0 and self._spool.photos.size == 0
 
-    def _sync_on(self) -> None:
+    def _sync_loop(self) -> None:
         while not self._closing.is_set():
             self._dirty.wait()
             self._closing.wait(self._options.sync_s)
             self._dirty.clear()
-            self._guarded(self._spool.sync)
+            self._with_backoff(self._spool.sync)
 
-    def _send_on(self) -> None:
+    def _upload_loop(self) -> None:
         while not self._closing.is_set():
             self._wake.wait(self._options.every_s)
             self._wake.clear()
-            while not self._closing.is_set() and self._guarded(self._send_some):
+            while not self._closing.is_set() and self._with_backoff(self._send_some):
                 pass
 
-    def _guarded(self, work: Callable[[], bool | None]) -> bool | None:
-        """Do what the disk can refuse: a thread that ended with an error would send nothing more."""
+    def _with_backoff(self, work: Callable[[], bool | None]) -> bool | None:
+        """Do what the disk can refuse, and wait if it does: a thread that ended would send nothing more."""
         try:
             return work()
         except ExpMapError as error:
-            self._note(str(error))
-            self._closing.wait(self._backoff.failed())
+            self._report(str(error))
+            self._closing.wait(self._backoff.next_delay())
             return False
 
     def _send_some(self) -> bool:
-        """Send what is there now, then one photo; tell whether to go on at once."""
+        """Send what is there now, then one photo; return whether to continue at once."""
         until = self._spool.next
         while self._spool.state.next < until and not self._closing.is_set():
-            self._judge(self._uploader.send_records())
+            self._handle(self._uploader.send_records())
         if self._closing.is_set():
             return False
-        went_on = self._judge(self._uploader.send_photo())
+        has_more = self._handle(self._uploader.send_photo())
         with self._idle:
             self._idle.notify_all()
-        return went_on
+        return has_more
 
-    def _judge(self, step: Step) -> bool:
-        """Wait where the server cannot or will not; tell whether there may be more to send."""
-        if step.outcome == "nothing left":
+    def _handle(self, step: Step) -> bool:
+        """Wait where the server cannot or will not; return whether there may be more to send."""
+        if step.outcome == "idle":
             return False
-        self._online, self._refused = step.outcome != "later", step.error
-        if step.outcome == "went on":
-            self._backoff.worked()
+        self._online, self._refused = step.outcome != "retry", step.error
+        if step.outcome == "progress":
+            self._backoff.reset()
             self._problem = ""
             return True
-        self._note(step.reason)
+        self._report(step.reason)
         if step.wait_s:
-            self._closing.wait(self._backoff.failed(at_least_s=step.wait_s))
-        elif self._wake.wait(self._backoff.failed()):
+            self._closing.wait(self._backoff.next_delay(at_least_s=step.wait_s))
+        elif self._wake.wait(self._backoff.next_delay()):
             self._wake.clear()  # somebody wants it now
         return True
 
-    def _note(self, problem: str) -> None:
+    def _report(self, problem: str) -> None:
         if problem != self._problem:
             _log.warning("%s: %s", self._spool.folder, problem)
         self._problem = problem

@@ -54,7 +54,7 @@ def has_spool(folder: Path) -> bool:
         connection.close()
 
 
-def look(folder: Path) -> SpoolContent:
+def read_content(folder: Path) -> SpoolContent:
     """Read what is in a spool, also while a robot writes to it.
 
     Raises

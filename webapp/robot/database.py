@@ -27,7 +27,7 @@ from .errors import Conflict, DiskFull, StorageError
 
 FILE = "spool.sqlite3"
 DAMAGED = "damaged"
-"""A file of this name beside the database says that it was found damaged while it was used."""
+"""A file of this name beside the database marks it as found damaged while it was used."""
 
 RESERVE_BYTES = 4_000_000
 _MARGIN_BYTES = 1_000_000
@@ -89,7 +89,7 @@ class Database:
             return (self._pragma("page_count") - self._pragma("freelist_count")) * self._pragma("page_size")
 
     def select(self, query: str, *values: object, tolerant: bool = False) -> list[tuple[Any, ...]]:
-        """Run a query; damage has the database put aside at the next start, but where it is `tolerant`."""
+        """Run a query; damage has the database set aside at the next start, unless `tolerant`."""
         noting = contextlib.nullcontext() if tolerant else self._noting_damage()
         with self.guard, noting, storage_errors(self._path):
             return self._connection.execute(query, values).fetchall()
@@ -310,7 +310,7 @@ def storage_errors(path: Path) -> Iterator[None]:
             raise DatabaseDamaged(
                 f"the database of the spool is damaged: {reason}",
                 where=str(path),
-                hint="start the client again: it puts the database aside and goes on with what can be read",
+                hint="start the client again: it sets the database aside and continues with what can be read",
             ) from error
         raise StorageError(
             f"the file cannot be used: {reason}",

@@ -1,4 +1,4 @@
-"""Asks the server where a photo was taken."""
+"""Localizes a photo on the server."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypedDict, Unpack
 
 from .errors import NotReady
-from .uplink import NoAnswer, Uplink
+from .uplink import NoResponse, Uplink
 
 _PATIENCE_S = 60.0
 
@@ -43,7 +43,7 @@ class Fix:
     no_pose : str or None
         Why there is no position; None where there is one.
     answer : mapping
-        All that the server says: `hypotheses` with their probabilities, `seconds`, and so on.
+        The whole answer of the server: `hypotheses` with their probabilities, `seconds`, and so on.
     """
 
     lat: float | None
@@ -67,7 +67,7 @@ class FixFields(TypedDict, total=False):
     heading_deg : float
         About where the camera looked, by a compass: degrees clockwise from north.
     fov_deg : float
-        Horizontal field of view of the upright photo; what EXIF tells where it is not given.
+        Horizontal field of view of the upright photo; from EXIF where it is not given.
     timeout_s : float
         Wait so long for the answer; a minute where it is not given.
     """
@@ -78,7 +78,7 @@ class FixFields(TypedDict, total=False):
     timeout_s: float
 
 
-def ask_where(
+def request_fix(
     server: tuple[str, str],
     mission: int,
     *,
@@ -86,24 +86,21 @@ def ask_where(
     time_s: float,
     **more: Unpack[FixFields],
 ) -> Fix:
-    """Send a photo, and wait for where it was taken.
+    """Localize a photo on the server.
 
     Parameters
     ----------
     server : tuple of str
         Address and token.
-    mission : int
-    file : Path, str or binary file
     time_s : float
         When it was taken: seconds since 1970, UTC.
-    **more : FixFields
 
     Raises
     ------
     NotReady
         The server does not answer, or not now.
     ExpMapError
-        What the server has against it.
+        The server refuses.
     """
     known = {"time": time_s, "heading_deg": more.get("heading_deg"), "fov": more.get("fov_deg")}
     if (near := more.get("near")) is not None:
@@ -115,10 +112,10 @@ def ask_where(
         source, name = file.read(), "photo"
     uplink = Uplink(*server, timeout_s=more.get("timeout_s", _PATIENCE_S))
     with closing(uplink):
-        told = uplink.post_file(f"/missions/{mission}/fixes", source, name=name, fields=fields)
-    if isinstance(told, NoAnswer) or told.status != 200:
-        raise told.refusal()
-    body = told.body
+        response = uplink.post_file(f"/missions/{mission}/fixes", source, name=name, fields=fields)
+    if isinstance(response, NoResponse) or response.status != 200:
+        raise response.as_error()
+    body = response.body
     try:
         return Fix(
             body["lat"], body["lon"], _flat(body["position_covariance_m2"]), body["heading_deg"],

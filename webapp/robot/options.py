@@ -1,4 +1,4 @@
-"""How a robot's client writes and sends: every number that can be chosen."""
+"""Options of a robot's client."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class RobotOptions:
     """Kilobytes (10^3 bytes) of one request, at most."""
 
     timeout_s: float = 10.0
-    """The network counts as down where the server says nothing for so many seconds."""
+    """The network counts as down where the server does not answer for so many seconds."""
 
     backoff_s: float = 1.0
     """Wait after the first failure; it doubles with each further one, ..."""

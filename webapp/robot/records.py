@@ -1,4 +1,4 @@
-"""Makes the records that the server takes from what a robot's code says."""
+"""Makes records, as the server takes them, from the arguments of the client."""
 
 from __future__ import annotations
 

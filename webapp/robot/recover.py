@@ -21,18 +21,15 @@ def recover(
     *,
     options: RobotOptions,
     patience_s: float,
-    told: Callable[[int], None],
+    on_progress: Callable[[int], None],
 ) -> None:
-    """Send all that is left.
+    """Upload everything that is left.
 
     Parameters
     ----------
-    spool : Spool
-    token : str
-    options : RobotOptions
     patience_s : float
         Give up when the server has taken nothing for so many seconds.
-    told : callable
+    on_progress : callable
         Gets the number of records and photos that wait, after each step and a few times a second while it
         waits; what it raises ends the work.
 
@@ -41,27 +38,27 @@ def recover(
     NotReady
         The network or the server is down.
     ExpMapError
-        The server refuses: an unknown token, a mission that is gone.
+        The server refuses: an unknown token, a deleted mission.
     """
     uplink = Uplink(spool.identity.url, token, timeout_s=options.timeout_s)
     uploader = Uploader(spool, uplink, options=options)
     backoff = Backoff(options.backoff_s, options.backoff_max_s)
     until = time.monotonic() + patience_s
     try:
-        while (step := uploader.step()).outcome != "nothing left":
-            told(spool.waiting + spool.photos.count)
+        while (step := uploader.step()).outcome != "idle":
+            on_progress(spool.waiting + spool.photos.count)
             if step.error is not None:
                 raise step.error
-            if step.outcome == "went on":
-                backoff.worked()
+            if step.outcome == "progress":
+                backoff.reset()
                 until = time.monotonic() + patience_s
                 continue
-            again = time.monotonic() + backoff.failed(at_least_s=step.wait_s)
+            again = time.monotonic() + backoff.next_delay(at_least_s=step.wait_s)
             if again > until:
                 hint = "what is left stays in the spool: try again later"
                 raise NotReady(f"the server takes nothing: {step.reason}", hint=hint)
             while time.monotonic() < again:
                 time.sleep(_LOOK_S)
-                told(spool.waiting + spool.photos.count)
+                on_progress(spool.waiting + spool.photos.count)
     finally:
         uplink.close()

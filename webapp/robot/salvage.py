@@ -1,7 +1,7 @@
-"""Puts a damaged database aside, and takes over what can be read of it.
+"""Sets a damaged database aside, and takes over what can be read of it.
 
 Each step is one rename, so that a kill in between is made good at the next start: a spool with a folder
-`damaged-N` and no `data` has been put aside and not yet salvaged.
+`damaged-N` and no `data` has been set aside and not yet salvaged.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _TABLES = {
 """Their columns, the key first."""
 
 
-def put_aside(folder: Path) -> None:
+def quarantine(folder: Path) -> None:
     """Rename `data` in the folder of a spool to `damaged-N`."""
     with storage_errors(folder):
         (folder / "data").rename(folder / f"damaged-{_last_number(folder) + 1}")
@@ -61,7 +61,7 @@ def salvage(folder: Path) -> None:
 def _copy_tables(damaged: Path, database: Database) -> None:
     with contextlib.closing(open_for_reading(damaged)) as source:
         for table, columns in _TABLES.items():
-            # Records are text even where they are damaged: their checksums tell.
+            # Records are text even where they are damaged: a checksum shows it.
             names = ", ".join("text" if "text" in column else column for column in columns)
             marks = ", ".join("CAST(? AS TEXT)" if "text" in column else "?" for column in columns)
             insert = f"INSERT OR IGNORE INTO {table} ({names}) VALUES ({marks})"

@@ -33,7 +33,7 @@ from .database import DAMAGED, Database, DatabaseDamaged, FolderLock, Statement,
 from .errors import DiskFull, InputError, UsageError
 from .options import RobotOptions
 from .photos import PhotoQueue, WaitingPhoto
-from .salvage import put_aside, salvage
+from .salvage import quarantine, salvage
 from .schema import IDENTITY, Identity, check_version, create_tables
 
 MAX_RECORD = 100_000
@@ -164,7 +164,7 @@ class Spool:
                 try:
                     self._database.write(insert, durable=sync, size=len(text))
                 except DiskFull:
-                    if not self._forget():
+                    if not self._delete_acknowledged():
                         raise
                 else:
                     self.next += 1
@@ -193,7 +193,7 @@ class Spool:
         """Have all records on the disk. Others may add some meanwhile."""
         self._database.sync()
 
-    def take(self, *, records: int, size: int) -> Run | Gap | None:
+    def next_batch(self, *, records: int, size: int) -> Run | Gap | None:
         """Read the records to send next, at most so many and so many bytes, having them on the disk first.
 
         Returns
@@ -201,7 +201,7 @@ class Spool:
         Run, Gap or None
             A gap where the next record is damaged; None when all are acknowledged.
         """
-        end = self._skip()
+        end = self._skip_set_aside()
         first = self.state.next
         if first >= end:
             return None
@@ -215,14 +215,14 @@ class Spool:
             damaged = itertools.takewhile(lambda text: text is None, self._texts(first, end=end))
             return Gap(first, sum(1 for _ in damaged))
         if first + len(texts) > self.state.sent:
-            self._keep(replace(self.state, sent=first + len(texts)), durable=True)
+            self._save(replace(self.state, sent=first + len(texts)), durable=True)
         return Run(first, tuple(texts))
 
     def acknowledge(self, count: int) -> None:
         """Remember that the server has the next `count` records."""
         end = self.state.next + count
         # Forgotten in a power cut, they are sent again, and the server recognizes them by their numbers.
-        self._keep(State(end, self.state.wire + count, max(self.state.sent, end)))
+        self._save(State(end, self.state.wire + count, max(self.state.sent, end)))
         self._database.make_reserve()
 
     def set_aside(self, count: int, *, reason: str, text: bytes | None = None) -> None:
@@ -241,7 +241,7 @@ class Spool:
             "INSERT INTO aside (first, stop, reason, record) VALUES (?, ?, ?, ?)",
             (first, end, reason, record),
         )
-        self._keep(replace(self.state, next=end), aside, durable=True)
+        self._save(replace(self.state, next=end), aside, durable=True)
 
     def set_photo_aside(self, photo: WaitingPhoto, *, reason: str) -> None:
         """Keep a photo that will not be sent, with the reason."""
@@ -268,7 +268,7 @@ class Spool:
         oldest = self._database.select("SELECT min(number) FROM records")[0][0]
         if oldest is None or number < oldest:
             return False
-        self._keep(State(number, wire, self.state.sent))
+        self._save(State(number, wire, self.state.sent))
         return True
 
     def close(self) -> None:
@@ -281,12 +281,12 @@ class Spool:
     def _open(self, wanted: Identity) -> None:
         data = self.folder / "data"
         if (data / DAMAGED).exists():
-            put_aside(self.folder)
+            quarantine(self.folder)
         try:
             salvage(self.folder)
             self._load(wanted)
         except DatabaseDamaged:
-            put_aside(self.folder)
+            quarantine(self.folder)
             salvage(self.folder)
             self._load(wanted)
 
@@ -294,7 +294,7 @@ class Spool:
         self._database = Database(self.folder / "data", reserve=self.folder / "reserve")
         try:
             create_tables(self._database)
-            self.identity = self._take_over(wanted)
+            self.identity = self._claim(wanted)
             self.state = State(*self._database.select("SELECT next, wire, sent FROM spool")[0])
             last = self._database.select("SELECT max(number) FROM records")[0][0]
             self.next = max(self.state.sent, -1 if last is None else last + 1)
@@ -305,7 +305,7 @@ class Spool:
             self._database.close()
             raise
 
-    def _take_over(self, wanted: Identity) -> Identity:
+    def _claim(self, wanted: Identity) -> Identity:
         """Check whose the spool is; enter it where it is new."""
         rows = self._database.select(IDENTITY)
         if not rows:
@@ -330,12 +330,12 @@ class Spool:
             self._database.write(("UPDATE spool SET url = ?", (wanted.url,)), durable=True, urgent=True)
         return replace(found, url=wanted.url)
 
-    def _keep(self, state: State, *more: Statement, durable: bool = False) -> None:
+    def _save(self, state: State, *more: Statement, durable: bool = False) -> None:
         update = ("UPDATE spool SET next = ?, wire = ?, sent = ?", (state.next, state.wire, state.sent))
         self._database.write(*more, update, durable=durable, urgent=True)
         self.state = state
 
-    def _skip(self) -> int:
+    def _skip_set_aside(self) -> int:
         """Pass over what was set aside before a rewind; return the number at which that begins again."""
         while True:
             rows = self._database.select(
@@ -344,7 +344,7 @@ class Spool:
             )
             if not rows or rows[0][0] > self.state.next:
                 return int(rows[0][0]) if rows else self.next
-            self._keep(replace(self.state, next=rows[0][1]))
+            self._save(replace(self.state, next=rows[0][1]))
 
     def _texts(self, first: int, *, end: int) -> Iterator[bytes | None]:
         """Read records; None for one that is damaged or missing."""
@@ -366,14 +366,14 @@ class Spool:
     def _make_room(self, size: int) -> None:
         limit = self._options.limit_mb * 1e6
         while self.size + size > limit:
-            if not self._forget():
+            if not self._delete_acknowledged():
                 raise DiskFull(
                     f"the spool is full: {self.size / 1e6:.1f} of {self._options.limit_mb:g} MB",
                     where=str(self.folder),
                     hint="bring the robot where there is a network, or allow the spool more",
                 )
 
-    def _forget(self) -> int:
+    def _delete_acknowledged(self) -> int:
         """Delete the oldest records that the server has; return how many."""
         return self._database.write(
             (

@@ -1,4 +1,4 @@
-"""How far a client is."""
+"""The state of a client."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .errors import ExpMapError
 
 @dataclass(frozen=True, slots=True)
 class RobotStatus:
-    """How far a client is.
+    """The state of a client.
 
     Attributes
     ----------
@@ -22,9 +22,9 @@ class RobotStatus:
     online : bool or None
         Whether the last request was answered; None before the first one.
     problem : str
-        Why the last upload did not go on; empty where it did.
+        Why the last upload failed; empty where it did not.
     refused : ExpMapError or None
-        What the server has against all of it: a token that it does not know, a mission that is gone.
+        Why the server refuses everything: an unknown token, a deleted mission.
     """
 
     written: int

@@ -1,4 +1,4 @@
-"""Requests to the server, with the standard library alone."""
+"""HTTP requests to the server."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ _ERRORS: dict[int, type[ExpMapError]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What the server said.
+class Response:
+    """The response of the server.
 
     Attributes
     ----------
     status : int
     body : dict
-        Empty where it was no JSON object.
+        Empty where it was not a JSON object.
     retry_after_s : float
-        Seconds that the server asked to wait; 0 where it did not.
+        Seconds, of `Retry-After`; 0 where there is none.
     location : str or None
-        Where it sends on to.
+        Of a redirect.
     """
 
     status: int
@@ -62,27 +62,26 @@ class Answer:
 
     @property
     def error(self) -> dict[str, Any] | None:
-        """The error in the shape of the API; None where it is none of this API's."""
-        told = self.body.get("error")
-        return told if isinstance(told, dict) and isinstance(told.get("message"), str) else None
+        """The error in the shape of the API; None where it has another shape."""
+        error = self.body.get("error")
+        return error if isinstance(error, dict) and isinstance(error.get("message"), str) else None
 
-    def refusal(self) -> ExpMapError:
-        """Give what the server said as an error of ours."""
+    def as_error(self) -> ExpMapError:
+        """Convert it to an error of this program."""
         error = self.error or {}
         message = str(error.get("message") or f"the server refuses with status {self.status}")
         hint = str(error.get("hint") or "") or None
         if self.location is not None:
-            hint = f"give the address that it sends on to: {self.location}"
+            hint = f"use the address that it redirects to: {self.location}"
         return _ERRORS.get(self.status, UsageError)(message, where=error.get("where"), hint=hint)
 
 
 @dataclass(frozen=True, slots=True)
-class NoAnswer:
-    """The network is down, or the server is.
+class NoResponse:
+    """No response: the network is down, or the server is.
 
     Attributes
     ----------
-    reason : str
     broken : bool
         The connection ended before the answer.
     """
@@ -90,78 +89,73 @@ class NoAnswer:
     reason: str
     broken: bool
 
-    def refusal(self) -> ExpMapError:
-        """Give it as an error."""
+    def as_error(self) -> ExpMapError:
+        """Convert it to an error of this program."""
         hint = "look at the network and the server, and try again"
         return NotReady(f"the server does not answer: {self.reason}", hint=hint)
 
 
 class Uplink:
-    """One connection to one server, opened again when it breaks. For one thread.
+    """A connection to one server, opened again when it breaks. For one thread.
 
     Parameters
     ----------
     url : str
         `http://host:port` or `https://host`, with the folder of the program where it has one.
-    token : str
-    timeout_s : float
 
     Raises
     ------
     UsageError
-        This is no address, or no token.
+        The address or the token is invalid.
     """
 
     def __init__(self, url: str, token: str, *, timeout_s: float) -> None:
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise UsageError(
-                f"{url!r} is no address", where="url", hint="write http://HOST:PORT or https://HOST"
+                f"{url!r} is not an address", where="url", hint="write http://HOST:PORT or https://HOST"
             )
         if not token or not token.isascii() or not token.isprintable():
             raise UsageError(
-                "this is no token", where="token", hint="expmap account token --name NAME makes one"
+                "this is not a token", where="token", hint="expmap account token --name NAME makes one"
             )
         self._path = f"{parts.path.rstrip('/')}/api/v1"
         self._headers = {"Authorization": f"Bearer {token}", "Accept": "application/json"}
         kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
         self._connection = kind(parts.hostname, parts.port, timeout=timeout_s)
 
-    def get(self, path: str) -> Answer | NoAnswer:
-        """Ask for what is at an address below `/api/v1`."""
-        return self._ask("GET", path)
+    def get(self, path: str) -> Response | NoResponse:
+        """Get what is at an address below `/api/v1`."""
+        return self._request("GET", path)
 
-    def post(self, path: str, value: dict[str, Any]) -> Answer | NoAnswer:
+    def post(self, path: str, value: dict[str, Any]) -> Response | NoResponse:
         """Send JSON."""
         return self._post_json(path, json.dumps(value).encode("utf-8"))
 
-    def post_batch(self, path: str, *, sender: str, first: int, texts: Sequence[bytes]) -> Answer | NoAnswer:
+    def post_batch(
+        self, path: str, *, sender: str, first: int, texts: Sequence[bytes]
+    ) -> Response | NoResponse:
         """Send records that are JSON already.
 
         Parameters
         ----------
-        path : str
-        sender : str
         first : int
             Number of the first record at the server.
-        texts : sequence of bytes
         """
         head = json.dumps({"sender": sender, "first": first})[:-1].encode("utf-8")
         return self._post_json(path, b'%s, "records": [%s]}' % (head, b",".join(texts)))
 
     def post_file(
         self, path: str, file: Path | bytes, *, name: str, fields: dict[str, str]
-    ) -> Answer | NoAnswer:
+    ) -> Response | NoResponse:
         """Send a file as a form, block by block.
 
         Parameters
         ----------
-        path : str
-        file : Path or bytes
         name : str
             Of the file, for people.
-        fields : dict of str to str
-            What else the form has.
+        fields : dict
+            Further fields of the form.
         """
         boundary = secrets.token_hex(16)
         head, tail = _form(boundary, name, fields)
@@ -170,27 +164,29 @@ class Uplink:
             "Content-Type": f"multipart/form-data; boundary={boundary}",
             "Content-Length": str(len(head) + size + len(tail)),
         }
-        return self._ask("POST", path, headers=headers, body=lambda: _blocks(file, head, tail=tail))
+        return self._request("POST", path, headers=headers, body=lambda: _blocks(file, head, tail=tail))
 
     def close(self) -> None:
         """Close the connection."""
         self._connection.close()
 
-    def _post_json(self, path: str, data: bytes) -> Answer | NoAnswer:
+    def _post_json(self, path: str, data: bytes) -> Response | NoResponse:
         headers = {"Content-Type": "application/json", "Content-Length": str(len(data))}
-        return self._ask("POST", path, headers=headers, body=lambda: [data])
+        return self._request("POST", path, headers=headers, body=lambda: [data])
 
-    def _ask(
+    def _request(
         self, method: str, path: str, *, headers: dict[str, str] | None = None, body: Any = None
-    ) -> Answer | NoAnswer:
-        """Ask; once more where the server has closed a connection that was idle."""
+    ) -> Response | NoResponse:
+        """Send a request; once more where the server has closed an idle connection."""
         was_open = self._connection.sock is not None
-        told = self._once(method, path, headers=headers or {}, body=body)
-        if isinstance(told, NoAnswer) and told.broken and was_open:
-            told = self._once(method, path, headers=headers or {}, body=body)
-        return told
+        response = self._request_once(method, path, headers=headers or {}, body=body)
+        if isinstance(response, NoResponse) and response.broken and was_open:
+            response = self._request_once(method, path, headers=headers or {}, body=body)
+        return response
 
-    def _once(self, method: str, path: str, *, headers: dict[str, str], body: Any) -> Answer | NoAnswer:
+    def _request_once(
+        self, method: str, path: str, *, headers: dict[str, str], body: Any
+    ) -> Response | NoResponse:
         try:
             data: Iterable[bytes] | None = None if body is None else body()
             self._connection.request(method, self._path + path, body=data, headers=self._headers | headers)
@@ -200,8 +196,8 @@ class Uplink:
                 self._connection.close()
         except (OSError, http.client.HTTPException) as error:
             self._connection.close()
-            return NoAnswer(str(error) or type(error).__name__, isinstance(error, ConnectionError))
-        return Answer(
+            return NoResponse(str(error) or type(error).__name__, isinstance(error, ConnectionError))
+        return Response(
             response.status,
             _object(text),
             _seconds(response.headers.get("Retry-After")),

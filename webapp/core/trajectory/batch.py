@@ -29,11 +29,11 @@ class TrackPart:
     Attributes
     ----------
     poses : Poses
-        `travelled_m` is NaN where the robot did not tell it.
+        `travelled_m` is NaN where the robot did not send it.
     skipped : int
         Poses that the robot left out between these, and after the last one if it is over.
     travelled_m : float
-        At the end, with those left out after the last one; NaN where the robot did not tell it.
+        At the end, with those left out after the last one; NaN where the robot did not send it.
     """
 
     poses: Poses

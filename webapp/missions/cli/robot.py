@@ -1,4 +1,4 @@
-"""`expmap robot`: sends what a robot says, and what it has left in its spool."""
+"""`expmap robot`: sends records of a robot, and uploads what is left in its spool."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from webapp.missions.cli.robot_options import (
     token_option,
 )
 from webapp.robot.client import RobotClient
-from webapp.robot.content import SpoolContent, look
+from webapp.robot.content import SpoolContent, read_content
 from webapp.robot.options import RobotOptions
 from webapp.robot.recover import recover as send_all
 from webapp.robot.spool import Spool
@@ -37,7 +37,7 @@ _SPOOL = click.Path(file_okay=False, path_type=Path)
     "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
     help="Upload every so many seconds.",
 )  # fmt: skip
-@click.option("--at-end", is_flag=True, help="Upload at the end only, or when a line says so.")
+@click.option("--at-end", is_flag=True, help="Upload at the end only, or on the line {type: upload}.")
 @click.option(
     "--sync", type=click.FloatRange(0.0), default=0.5, show_default=True, metavar="S",
     help="What a power cut may cost, in seconds; 0: nothing.",
@@ -79,7 +79,7 @@ def send(spool: Path, every: float, at_end: bool, sync: float, limit: float, **c
 )  # fmt: skip
 def recover(spool: Path, url: str | None, token: str | None, patience: float) -> int:
     """Upload what a robot has left in the folder SPOOL."""
-    known, secret = look(spool), find_token(token)
+    known, secret = read_content(spool), find_token(token)
     identity = known.identity
     opened = Spool(spool, identity=replace(identity, url=url or identity.url))
     try:
@@ -88,16 +88,16 @@ def recover(spool: Path, url: str | None, token: str | None, patience: float) ->
             progress.size(begun)
             shown = begun
 
-            def told(left: int) -> None:
+            def on_progress(left: int) -> None:
                 nonlocal shown
                 progress.advance(shown - left)
                 shown = left
                 progress.check()
 
-            send_all(opened, secret, options=RobotOptions(), patience_s=patience, told=told)
+            send_all(opened, secret, options=RobotOptions(), patience_s=patience, on_progress=on_progress)
     finally:
         opened.close()
-    aside = look(spool).aside[before:]
+    aside = read_content(spool).aside[before:]
     for entry in aside:
         click.echo(_aside(entry), err=True)
     click.echo(f"mission {identity.mission}: everything is at the server")
@@ -108,18 +108,18 @@ def recover(spool: Path, url: str | None, token: str | None, patience: float) ->
 @click.argument("spool", type=_SPOOL)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def status(spool: Path, as_json: bool) -> None:
-    """Tell what is in the folder SPOOL; the robot may be writing to it."""
-    found = look(spool)
+    """Show what is in the folder SPOOL; the robot may be writing to it."""
+    found = read_content(spool)
     click.echo(_as_json(found) if as_json else _as_text(found))
 
 
 def _take(client: RobotClient, line: str, *, number: int) -> bool:
-    """Take a line; tell on standard error why it cannot be used."""
+    """Send a line; print on standard error why it cannot be used."""
     try:
         record = json.loads(line)
         if not isinstance(record, dict):
             raise InputError(
-                "this is no JSON object", hint='write {"type": "pose", "lat": 50.0755, "lon": 14.4378}'
+                "this is not a JSON object", hint='write {"type": "pose", "lat": 50.0755, "lon": 14.4378}'
             )
         if record == {"type": "upload"}:
             client.upload()
@@ -129,7 +129,7 @@ def _take(client: RobotClient, line: str, *, number: int) -> bool:
         click.echo(f"line {number}: {error}", err=True)
         return False
     except ValueError as error:
-        click.echo(f"line {number}: this is no JSON: {error}", err=True)
+        click.echo(f"line {number}: this is not JSON: {error}", err=True)
         return False
     return True
 

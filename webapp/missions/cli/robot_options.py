@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from webapp.errors import UsageError
-from webapp.robot.content import has_spool, look
-from webapp.robot.uplink import NoAnswer, Uplink
+from webapp.robot.content import has_spool, read_content
+from webapp.robot.uplink import NoResponse, Uplink
 from webapp.settings import from_environment
 
 _URL = "http://127.0.0.1:8000"
@@ -101,13 +101,13 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
     """
     token, mission, new = find_token(chosen["token"]), chosen["mission"], chosen["new"]
     if has_spool(spool):
-        known = look(spool).identity
+        known = read_content(spool).identity
         if new is not None:
-            click.echo(f"{spool}: going on with mission {known.mission}", err=True)
+            click.echo(f"{spool}: continuing mission {known.mission}", err=True)
         return Target(chosen["url"] or known.url, token, mission or known.mission)
     url = chosen["url"] or _URL
     if (mission is None) == (new is None):
-        raise UsageError("it is not said which mission", hint="give either --mission N or --new NAME")
+        raise UsageError("a new spool needs a mission", hint="give either --mission N or --new NAME")
     if mission is None:
         wish = {"name": new, "map": chosen["map_slug"], "start": parse_start(chosen["start"])}
         mission = make_mission(url, token, wish={key: value for key, value in wish.items() if value})
@@ -115,7 +115,7 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
 
 
 def make_mission(url: str, token: str, *, wish: dict[str, Any]) -> int:
-    """Make a mission at the server; gives its number.
+    """Make a mission on the server; return its number.
 
     Raises
     ------
@@ -125,8 +125,8 @@ def make_mission(url: str, token: str, *, wish: dict[str, Any]) -> int:
     uplink = Uplink(url, token, timeout_s=_PATIENCE_S)
     answer = uplink.post("/missions", wish)
     uplink.close()
-    if isinstance(answer, NoAnswer) or answer.status != 201:
-        raise answer.refusal()
+    if isinstance(answer, NoResponse) or answer.status != 201:
+        raise answer.as_error()
     return int(answer.body["id"])
 
 
@@ -143,7 +143,7 @@ def parse_start(text: str | None) -> dict[str, float] | None:
     try:
         lat, lon, heading = map(float, text.split(","))
     except ValueError as error:
-        raise UsageError(f"{text[:60]!r} is no start", where="--start", hint=hint) from error
+        raise UsageError(f"{text[:60]!r} is not a start", where="--start", hint=hint) from error
     if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
-        raise UsageError("there is no such position or heading", where="--start", hint=hint)
+        raise UsageError("the position or heading is out of range", where="--start", hint=hint)
     return {"lat": lat, "lon": lon, "heading_deg": heading}

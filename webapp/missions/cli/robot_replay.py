@@ -55,8 +55,8 @@ def replay(
 ) -> int:
     """Send a recorded mission, BAG, to a server as if it were happening.
 
-    BAG is a ROS bag, or any other file with tracks. Killed and started again, it goes on where it was. Prints
-    the address of the mission.
+    BAG is a ROS bag, or any other file with tracks. Killed and started again, it continues where it was.
+    Prints the address of the mission.
     """
     folder = spool or Path(f"{bag.stem}.spool")
     least, start = parse_min_move(chosen["min_move"]), parse_start(chosen["start"])

@@ -77,8 +77,8 @@ def limit_bytes() -> None:
 
 
 @blueprint.errorhandler(OutOfOrder)
-def tell_next(error: OutOfOrder) -> Response:
-    """Tell where to go on."""
+def answer_out_of_order(error: OutOfOrder) -> Response:
+    """Answer with the number to continue from."""
     response = jsonify(error=as_json(error) | {"code": "conflict", "next": error.next_seq})
     response.status_code = 409
     return response
@@ -105,7 +105,7 @@ def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None])
     numbered, key = _numbered(given), sent["key"]
     if (numbered is None) == (key is None):
         raise UsageError(
-            "the batch does not tell how to know it again",
+            "the batch has no number and no key",
             where="sender",
             hint=f"send either sender and first, or the header {_HEADER}",
         )

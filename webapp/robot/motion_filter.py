@@ -1,4 +1,4 @@
-"""Leaves out poses that hardly moved, and measures the way before that, with the standard library alone.
+"""Leaves out poses that hardly moved, and measures the distance travelled before that.
 
 The rule is the one of imported tracks: kept is what moved by more than the threshold since the last one
 kept, in metres, or in degrees of latitude or of longitude, whichever changed more.
@@ -18,8 +18,8 @@ _E2 = 0.00669437999014
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
-    """What is told with a pose that is kept, or at the end.
+class Motion:
+    """What is sent with a pose that is kept, or at the end.
 
     Attributes
     ----------
@@ -34,19 +34,19 @@ class Kept:
 
 
 class MotionFilter:
-    """One track.
+    """The filter of one track.
 
     Parameters
     ----------
     min_move : str
         `0.5m`, `0.00001deg`, or `0`.
     travelled_m : float
-        Metres before the first pose, where the track goes on.
+        Metres before the first pose, where a track is continued.
 
     Raises
     ------
     UsageError
-        `min_move` is no distance with a unit.
+        `min_move` is not a distance with a unit.
     """
 
     def __init__(self, min_move: str, *, travelled_m: float = 0.0) -> None:
@@ -56,8 +56,8 @@ class MotionFilter:
         self._kept: tuple[float, float] | None = None
         self._skipped = 0
 
-    def add(self, lat: float, lon: float) -> Kept | None:
-        """Go on to the next pose, in degrees; None where it is left out."""
+    def update(self, lat: float, lon: float) -> Motion | None:
+        """Process the next pose, in degrees; return None where it is left out."""
         here = (lat, lon)
         if self._last is not None:
             self._travelled_m += distance_m(self._last, here)
@@ -65,24 +65,24 @@ class MotionFilter:
         if self._kept is not None and self._least and not self._has_moved(self._kept, here):
             self._skipped += 1
             return None
-        told = Kept(self._travelled_m, self._skipped)
+        motion = Motion(self._travelled_m, self._skipped)
         self._kept, self._skipped = here, 0
-        return told
+        return motion
 
-    def rest(self) -> Kept:
-        """Tell at the end of what was left out after the last pose kept; it is not told again."""
-        told = Kept(self._travelled_m, self._skipped)
+    def flush(self) -> Motion:
+        """Return at the end what was left out after the last pose kept, once."""
+        motion = Motion(self._travelled_m, self._skipped)
         self._skipped = 0
-        return told
+        return motion
 
     def _has_moved(self, before: tuple[float, float], here: tuple[float, float]) -> bool:
         if self._in_metres:
             return distance_m(before, here) > self._least
-        return max(abs(here[0] - before[0]), abs(_turn(here[1] - before[1]))) > self._least
+        return max(abs(here[0] - before[0]), abs(_wrap_degrees(here[1] - before[1]))) > self._least
 
 
 def distance_m(before: tuple[float, float], here: tuple[float, float]) -> float:
-    """Measure a short way on WGS 84, by the radii of curvature at its middle.
+    """Measure a short distance on WGS 84, by the radii of curvature at its middle.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ def distance_m(before: tuple[float, float], here: tuple[float, float]) -> float:
     middle = math.radians((before[0] + here[0]) / 2)
     curved = 1.0 - _E2 * math.sin(middle) ** 2
     north = math.radians(here[0] - before[0]) * _A_M * (1.0 - _E2) / curved**1.5
-    east = math.radians(_turn(here[1] - before[1])) * _A_M * math.cos(middle) / math.sqrt(curved)
+    east = math.radians(_wrap_degrees(here[1] - before[1])) * _A_M * math.cos(middle) / math.sqrt(curved)
     return math.hypot(north, east)
 
 
-def _turn(degrees: float) -> float:
+def _wrap_degrees(degrees: float) -> float:
     return math.remainder(degrees, 360.0)
 
 
@@ -110,5 +110,5 @@ def _parse(text: str) -> tuple[float, bool]:
     value = float(found[1]) if found else math.nan
     if found is None or not math.isfinite(value) or (value and not found[2]):
         hint = "write 0.5m for metres, 0.00001deg for degrees, or 0 to keep every pose"
-        raise UsageError(f"{text[:40]!r} is no distance with a unit", where="min_move", hint=hint)
+        raise UsageError(f"{text[:40]!r} is not a distance with a unit", where="min_move", hint=hint)
     return value, found[2].lower() == "m"
