@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from webapp.configuration import load_settings
 from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.types import MapPixel
@@ -31,7 +32,6 @@ from webapp.core.hypotheses.paths import on_paths
 from webapp.core.hypotheses.sequence import Belief, follow, smooth
 from webapp.files.localize.queries_csv import Query, read
 from webapp.progress import Progress
-from webapp.settings import from_environment
 from webapp.tasks.localize import hinted as localize_hinted
 from webapp.tasks.localize import prepare
 from webapp.tasks.localize.hinted import Hints
@@ -68,7 +68,7 @@ def main() -> None:
     localizer = prepare.run(
         arguments.map,
         OpenOptions(features=arguments.features, jobs=1, map_fov_deg=arguments.map_fov),
-        settings=from_environment(),
+        settings=load_settings(),
         progress=Progress(),
         fov_deg=arguments.fov,
     )

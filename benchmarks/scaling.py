@@ -25,6 +25,7 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.configuration import load_settings
 from webapp.core.features.extract import extract
 from webapp.core.features.types import Features
 from webapp.core.geometry.orientations import Orientations
@@ -39,7 +40,7 @@ from webapp.files.localize.file_rows import FileRows, OpenFile
 from webapp.files.localize.models import network
 from webapp.files.photos.photo import read_gray
 from webapp.progress import Progress
-from webapp.settings import Settings, from_environment
+from webapp.settings import Settings
 from webapp.tasks.localize import open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.threads import in_threads
@@ -97,7 +98,7 @@ class Zeros:
 def main() -> None:
     """Measure all sizes and write the results."""
     arguments = _arguments()
-    settings = from_environment()
+    settings = load_settings()
     options = OpenOptions(features=arguments.features, map_fov_deg=arguments.fov, build=False)
     opened = open_map.run(arguments.map, options, settings=settings, progress=Progress())
     opened = orient_map.attach(opened, orient_map.newest(opened))

@@ -1,45 +1,12 @@
-"""What the environment sets, and what it cannot."""
+"""Memory and threads of processes."""
 
 import platform
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-from webapp.errors import UsageError
-from webapp.settings import Settings, environment_for, from_environment
-
-
-def test_nothing_is_set():
-    assert from_environment({}) == Settings()
-    assert (
-        from_environment(
-            dict.fromkeys(("EXPMAP_LIBRARY", "EXPMAP_MODELS", "EXPMAP_PROXIES", "EXPMAP_MEMORY_MB"), "")
-        )
-        == Settings()
-    )
-
-
-def test_all_is_set():
-    env = {"EXPMAP_LIBRARY": "/a", "EXPMAP_MODELS": "/b", "EXPMAP_TILES": "/c", "EXPMAP_PROXIES": "2"}
-    found = from_environment(env | {"EXPMAP_MEMORY_MB": "64"})
-    assert (found.library, found.models, found.tile_services) == (Path("/a"), Path("/b"), Path("/c"))
-    assert found.web.proxies == 2
-    assert found.retrieval.memory_mb == 64.0
-
-
-@pytest.mark.parametrize("text", ["yes", "-1", "1.5", "²"])
-def test_a_number_of_proxies_that_is_none(text):
-    with pytest.raises(UsageError, match="is no number"):
-        from_environment({"EXPMAP_PROXIES": text})
-
-
-@pytest.mark.parametrize("text", ["much", "-1", "0.5", "1e3", "500 MB", "²"])
-def test_megabytes_that_are_none(text):
-    with pytest.raises(UsageError, match="is no number of megabytes") as refused:
-        from_environment({"EXPMAP_MEMORY_MB": text})
-    assert refused.value.where == "EXPMAP_MEMORY_MB"
+from webapp.settings import environment_for
 
 
 def test_processes_of_the_server_have_few_threads_and_small_heaps(monkeypatch):

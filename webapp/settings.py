@@ -1,6 +1,7 @@
-"""Every number that can be chosen, with its unit, its default and what it is for.
+"""Every number that can be chosen, with its unit, its default and its purpose.
 
-The only module that reads the environment. `docs/settings.md` lists all of it; a test compares the two.
+`webapp.configuration` reads them from the environment and from a file. `docs/settings.md` lists all of them;
+a test compares the two.
 """
 
 from __future__ import annotations
@@ -8,11 +9,16 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
-from webapp.errors import UsageError
+
+@dataclass(frozen=True, slots=True)
+class AtLeast:
+    """The least value of a number; without it a number has to be more than 0."""
+
+    value: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +48,7 @@ class UploadLimits:
     keep_hours: float = 48.0
     """How long an unfinished upload waits to be resumed."""
 
-    reserve_mb: float = 200.0
+    reserve_mb: Annotated[float, AtLeast(0)] = 200.0
     """Space that uploads leave free on the disk, megabytes (10^6 bytes)."""
 
     queries_per_map: int = 500
@@ -67,10 +73,10 @@ class ImportLimits:
 class ExtractSettings:
     """What is computed from each photo. Part of the key of an index."""
 
-    max_side_px: int = 800
+    max_side_px: Annotated[int, AtLeast(64)] = 800
     """Photos are scaled down until the longer side has this many pixels."""
 
-    keypoints: int = 1000
+    keypoints: Annotated[int, AtLeast(16)] = 1000
     """At most so many keypoints a photo, the strongest."""
 
 
@@ -78,9 +84,12 @@ class ExtractSettings:
 class RetrievalSettings:
     """How a map is searched."""
 
-    memory_mb: float = 500.0
+    memory_mb: Annotated[float, AtLeast(0)] = 500.0
     """What the index of a map may take, megabytes (10^6 bytes): where the codes of all descriptors would take
-    more, photos are found by one signature each (environment: `EXPMAP_MEMORY_MB`)."""
+    more, photos are found by one signature each."""
+
+    shortlist: int = 12
+    """Photos of the map that geometry verifies for each query: those with the most votes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +123,8 @@ class WebSettings:
     share_questions_per_minute: int = 60
     """... and all visitors of a shared map together."""
 
-    proxies: int = 0
-    """Reverse proxies in front of the server, which are believed what they say about the client (environment:
-    `EXPMAP_PROXIES`)."""
+    proxies: Annotated[int, AtLeast(0)] = 0
+    """Reverse proxies in front of the server: what they say about the client is believed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,56 +225,16 @@ class Settings:
     tiles: TileSettings = field(default_factory=TileSettings)
     missions: MissionSettings = field(default_factory=MissionSettings)
     library: Path = Path("maps")
-    """Folder of the maps (environment: `EXPMAP_LIBRARY`)."""
+    """Folder of the maps."""
 
     models: Path | None = None
-    """Folder with the weights of learned features, instead of one in the user's cache (environment:
-    `EXPMAP_MODELS`)."""
+    """Folder with the weights of learned features, instead of one in the user's cache."""
 
     token: str | None = None
-    """Of the server that `expmap robot` sends to (environment: `EXPMAP_TOKEN`)."""
+    """Of the server that `expmap robot` sends to."""
 
     tile_services: Path | None = None
-    """File with the map tile services to offer, instead of the usual ones (environment: `EXPMAP_TILES`)."""
-
-
-def from_environment(environ: Mapping[str, str] | None = None) -> Settings:
-    """Read the settings that the environment holds; all others have their defaults.
-
-    Parameters
-    ----------
-    environ : mapping, optional
-        Instead of the process's own environment.
-
-    Returns
-    -------
-    Settings
-
-    Raises
-    ------
-    UsageError
-        A variable holds what it cannot.
-    """
-    env = os.environ if environ is None else environ
-    proxies = env.get("EXPMAP_PROXIES") or "0"
-    if not (proxies.isascii() and proxies.isdecimal()):
-        raise UsageError(
-            f"{proxies!r} is no number", where="EXPMAP_PROXIES", hint="write 1 where one proxy is in front"
-        )
-    memory = env.get("EXPMAP_MEMORY_MB") or f"{RetrievalSettings().memory_mb:g}"
-    if not (memory.isascii() and memory.isdecimal()):
-        raise UsageError(
-            f"{memory!r} is no number of megabytes", where="EXPMAP_MEMORY_MB", hint="write for example 500"
-        )
-    models, tile_services = env.get("EXPMAP_MODELS"), env.get("EXPMAP_TILES")
-    return Settings(
-        retrieval=RetrievalSettings(memory_mb=float(memory)),
-        web=WebSettings(proxies=int(proxies)),
-        library=Path(env.get("EXPMAP_LIBRARY") or "maps"),
-        models=Path(models) if models else None,
-        token=env.get("EXPMAP_TOKEN") or None,
-        tile_services=Path(tile_services) if tile_services else None,
-    )
+    """File with the map tile services to offer, instead of the usual ones."""
 
 
 def let_threads_sleep() -> None:

@@ -51,7 +51,7 @@ def test_the_memory_that_there_is_decides_how_the_map_is_searched(expmap, cfg, m
     monkeypatch.setenv("EXPMAP_MEMORY_MB", "much")
     code, out, err = expmap("build", cfg)
     assert (code, out) == (2, "")
-    assert "EXPMAP_MEMORY_MB: 'much' is no number of megabytes" in err
+    assert "EXPMAP_MEMORY_MB: 'much' is not allowed (write a number of at least 0, for example 500)" in err
 
 
 def test_photos_that_cannot_be_used_are_told_and_end_with_1(expmap, cfg):

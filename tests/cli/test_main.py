@@ -18,7 +18,8 @@ COMMANDS = [
     "models", "models list", "models fetch", "serve", "worker",
     "mission", "mission list", "mission new", "mission import", "mission export",
     "robot", "robot send", "robot replay", "robot recover", "robot status",
-    "account", "account link", "account token", "account add", "account list", "backup", "restore",
+    "account", "account link", "account token", "account add", "account list",
+    "settings", "backup", "restore",
 ]  # fmt: skip
 
 

@@ -6,12 +6,14 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import click
 
 from webapp import __version__
 from webapp.app.composition import COMPOSITION
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
+from webapp.configuration import use_config
 from webapp.errors import ExpMapError
 from webapp.settings import let_threads_sleep
 
@@ -46,6 +48,11 @@ def _show_version(ctx: click.Context, _option: click.Parameter, wanted: bool) ->
     if wanted:
         click.echo(f"expmap {__version__}")
         ctx.exit()
+
+
+def _use_config(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> None:
+    if path is not None:
+        use_config(path)
 
 
 map_group = LazyGroup(
@@ -111,11 +118,20 @@ root = LazyGroup(
         "mission": "webapp.app.main:mission_group",
         "robot": "webapp.app.main:robot_group",
         "account": "webapp.app.main:account_group",
+        "settings": "webapp.cli.settings:settings",
         "backup": "webapp.cli.backup:backup",
         "restore": "webapp.cli.backup:restore",
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[
+        click.Option(
+            ["--config"],
+            type=click.Path(dir_okay=False, path_type=Path),
+            metavar="FILE",
+            expose_value=False,
+            callback=_use_config,
+            help="TOML file with settings.  [default: EXPMAP_CONFIG]",
+        ),
         click.Option(
             ["--version"],
             is_flag=True,
@@ -123,7 +139,7 @@ root = LazyGroup(
             is_eager=True,
             callback=_show_version,
             help="Show the version and exit.",
-        )
+        ),
     ],
 )
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 from sqlalchemy.orm import Session
 
-from webapp.settings import from_environment
+from webapp.configuration import load_settings
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import open_library
 from webapp.store.schema import Account
@@ -46,7 +46,7 @@ def link(account: str | None, url: str, library: Path | None) -> None:
 
     For a new person, or for one who cannot sign in any more.
     """
-    settings = from_environment()
+    settings = load_settings()
     with _writing(library) as session:
         token = sign_in.new_link(session, _whose(session, account), hours=settings.web.link_hours)
     click.echo(_link(url, token))
@@ -76,7 +76,7 @@ def token(name: str, again: bool, account: str | None, library: Path | None) -> 
 @_library_option
 def add(name: str, owner: bool, url: str, library: Path | None) -> None:
     """Make an account, and print a link that signs in to it once."""
-    settings = from_environment()
+    settings = load_settings()
     with _writing(library) as session:
         made = accounts.create(session, name, is_owner=owner)
         token = sign_in.new_link(session, made, hours=settings.web.link_hours)
@@ -95,7 +95,7 @@ def list_accounts(library: Path | None) -> None:
 
 @contextmanager
 def _writing(folder: Path | None) -> Iterator[Session]:
-    settings = from_environment()
+    settings = load_settings()
     if folder is not None:
         settings = replace(settings, library=folder)
     library = open_library(settings.library)

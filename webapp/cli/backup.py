@@ -12,8 +12,8 @@ import click
 from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
 from webapp.errors import NotFound
-from webapp.settings import from_environment
 from webapp.store.library import DATABASE, INNER, open_library
 from webapp.tasks.operate import backup as backup_library
 from webapp.tasks.operate import restore as restore_library
@@ -81,5 +81,5 @@ def restore(composition: Composition, file: Path, library: Path | None, force: b
 
 
 def _folder(given: Path | None) -> Path:
-    settings = from_environment()
+    settings = load_settings()
     return (replace(settings, library=given) if given is not None else settings).library

@@ -12,9 +12,9 @@ import click
 
 from webapp.cli import exitcodes
 from webapp.cli.build_text import build_line, tell_failed
-from webapp.cli.options import MAP_FILE, index_options, map_options, open_options
+from webapp.cli.options import MAP_FILE, chosen_settings, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
-from webapp.settings import from_environment, keep_freed_memory
+from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import build_map
 
 
@@ -31,7 +31,9 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     """
     keep_freed_memory()
     with terminal_progress("photos") as progress:
-        report = build_map.run(map_file, open_options(chosen), settings=from_environment(), progress=progress)
+        report = build_map.run(
+            map_file, open_options(chosen), settings=chosen_settings(chosen), progress=progress
+        )
     index = report.index
     tell_failed(index)
     if as_json:

@@ -15,6 +15,7 @@ from webapp.cli.evaluation_text import summary_table
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
+    chosen_settings,
     fov_option,
     index_options,
     map_options,
@@ -22,10 +23,11 @@ from webapp.cli.options import (
     sequence_options,
 )
 from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
 from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
-from webapp.settings import from_environment, keep_freed_memory
+from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import evaluate as task
 from webapp.tasks.localize import prepare, smooth_sequence
 from webapp.tasks.localize import sequence as localize_sequence
@@ -85,7 +87,7 @@ def evaluate(
         raise UsageError("goes with QUERIES.csv only", where="--sequence")
     check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth})
     keep_freed_memory()
-    settings = from_environment()
+    settings = chosen_settings(chosen)
     options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within, sequence=sequence)
     folder = map_file.parent
     with terminal_progress("queries") as progress:
@@ -122,5 +124,5 @@ def _report(evaluation: Evaluation, output: Path | None, *, several: bool) -> No
     if output is None:
         return
     folder = output / evaluation.scheme if several else output
-    evaluation_folder.write(evaluation, folder, limits=from_environment().photo)
+    evaluation_folder.write(evaluation, folder, limits=load_settings().photo)
     click.echo(f"report: {folder / 'report.html'}", err=True)

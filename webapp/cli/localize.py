@@ -17,6 +17,7 @@ from webapp.cli.build_text import tell_failed
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
+    chosen_settings,
     fov_option,
     index_options,
     map_options,
@@ -28,7 +29,7 @@ from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failur
 from webapp.core.hypotheses.model import Answer
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
-from webapp.settings import from_environment, keep_freed_memory
+from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import prepare, smooth_sequence
 from webapp.tasks.localize import sequence as localize_sequence
 from webapp.tasks.localize.photo import PhotoLocalizer
@@ -78,7 +79,7 @@ def localize(
         _refuse_unwritable(path, option)
     check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth, "--by-time": by_time})
     keep_freed_memory()
-    settings = from_environment()
+    settings = chosen_settings(chosen)
     steps: dict[Path, float] = {}
     if by_time:
         photos, steps = localize_sequence.by_time(photos, limits=settings.photo)

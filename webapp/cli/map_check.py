@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from webapp.cli.exitcodes import BAD_MAP
+from webapp.configuration import load_settings
 from webapp.core.mapmodel.findings import Finding
 from webapp.progress import Progress
-from webapp.settings import from_environment
 from webapp.tasks.maps import check_map
 
 _SHOWN = {"error": 20, "warning": 5}
@@ -28,7 +28,7 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
     Looks at the .cfg, the map.json and placements beside it, the satellite image and every photo.
     Exit code 3 when the map has errors; warnings alone leave it usable.
     """
-    report = check_map.run(cfg, settings=from_environment(), progress=Progress())
+    report = check_map.run(cfg, settings=load_settings(), progress=Progress())
     if as_json:
         click.echo(json.dumps(_as_json(report), indent=1))
     else:

@@ -9,9 +9,9 @@ import click
 
 from webapp.cli.exitcodes import SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
 from webapp.core.geo.controlpoints import Model
 from webapp.errors import UsageError
-from webapp.settings import from_environment
 from webapp.tasks.maps import from_photos as map_from_photos
 from webapp.tasks.maps.place_photos import FileResult
 from webapp.tasks.maps.survey_photos import State
@@ -89,7 +89,7 @@ def from_photos(
         cfg, satellite, next(iter(kinds), None), positions=positions, copy=copy, force=force
     )
     with terminal_progress("photos") as progress:
-        report = map_from_photos.run(folder, options=options, settings=from_environment(), progress=progress)
+        report = map_from_photos.run(folder, options=options, settings=load_settings(), progress=progress)
     _tell(report)
     click.echo(json.dumps(_as_json(report), indent=1, ensure_ascii=False) if as_json else _table(report))
     if report.count(State.UNREADABLE) or not report.written:

@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
 from webapp.files.localize.models import MODELS, ModelFile, how_to_get, models_folder
-from webapp.settings import from_environment
 from webapp.tasks.localize import models as task
 
 
@@ -21,7 +21,7 @@ def list_models(as_json: bool) -> None:
 
     Any one of a model's files is enough: they hold the same weights.
     """
-    settings = from_environment()
+    settings = load_settings()
     states = task.states(settings)
     if as_json:
         click.echo(json.dumps([asdict(state) for state in states]))
@@ -43,7 +43,7 @@ def fetch(names: tuple[str, ...], source: Path | None) -> None:
     A file is kept only if it is, byte by byte, the one that was published. Models without a published file
     are yours to put there.
     """
-    settings = from_environment()
+    settings = load_settings()
     missing = task.missing(names, settings=settings)
     wanted = missing if names else [name for name in missing if task.offered(name, source)]
     if not missing:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from webapp.configuration import load_settings, settings_table
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
 from webapp.errors import UsageError
+from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenOptions
 
 Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
 
 MAP_FILE = click.Path(path_type=Path)
 """Not looked for here: a map that is missing is a bad map, and not a wrong option."""
@@ -42,7 +46,15 @@ def fov_option(command: Command) -> Command:
     )(command)
 
 
-_INDEX_OPTIONS = [
+def _limited(option: str, key: str, *, metavar: str, text: str) -> Decorator:
+    """Make an option that goes before a setting."""
+    setting = settings_table()[key]
+    least = int(setting.minimum.value) if setting.minimum else 1
+    help_text = f"{text}  [default: {setting.variables[0]}, or {setting.default}]"
+    return click.option(option, type=click.IntRange(least), metavar=metavar, help=help_text)
+
+
+_INDEX_OPTIONS: list[Decorator] = [
     click.option(
         "--features",
         default="auto",
@@ -60,6 +72,24 @@ _INDEX_OPTIONS = [
         show_default=True,
         help="vote: most matches; verified: geometry, position and probabilities; thorough: the same with "
         "a network that matches photos, which takes seconds.",
+    ),
+    _limited(
+        "--max-side",
+        "extract.max_side_px",
+        metavar="PX",
+        text="Photos are scaled down until the longer side has so many pixels.",
+    ),
+    _limited(
+        "--keypoints",
+        "extract.keypoints",
+        metavar="N",
+        text="At most so many keypoints a photo, the strongest.",
+    ),
+    _limited(
+        "--shortlist",
+        "retrieval.shortlist",
+        metavar="N",
+        text="Photos of the map that are verified for a query.",
     ),
     click.option(
         "--index",
@@ -121,6 +151,20 @@ _SEQUENCE_OPTIONS = [
     ),
     click.option("--smooth", is_flag=True, help="With --sequence: the frames after it count, too."),
 ]
+
+
+def chosen_settings(chosen: dict[str, Any]) -> Settings:
+    """Read the settings, with those that the shared options of a command line choose."""
+    settings = load_settings()
+    given = {name: chosen[option] for option, name in _EXTRACT.items() if chosen[option] is not None}
+    retrieval = settings.retrieval
+    if chosen["shortlist"] is not None:
+        retrieval = replace(retrieval, shortlist=chosen["shortlist"])
+    return replace(settings, extract=replace(settings.extract, **given), retrieval=retrieval)
+
+
+_EXTRACT = {"max_side": "max_side_px", "keypoints": "keypoints"}
+"""Options and the settings of extraction that they choose."""
 
 
 def open_options(chosen: dict[str, Any]) -> OpenOptions:

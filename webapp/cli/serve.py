@@ -9,9 +9,9 @@ import click
 
 from webapp.cli.composition import Composition
 from webapp.cli.log import log_option
+from webapp.configuration import load_settings
 from webapp.jobs import serving
 from webapp.jobs.logs import Form, log_to_stderr
-from webapp.settings import from_environment
 
 
 @click.command()
@@ -42,7 +42,7 @@ def serve(
     its address is printed, and a link that signs the owner in once.
     """
     log_to_stderr(log)
-    settings = from_environment()
+    settings = load_settings()
     if library is not None:
         settings = replace(settings, library=library)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)

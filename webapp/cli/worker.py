@@ -10,9 +10,9 @@ import click
 
 from webapp.cli.composition import Composition
 from webapp.cli.log import log_option
+from webapp.configuration import load_settings
 from webapp.jobs.logs import Form, log_to_stderr
 from webapp.jobs.worker import Worker
-from webapp.settings import from_environment
 from webapp.store.library import open_library
 
 _POLITENESS = 5
@@ -35,7 +35,7 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     library.
     """
     log_to_stderr(log)
-    settings = from_environment()
+    settings = load_settings()
     if library is not None:
         settings = replace(settings, library=library)
     if parent is not None and hasattr(os, "nice"):

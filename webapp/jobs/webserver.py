@@ -19,8 +19,9 @@ from gunicorn.app.base import BaseApplication  # type: ignore[import-untyped]
 from gunicorn.arbiter import Arbiter  # type: ignore[import-untyped]
 from gunicorn.glogging import Logger  # type: ignore[import-untyped]
 
+from webapp.configuration import load_settings
 from webapp.jobs.logs import FORMS, log_to_stderr
-from webapp.settings import Settings, from_environment, let_threads_sleep
+from webapp.settings import Settings, let_threads_sleep
 from webapp.threads import cores
 
 
@@ -131,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--log", choices=FORMS, default="text")
     asked = parser.parse_args(arguments)
     log_to_stderr(asked.log)
-    settings = replace(from_environment(), library=asked.library)
+    settings = replace(load_settings(), library=asked.library)
     options = gunicorn_options(settings, fd=asked.fd, workers=asked.workers)
     Server(asked.app, settings=settings, options=options, parent=asked.parent).run()
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
 from webapp.sample import make
-from webapp.settings import from_environment
 
 
 @click.command("sample")
@@ -27,7 +27,7 @@ def sample(folder: Path | None, seed: int, force: bool, library: Path | None) ->
 
     Writes to FOLDER, or to `sample` in the library, and prints the path of its map.
     """
-    settings = from_environment()
+    settings = load_settings()
     if library is not None:
         settings = replace(settings, library=library)
     with terminal_progress("photos") as progress:

@@ -41,7 +41,6 @@ from webapp.core.retrieval.shortlist import (
 from webapp.threads import in_threads
 
 NEIGHBOURS = 10
-_SHORTLIST = 12
 _EVIDENCE_PHOTOS = 5
 
 
@@ -136,7 +135,7 @@ def find_places(
     nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=hide)
     found = consistent(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
-    listed = shortlist(indexed, query, found=found, votes=votes, most=_SHORTLIST)
+    listed = shortlist(indexed, query, found=found, votes=votes, most=indexed.shortlist_size)
     voted = len(listed)
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
@@ -185,7 +184,7 @@ def _looked_at_closer(
     nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=others.tolist())
     found = consistent(indexed, query, found=nearest)
     among = weighted_votes(found, len(indexed.ids))
-    further = shortlist(indexed, query, found=found, votes=among, most=_SHORTLIST)
+    further = shortlist(indexed, query, found=found, votes=among, most=indexed.shortlist_size)
     return [replace(s, votes=float(votes[s.photo])) for s in further]
 
 

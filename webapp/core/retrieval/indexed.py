@@ -42,6 +42,8 @@ class IndexedMap:
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
+    shortlist_size : int
+        Photos that are verified for each query.
     first_row : (e + 1,) int64
         Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
     paths : Paths
@@ -57,6 +59,7 @@ class IndexedMap:
     place_radius_px: float
     orientations: Orientations | None = None
     pair_matcher: PairMatcher | None = None
+    shortlist_size: int = 12
     first_row: NDArray[np.int64] = field(init=False)
     paths: Paths = field(init=False)
     _entry_of_photo: NDArray[np.int64] = field(init=False)

@@ -13,6 +13,7 @@ import click
 
 from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.records import SOURCES
 from webapp.core.trajectory.robotframe import Start
@@ -26,7 +27,6 @@ from webapp.missions.tasks import import_file, read_track
 from webapp.missions.tasks.export import FORMATS
 from webapp.missions.tasks.import_file import Imported
 from webapp.missions.tasks.upload import order_of
-from webapp.settings import from_environment
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
 from webapp.store.maps import maps
@@ -132,7 +132,7 @@ def import_files(
             order = replace(order, wishes=replace(order.wishes, start=told["start"]))
             try:
                 done = import_file.run(
-                    place, mission, order=order, settings=from_environment(), progress=progress
+                    place, mission, order=order, settings=load_settings(), progress=progress
                 )
             except InputError as error:
                 click.echo(f"expmap: {error}", err=True)
@@ -199,7 +199,7 @@ def _print_import(path: Path, done: Imported) -> None:
 
 @contextmanager
 def _opened(folder: Path | None) -> Iterator[Library]:
-    library = open_library(folder or from_environment().library)
+    library = open_library(folder or load_settings().library)
     try:
         yield library
     finally:

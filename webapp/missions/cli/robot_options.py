@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
+from webapp.configuration import load_settings
 from webapp.errors import UsageError
 from webapp.robot.content import has_spool, read_content
 from webapp.robot.uplink import NoResponse, Uplink
-from webapp.settings import from_environment
 
 _URL = "http://127.0.0.1:8000"
 _PATIENCE_S = 60.0
@@ -78,7 +78,7 @@ def find_token(given: str | None) -> str:
     UsageError
         There is none.
     """
-    token = given or from_environment().token
+    token = given or load_settings().token
     if token is None:
         hint = "set EXPMAP_TOKEN; expmap account token --name NAME makes one"
         raise UsageError("there is no token for the server", where="--token", hint=hint)

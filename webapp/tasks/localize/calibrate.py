@@ -25,6 +25,7 @@ from webapp.files.localize import trials_log
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.trials_log import Trial
 from webapp.progress import Progress
+from webapp.settings import RetrievalSettings
 from webapp.tasks.localize import orient_map
 from webapp.tasks.localize.open_map import OpenMap
 
@@ -108,7 +109,9 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's calibration may be; the last one is written."""
-    return opened.beside(f"calibration-{opened.method}-{opened.choice.matcher}.json")
+    verified = opened.indexed.shortlist_size
+    own = "" if verified == RetrievalSettings().shortlist else f"-shortlist{verified}"
+    return opened.beside(f"calibration-{opened.method}-{opened.choice.matcher}{own}.json")
 
 
 def still_fits(known: StoredCalibration, opened: OpenMap, *, map_fov_deg: float | None) -> bool:

@@ -172,8 +172,8 @@ def run(
         request = BuildRequest(cfg, the_map, folder.folder, choice, options.jobs)
         built = build_index.run(request, settings=settings, progress=progress)
     manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
-    if options.method == "thorough":
-        indexed = replace(indexed, pair_matcher=pair_matcher(choice.name, settings.models))
+    matcher = pair_matcher(choice.name, settings.models) if options.method == "thorough" else None
+    indexed = replace(indexed, pair_matcher=matcher, shortlist_size=settings.retrieval.shortlist)
     choice = _as_built(choice, manifest)
     return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
 
@@ -214,7 +214,7 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
     old = opened.indexed
     loaded = _Loaded(old.segments, old.search)
     indexed = _indexed(the_map, loaded, manifest=opened.manifest, options=options)
-    indexed = replace(indexed, pair_matcher=old.pair_matcher)
+    indexed = replace(indexed, pair_matcher=old.pair_matcher, shortlist_size=old.shortlist_size)
     return replace(opened, map=the_map, indexed=indexed, built=None)
 
 

@@ -1,0 +1,232 @@
+"""Where settings come from: the environment, a file, or their defaults.
+
+Each setting of `webapp.settings` has a key such as `extract.max_side_px`, a variable such as
+`EXPMAP_EXTRACT_MAX_SIDE_PX`, and a place in a TOML file. An option of a command goes before the variable, the
+variable before the file, and the file before the default.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from webapp.errors import UsageError
+from webapp.settings import AtLeast, Settings
+
+CONFIG = "EXPMAP_CONFIG"
+"""Variable with the path of the file."""
+
+_INFINITE = 1e15
+"""No number of a setting makes sense beyond."""
+
+_SHORT_NAMES = {
+    "EXPMAP_TILES": "tile_services",
+    "EXPMAP_PROXIES": "web.proxies",
+    "EXPMAP_MEMORY_MB": "retrieval.memory_mb",
+}
+"""Further variables of some settings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A setting that can be chosen.
+
+    Attributes
+    ----------
+    key : str
+        Section and name, or the name alone.
+    kind : {int, float, str, Path}
+    default : object
+    minimum : AtLeast or None
+        Least number; None where it only has to be more than 0.
+    """
+
+    key: str
+    kind: Callable[[Any], Any]
+    default: Any
+    minimum: AtLeast | None
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Environment variables that set it, the first before the others."""
+        others = [name for name, key in _SHORT_NAMES.items() if key == self.key]
+        return (f"EXPMAP_{self.key.replace('.', '_').upper()}", *others)
+
+    @property
+    def allowed(self) -> str:
+        """Values that it takes, in words."""
+        if self.kind in (str, Path):
+            return "a text" if self.kind is str else "a path"
+        number = "a whole number" if self.kind is int else "a number"
+        limit = f"of at least {self.minimum.value:g}" if self.minimum else "above 0"
+        return f"{number} {limit}, for example {self.default:g}"
+
+    def check(self, value: object, *, where: str) -> Any:
+        """Convert a value to the kind of the setting.
+
+        Raises
+        ------
+        UsageError
+            The setting does not take it.
+        """
+        if self._takes(value):
+            return self.kind(value)
+        raise UsageError(f"{value!r} is not allowed", where=where, hint=f"write {self.allowed}")
+
+    def parse(self, text: str, *, where: str) -> Any:
+        """Convert a text to the kind of the setting; errors as `check`."""
+        value: object = text
+        if self.kind in (int, float):
+            with suppress(ValueError):
+                value = self.kind(text)
+        return self.check(value, where=where)
+
+    def _takes(self, value: object) -> bool:
+        if self.kind in (str, Path):
+            return isinstance(value, str) and bool(value)
+        if isinstance(value, bool) or not isinstance(value, int if self.kind is int else int | float):
+            return False
+        return (value >= self.minimum.value if self.minimum else value > 0) and value < _INFINITE
+
+
+@dataclass(frozen=True, slots=True)
+class Effective:
+    """A setting with its value.
+
+    Attributes
+    ----------
+    setting : Setting
+    value : object
+    source : str
+        The variable or the file that it is from, or "default".
+    """
+
+    setting: Setting
+    value: Any
+    source: str
+
+
+def settings_table() -> dict[str, Setting]:
+    """List all settings by their keys."""
+    return {setting.key: setting for setting in _settings_of(Settings(), "")}
+
+
+def effective_settings(environ: Mapping[str, str] | None = None) -> list[Effective]:
+    """Find the value of each setting and where it comes from.
+
+    Parameters
+    ----------
+    environ : mapping, optional
+        Instead of the process's own environment.
+
+    Raises
+    ------
+    UsageError
+        A variable or the file has an unknown setting or a value that is not allowed, or the file cannot be
+        read.
+    """
+    env = os.environ if environ is None else environ
+    table = settings_table()
+    _check_variables(env, table)
+    path = env.get(CONFIG)
+    in_file = _read_file(Path(path), table) if path else {}
+    found = []
+    for key, setting in table.items():
+        variable = next((name for name in setting.variables if env.get(name)), None)
+        if variable is not None:
+            found.append(Effective(setting, setting.parse(env[variable], where=variable), variable))
+        elif key in in_file:
+            found.append(Effective(setting, in_file[key], str(path)))
+        else:
+            found.append(Effective(setting, setting.default, "default"))
+    return found
+
+
+def load_settings(environ: Mapping[str, str] | None = None) -> Settings:
+    """Read the settings; parameters and errors as `effective_settings`."""
+    values: dict[str, dict[str, Any]] = {"": {}}
+    for one in effective_settings(environ):
+        section, _, name = one.setting.key.rpartition(".")
+        values.setdefault(section, {})[name] = one.value
+    defaults = Settings()
+    sections = {name: type(getattr(defaults, name))(**own) for name, own in values.items() if name}
+    return Settings(**values[""], **sections)
+
+
+def use_config(path: Path) -> None:
+    """Take settings from a file in this process and those that it starts."""
+    os.environ[CONFIG] = str(path.absolute())
+
+
+def _settings_of(group: object, prefix: str) -> Iterator[Setting]:
+    hints = get_type_hints(type(group), include_extras=True)
+    for field in fields(group):  # type: ignore[arg-type]
+        value = getattr(group, field.name)
+        if is_dataclass(value):
+            yield from _settings_of(value, f"{field.name}.")
+            continue
+        hint, minimum = hints[field.name], None
+        if get_origin(hint) is Annotated:
+            hint, minimum = get_args(hint)
+        kind = next((part for part in get_args(hint) if part is not type(None)), hint)
+        yield Setting(f"{prefix}{field.name}", kind, value, minimum)
+
+
+def _check_variables(env: Mapping[str, str], table: Mapping[str, Setting]) -> None:
+    """Reject a variable that is spelled like a setting of a section and is none."""
+    known = {name for setting in table.values() for name in setting.variables}
+    sections = {key.partition(".")[0] for key in table if "." in key}
+    for name in env:
+        section = next((s for s in sections if name.startswith(f"EXPMAP_{s.upper()}_")), None)
+        if section is not None and name not in known:
+            raise UsageError("there is no such setting", where=name, hint=_known(table, section))
+
+
+def _read_file(path: Path, table: Mapping[str, Setting]) -> dict[str, Any]:
+    """Read the settings in a file; paths in it are relative to its folder."""
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise UsageError(
+            f"cannot be read: {error.strerror}", where=str(path), hint=f"see {CONFIG}"
+        ) from error
+    except ValueError as error:
+        raise UsageError(f"not a TOML file: {error}", where=str(path)) from error
+    found = {}
+    for key, value in _flattened(content, path, table=table):
+        setting = table.get(key)
+        if setting is None:
+            section = key.rpartition(".")[0]
+            raise UsageError("there is no such setting", where=f"{path}: {key}", hint=_known(table, section))
+        checked = setting.check(value, where=f"{path}: {key}")
+        found[key] = path.absolute().parent / checked if setting.kind is Path else checked
+    return found
+
+
+def _flattened(
+    content: Mapping[str, Any], path: Path, *, table: Mapping[str, Setting]
+) -> Iterator[tuple[str, object]]:
+    sections = {key.partition(".")[0] for key in table if "." in key}
+    for name, value in content.items():
+        if name not in sections:
+            yield name, value
+        elif isinstance(value, dict):
+            yield from ((f"{name}.{own}", one) for own, one in value.items())
+        else:
+            raise UsageError(
+                "is a section", where=f"{path}: {name}", hint=f"write [{name}] and settings below it"
+            )
+
+
+def _known(table: Mapping[str, Setting], section: str) -> str:
+    """List the settings of a section, or the sections and settings outside of them."""
+    if section:
+        names = [key.removeprefix(f"{section}.") for key in table if key.startswith(f"{section}.")]
+        return f"in {section} there are {', '.join(names)}"
+    sections = dict.fromkeys(f"[{key.partition('.')[0]}]" for key in table if "." in key)
+    return f"there are {', '.join([*sections, *(key for key in table if '.' not in key)])}"
