@@ -49,7 +49,9 @@ def test_too_many_photos_for_a_page(source, monkeypatch):
 
 def test_without_image_the_markers_are_left(source):
     (source.cfg.parent / "plan.png").unlink()
-    assert b"L.imageOverlay(" not in page_of(source).split(b"PhotoMarkers")[0].split(b"</head>")[-1]
+    script = page_of(source).rsplit(b"</head>", 1)[-1]
+    assert b"L.imageOverlay(" not in script
+    assert script.count(b'"Feature"') == 3
 
 
 def test_a_turned_image_is_redrawn_where_it_is():

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import base64
 import html
+import io
 import math
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import folium
-from branca.element import Figure, MacroElement
+from branca.element import Element, Figure
 from folium.raster_layers import ImageOverlay
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from PIL import Image
 
 from webapp.core.mapmodel.model import Experience
 from webapp.errors import UsageError
@@ -30,6 +33,17 @@ _SIDES = ((300, 480), (1500, 256), (MAX_PHOTOS, 128))
 """Up to so many photos, pictures of so many pixels: the page stays below some 50 MB."""
 
 _IMAGE_SIDE = 4096
+_ICON, _ICON_CENTRE = (26, 26), (13, 13)
+_CSS = """<style>
+html .leaflet-container { background: #e8eaed; }
+.photo-marker svg { display: block; width: 26px; height: 26px; overflow: visible; }
+.photo-marker circle { fill: #0b6bcb; stroke: #fff; stroke-width: 2; }
+.photo-marker path { fill: #0b6bcb; stroke: #fff; stroke-width: 1.5; }
+html .leaflet-popup-content { max-width: 480px; font: 14px/1.4 system-ui, sans-serif; }
+html .leaflet-popup-content { overflow-wrap: anywhere; }
+html .leaflet-popup-content img { display: block; max-width: 100%; height: auto; border-radius: 4px; }
+html .leaflet-popup-content p { margin: 2px 0; }
+</style>"""
 _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 
 
@@ -64,22 +78,6 @@ def run(source: Source, *, settings: Settings, progress: Progress | None = None)
     )
 
 
-class PhotoMarkers(MacroElement):
-    """The markers of the photos; texts reach the page as data and never as HTML.
-
-    Parameters
-    ----------
-    photos : list of dict
-        `at` (latitude and longitude, or -y and x), `name`, `facts`, `heading`, `picture`.
-    """
-
-    def __init__(self, photos: list[dict[str, Any]]) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
-        self._name = "PhotoMarkers"
-        self.photos = photos
-        self._template = exported_templates().get_template("exchange/photo_markers.html")
-
-
 def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
     satellite = source.map.satellite
     picture = satellite_picture(source.cfg, satellite.path, side=_IMAGE_SIDE, settings=settings)
@@ -97,7 +95,8 @@ def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
         ImageOverlay(url, bounds, pixelated=False).add_to(page)
     page.fit_bounds(bounds)
     photos = _photos(source, settings, progress, on_earth=on_earth is not None)
-    page.add_child(PhotoMarkers(photos))
+    icon = folium.DivIcon(icon_size=_ICON, icon_anchor=_ICON_CENTRE, class_name="photo-marker")
+    add_features(page, photos, marker=folium.Marker(icon=icon), popup="photo-popup", name="Photos")
     return str(page.get_root().render())
 
 
@@ -118,12 +117,87 @@ def empty_page(crs: str, *, title: str) -> folium.Map:
     figure = page.get_root()
     assert isinstance(figure, Figure), "folium puts each map into one"
     figure.title = html.escape(title)
+    figure.header.add_child(Element(_CSS))
     return page
 
 
-def _photos(
-    source: Source, settings: Settings, progress: Progress, *, on_earth: bool
-) -> list[dict[str, Any]]:
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A marker or line of an exported page.
+
+    Attributes
+    ----------
+    geometry : tuple of str and list
+        GeoJSON's type and coordinates: longitude and latitude, or x and -y.
+    title, facts : str
+        Any text: it is escaped here, as Leaflet shows HTML.
+    style : mapping of str to object
+        Leaflet's options of the marker, of its icon or of the line; never with texts from outside.
+    picture : bytes or None
+        JPEG.
+    """
+
+    geometry: tuple[str, list[Any]]
+    title: str
+    facts: str
+    style: Mapping[str, object]
+    picture: bytes | None = None
+
+    def geojson(self, id_: int) -> dict[str, Any]:
+        """Write it with a number of its own in the layer."""
+        title = html.escape(self.title)
+        about = f"<p><strong>{title}</strong></p><p><span>{html.escape(self.facts)}</span></p>"
+        if self.picture is not None:
+            # with its size, the popup is placed rightly before the picture is decoded
+            width, height = Image.open(io.BytesIO(self.picture)).size
+            source = data_uri("image/jpeg", self.picture)
+            about += f'<img src="{source}" width="{width}" height="{height}" alt="{title}">'
+        kind, coordinates = self.geometry
+        return {
+            "type": "Feature",
+            "id": id_,
+            "geometry": {"type": kind, "coordinates": coordinates},
+            "properties": {"title": title, "about": about},
+        }
+
+
+def add_features(
+    page: folium.Map,
+    features: list[Feature],
+    *,
+    popup: str,
+    name: str,
+    marker: folium.Marker | None = None,
+) -> None:
+    """Add a layer of features, each with a popup and a tooltip.
+
+    Parameters
+    ----------
+    page : folium.Map
+    features : list of Feature
+    popup : str
+        Class of the popups.
+    name : str
+        Of the layer.
+    marker : folium.Marker or folium.CircleMarker, optional
+        Of points; the style of each feature overrides its options, or those of its icon.
+    """
+    if not features:
+        return
+    styles = [dict(one.style) for one in features]
+    folium.GeoJson(
+        {"type": "FeatureCollection", "features": [one.geojson(n) for n, one in enumerate(features)]},
+        name=name,
+        marker=marker,
+        style_function=lambda one: styles[one["id"]],
+        popup=folium.GeoJsonPopup(
+            ["about"], labels=False, localize=False, class_name=popup, max_width=500, min_width=200
+        ),
+        tooltip=folium.GeoJsonTooltip(["title"], labels=False, sticky=False),
+    ).add_to(page)
+
+
+def _photos(source: Source, settings: Settings, progress: Progress, *, on_earth: bool) -> list[Feature]:
     experiences = source.map.experiences
     side = next(side for most, side in _SIDES if len(experiences) <= most)
     progress.size(len(experiences))
@@ -131,19 +205,22 @@ def _photos(
     for e in experiences:
         progress.check()
         at = _at(source, e, on_earth=on_earth)
-        jpeg = thumbnail(source, e, side=side, limits=settings.photo)
         if at is not None:
-            found.append(
-                {
-                    "at": at,
-                    "name": e.photo.rsplit("/", 1)[-1],
-                    "facts": _facts(e, at if on_earth else None),
-                    "heading": None if e.heading_deg is None else round(e.heading_deg, 1),
-                    "picture": None if jpeg is None else data_uri("image/jpeg", jpeg),
-                }
-            )
+            jpeg = thumbnail(source, e, side=side, limits=settings.photo)
+            name, facts = e.photo.rsplit("/", 1)[-1], _facts(e, at if on_earth else None)
+            style = {"html": _symbol(e.heading_deg)}
+            point = ("Point", [at[1], at[0]])
+            found.append(Feature(point, name, facts, style, jpeg))
         progress.advance()
     return found
+
+
+def _symbol(heading_deg: float | None) -> str:
+    """Draw a dot, with an arrow where the direction of the photo is known."""
+    arrow = ""
+    if heading_deg is not None:
+        arrow = f"<path d='M13 -5 L18 5 L8 5 Z' transform='rotate({heading_deg:.1f} 13 13)'/>"
+    return f"<svg viewBox='0 0 26 26' aria-hidden='true'>{arrow}<circle cx='13' cy='13' r='7'/></svg>"
 
 
 def _at(source: Source, e: Experience, *, on_earth: bool) -> tuple[float, float] | None:
@@ -163,13 +240,6 @@ def _facts(e: Experience, latlon: tuple[float, float] | None) -> str:
     if e.taken_at is not None:
         facts.append(e.taken_at)
     return " · ".join(facts)
-
-
-def exported_templates() -> Environment:
-    """Give the templates of folium's elements; they put data into scripts by `tojson` alone."""
-    return Environment(
-        loader=FileSystemLoader(resource_folder("templates")), autoescape=False, undefined=StrictUndefined
-    )
 
 
 def _leaflet(name: str) -> bytes:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
-from typing import Any
 
-from branca.element import MacroElement
+import folium
 from folium.raster_layers import ImageOverlay
 
 from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut, kind_colour
@@ -14,7 +14,7 @@ from webapp.files.exchange.times import utc
 from webapp.missions.store import reading
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks.icons import icon
-from webapp.render.folium_page import data_uri, empty_page, exported_templates
+from webapp.render.folium_page import Feature, add_features, data_uri, empty_page
 from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -30,30 +30,8 @@ MAX_POSES = 5000
 
 _IMAGE_SIDE = 4096
 _PAD_DEG = 0.0005
-
-
-class MissionMarks(MacroElement):
-    """The tracks and the objects; texts reach the page as data and never as HTML.
-
-    Parameters
-    ----------
-    tracks : list of dict
-        `title`, `colour`, `from`, `to` and `points`: latitude and longitude each.
-    objects : list of dict
-        `at`, `title`, `facts`, and `kind`, a number of `icons`.
-    icons : list of str
-        Addresses of pictures.
-    """
-
-    def __init__(
-        self, tracks: list[dict[str, Any]], *, objects: list[dict[str, Any]], icons: list[str]
-    ) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
-        self._name = "MissionMarks"
-        self.tracks = tracks
-        self.objects = objects
-        self.icons = icons
-        self._template = exported_templates().get_template("exchange/mission_marks.html")
+_POPUP = "mission-popup"
+_DOT = {"fill": True, "color": "#fff", "weight": 2, "fillOpacity": 1}
 
 
 def run(library: Library, mission_id: int, *, settings: Settings) -> Download:
@@ -92,25 +70,56 @@ def run(library: Library, mission_id: int, *, settings: Settings) -> Download:
 
 def _page(mission: MissionOut, found: list[ObjectOut], ground: MercatorPicture | None) -> str:
     page = empty_page("EPSG3857", title=mission.name)
-    page.options.update(scale=True)
+    folium.Control("Scale", imperial=False).add_to(page)
     if ground is not None:
         box = [[ground.south, ground.west], [ground.north, ground.east]]
         url = data_uri("image/webp", encoded(ground.pixels, ".webp"))
         ImageOverlay(url, box, pixelated=False).add_to(page)
-    tracks = [_track(track) for track in mission.tracks]
-    kinds = sorted({one.kind for one in found})
-    icons = [data_uri("image/png", icon(kind)) for kind in kinds[: reading.MOST_KINDS]]
-    objects = [_object(one, kinds.index(one.kind)) for one in found]
-    page.add_child(MissionMarks(tracks, objects=objects, icons=icons))
-    places = [at for track in tracks for at in track["points"]] + [one["at"] for one in objects]
+    tracks = [_line(track) for track in mission.tracks]
+    for line in tracks:
+        _add_track(page, line)
+    _add_objects(page, found)
+    places = [at for line in tracks for at in line.geometry[1]]
+    places += [[one.latlon.lon, one.latlon.lat] for one in found]
     if places:
-        lats, lons = zip(*places, strict=True)
+        lons, lats = zip(*places, strict=True)
         page.fit_bounds(
             [[min(lats) - _PAD_DEG, min(lons) - _PAD_DEG], [max(lats) + _PAD_DEG, max(lons) + _PAD_DEG]]
         )
     elif ground is not None:
         page.fit_bounds(box)
     return str(page.get_root().render())
+
+
+def _add_track(page: folium.Map, line: Feature) -> None:
+    """Draw a line with a white border, and a dot at its end."""
+    points = line.geometry[1]
+    border = [(lat, lon) for lon, lat in points]
+    white = folium.PolyLine(border, color="#fff", weight=6, interactive=False)  # type: ignore[no-untyped-call]
+    white.add_to(page)
+    dot = _DOT | {"fillColor": line.style["color"]}
+    end = replace(line, geometry=("Point", points[-1]), style=dot)
+    add_features(page, [line], popup=_POPUP, name=line.title)
+    add_features(page, [end], popup=_POPUP, name=line.title, marker=folium.CircleMarker(radius=6))
+
+
+def _add_objects(page: folium.Map, found: list[ObjectOut]) -> None:
+    """Draw objects as the pins of their classes; dots where there are too many classes for pins."""
+    kinds = sorted({one.kind for one in found})[: reading.MOST_KINDS]
+    icons = {kind: data_uri("image/png", icon(kind)) for kind in kinds}
+    pins, dots = [], []
+    for one in found:
+        if one.kind in icons:
+            pins.append(_object(one, {"iconUrl": icons[one.kind]}))
+        else:
+            dots.append(_object(one, _DOT | {"fillColor": kind_colour(one.kind)}))
+    if pins:
+        # the tip of a pin, in the middle of its lower edge, is the place
+        pin = folium.CustomIcon(
+            icons[kinds[0]], icon_size=(36, 36), icon_anchor=(18, 36), popup_anchor=(0, -30)
+        )
+        add_features(page, pins, marker=folium.Marker(icon=pin), popup=_POPUP, name="Objects")
+    add_features(page, dots, marker=folium.CircleMarker(radius=7), popup=_POPUP, name="Objects")
 
 
 def _ground(library: Library, mission_id: int, *, settings: Settings) -> MercatorPicture | None:
@@ -128,33 +137,23 @@ def _ground(library: Library, mission_id: int, *, settings: Settings) -> Mercato
     return to_mercator(picture, source.georeference(), size=(satellite.width, satellite.height))
 
 
-def _track(track: TrackOut) -> dict[str, Any]:
+def _line(track: TrackOut) -> Feature:
     points: list[list[float]] = []
     times: list[float] = []
     for part in track.poses():
-        points += part.latlon.round(7).tolist()
+        points += part.latlon[:, ::-1].round(7).tolist()
         times += part.times_s[[0, -1]].tolist()
     first, last = utc([times[0], times[-1]])
     facts = f"{track.distance_m:.0f} m"
     if track.timed:
         facts += f" · {first[:19]}Z – {last[:19]}Z"
-    return {
-        "title": track.title,
-        "facts": facts,
-        "colour": track.colour,
-        "points": points,
-    }
+    style = {"color": track.colour, "weight": 3}
+    return Feature(("LineString", points), track.title, facts, style)
 
 
-def _object(found: ObjectOut, kind: int) -> dict[str, Any]:
+def _object(found: ObjectOut, style: dict[str, object]) -> Feature:
     lat, lon = found.latlon
     facts = [f"{lat:.6f}, {lon:.6f}", utc([found.last_time_s])[0][:19] + "Z"]
     if found.confidence is not None:
         facts.append(f"{found.confidence:.0%}")
-    return {
-        "at": [lat, lon],
-        "title": f"{found.kind} {found.id}",
-        "facts": " · ".join(facts),
-        "kind": kind,
-        "colour": kind_colour(found.kind),
-    }
+    return Feature(("Point", [lon, lat]), f"{found.kind} {found.id}", " · ".join(facts), style)
