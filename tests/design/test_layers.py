@@ -36,6 +36,7 @@ ALONE = {
     "settings": {"errors"},
     "threads": set(),
     "resources": {"errors"},
+    "api": {"core", "files", "tasks", "configuration", "errors", "progress", "settings"},
     "robot": {"errors", "robot"},
     "__main__": {"app"},
 }

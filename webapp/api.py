@@ -1,0 +1,191 @@
+"""The interface for Python programs: open a map, localize photos, evaluate, make a map of photos.
+
+What `docs/python.md` describes stays as it is within a major version; everything else in this package may
+change. Importing this module loads no web code. Opening a map starts worker processes, so a script needs the
+guard `if __name__ == "__main__":`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.configuration import load_settings
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.errors import ExpMapError
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize import evaluate as evaluate_task
+from webapp.tasks.localize import prepare
+from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.maps import from_photos
+from webapp.tasks.maps.from_photos import Options as PlaceOptions
+from webapp.tasks.maps.from_photos import Report as PlaceReport
+from webapp.tasks.satellite.georeference_image import GeoSource
+
+__all__ = [
+    "Answer", "EvaluateOptions", "Evaluation", "ExpMapError", "GeoSource", "Hypothesis", "LatLon", "MapPixel",
+    "OpenOptions", "PhotoMap", "PlaceOptions", "PlaceReport", "Progress", "Settings", "open_map",
+    "place_photos",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoMap:
+    """A map with its index, ready for queries; `open_map` makes it."""
+
+    _localizer: PhotoLocalizer
+
+    @property
+    def photos(self) -> int:
+        """Number of photos on the map."""
+        return len(self._localizer.map.experiences)
+
+    @property
+    def place_radius_px(self) -> float:
+        """Distance, in map pixels, within which a position counts as right."""
+        return self._localizer.place_radius_px
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Transformation between map pixels and WGS 84; None where the map has none."""
+        return self._localizer.map.georeference
+
+    def localize(self, photo: str | Path, *, top: int = 5) -> Answer:
+        """Localize one photo.
+
+        Parameters
+        ----------
+        photo : str or Path
+        top : int
+            At most so many hypotheses.
+
+        Returns
+        -------
+        Answer
+            The most probable place first. `abstained` is true where "not on this map" is more probable.
+
+        Raises
+        ------
+        PhotoError
+            The photo cannot be read.
+        """
+        return self._localizer.localize(Path(photo), top=top)
+
+    def latlon_of(self, hypothesis: Hypothesis) -> LatLon | None:
+        """Degrees north and east of a hypothesis, WGS 84; None where the map has no georeference."""
+        return self.georeference.latlon_of(hypothesis.position) if self.georeference else None
+
+    def evaluate(
+        self, queries: str | Path, *, options: EvaluateOptions | None = None, progress: Progress | None = None
+    ) -> Evaluation:
+        """Measure the accuracy on photos with known positions.
+
+        Parameters
+        ----------
+        queries : str or Path
+            Table `path;x;y` with a header; paths are relative to it, positions are map pixels.
+        options : EvaluateOptions, optional
+        progress : Progress, optional
+            One step a photo.
+
+        Returns
+        -------
+        Evaluation
+            `summary` has the figures, `results` one entry a query.
+
+        Raises
+        ------
+        TableError
+            The table cannot be read.
+        """
+        folder = self._localizer.opened.cfg.parent
+        return evaluate_task.run(
+            self._localizer, Path(queries), map_folder=folder, options=options, progress=progress
+        )
+
+
+def open_map(
+    cfg: str | Path,
+    options: OpenOptions | None = None,
+    *,
+    fov_deg: float | None = None,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> PhotoMap:
+    """Open a map: bring its index up to date, calibrate it where that is due, and load it.
+
+    Parameters
+    ----------
+    cfg : str or Path
+        The map file.
+    options : OpenOptions, optional
+        Method, features, folder of the index.
+    fov_deg : float, optional
+        Horizontal field of view of the queries, instead of what their EXIF says.
+    settings : Settings, optional
+        By default what the environment and the configuration file set.
+    progress : Progress, optional
+        One step a photo that has to be described.
+
+    Raises
+    ------
+    MapError
+        The map cannot be read.
+    UsageError
+        The features do not fit the method.
+    NotReady
+        Model weights or an optional package are missing.
+    """
+    localizer = prepare.run(
+        Path(cfg),
+        options or OpenOptions(),
+        settings=settings or load_settings(),
+        progress=progress or Progress(),
+        fov_deg=fov_deg,
+    )
+    return PhotoMap(localizer)
+
+
+def place_photos(
+    folder: str | Path,
+    options: PlaceOptions,
+    *,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> PlaceReport:
+    """Make a map from the photos of a folder, by their EXIF GPS or a table of positions.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Searched with all folders below it.
+    options : PlaceOptions
+        The map file to write, and the image with its georeference.
+    settings : Settings, optional
+        By default what the environment and the configuration file set.
+    progress : Progress, optional
+        One step a file.
+
+    Returns
+    -------
+    PlaceReport
+        Every file, placed or not, with the reason.
+
+    Raises
+    ------
+    UsageError
+        The map exists, or no georeference is known.
+    GeoreferenceError, TableError, PhotoError
+        The georeference, the positions or the image cannot be read.
+    """
+    return from_photos.run(
+        Path(folder),
+        options=options,
+        settings=settings or load_settings(),
+        progress=progress or Progress(),
+    )
