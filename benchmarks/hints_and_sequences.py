@@ -26,10 +26,10 @@ from webapp.configuration import load_settings
 from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.near import Near
-from webapp.core.hypotheses.paths import on_paths
-from webapp.core.hypotheses.sequence import Belief, follow, smooth
+from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
+from webapp.core.hypotheses.sequence import Belief, filter_step, smooth
 from webapp.files.localize.queries_csv import Query, read
 from webapp.progress import Progress
 from webapp.tasks.localize import hinted as localize_hinted
@@ -117,7 +117,7 @@ def _ways(
 
     ways = {
         "single photos, by itself": (queries, alone),
-        "single photos": (queries, [on_paths(answer, paths) for answer in alone]),
+        "single photos": (queries, [apply_path_prior_to_answer(answer, paths) for answer in alone]),
         "position hint": hinted(_look(localizer, queries, circles, name="position hint"), circles),
         "wrong position hint": hinted(
             _look(localizer, queries, elsewhere, name="wrong position hint"), elsewhere
@@ -143,15 +143,15 @@ def _followed(localizer: PhotoLocalizer, alone: Sequence[Answer]) -> list[Answer
     belief, followed = Belief(), []
     how = motion(localizer)
     for answer in alone:
-        belief, joined = follow(belief, answer, motion=how, top=TOP)
+        belief, joined = filter_step(belief, answer, motion=how, top=TOP)
         followed.append(joined)
     return followed
 
 
-def _circle(truth: MapPixel, radius: float, rng: np.random.Generator) -> Near:
+def _circle(truth: MapPixel, radius: float, rng: np.random.Generator) -> CirclePrior:
     """A circle that holds the truth; its middle is off by up to half its radius."""
     way, angle = radius / 2.0 * math.sqrt(rng.random()), 2.0 * math.pi * rng.random()
-    return Near(truth.x + way * math.cos(angle), truth.y + way * math.sin(angle), radius)
+    return CirclePrior(truth.x + way * math.cos(angle), truth.y + way * math.sin(angle), radius)
 
 
 def _spots(

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from webapp.configuration import load_settings
 from webapp.core.features.extract import extract
 from webapp.core.features.types import Features
-from webapp.core.geometry.orientations import Orientations
+from webapp.core.geometry.extrinsics import MapExtrinsics
 from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.engines import ivf, vlad
 from webapp.core.retrieval.engines.ivf import InvertedFile
@@ -171,9 +171,9 @@ def _map(
     """Put some distractors on the map, far from everything: what one of them speaks for is wrong."""
     there = len(real.ids)
     far = np.random.default_rng(0).random((count, 2)) * 1e3 + 1e5
-    known = real.orientations
+    known = real.extrinsics
     if known is not None:
-        known = Orientations(
+        known = MapExtrinsics(
             rotation=np.concatenate([known.rotation, np.broadcast_to(np.eye(3), (count, 3, 3))]),
             height=np.concatenate([known.height, np.zeros(count)]),
             trust=np.concatenate([known.trust, np.zeros(count)]),
@@ -187,7 +187,7 @@ def _map(
         segments=[*real.segments, *([_segment(others, count)] if count else [])],
         photo_of_entry=np.concatenate([real.photo_of_entry, there + np.arange(count)]),
         search=search,
-        orientations=known,
+        extrinsics=known,
     )
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from webapp.core.geometry import so3
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.localize.pose_residuals import View
-from webapp.core.reconstruction.pairs import Pairs, joined
+from webapp.core.localize.pose_residuals import VerifiedView
+from webapp.core.reconstruction.pairs import PhotoPairs, concatenate
 
 RADIUS = 50.0
 
@@ -15,7 +15,7 @@ RADIUS = 50.0
 def tilted(heading, pitch=0.0):
     """Camera-from-world rotation of a camera that looks up by `pitch`."""
     c, s = math.cos(pitch), math.sin(pitch)
-    return np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ so3.level(np.array(heading))
+    return np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ so3.from_heading(np.array(heading))
 
 
 class Scene:
@@ -60,11 +60,11 @@ class Scene:
             return None
         rotation, shift = self.relative(cameras[i], cameras[j])
         shaken = so3.exp(self.rng.normal(0, 0.03, 3))
-        return Pairs(
+        return PhotoPairs(
             first=np.array([i]),
             second=np.array([j]),
             rotation=(shaken @ rotation)[None],
-            shift=(shaken @ shift)[None],
+            translation=(shaken @ shift)[None],
             trust=np.array([0.8]),
             parallax=np.array([0.1]),
             start=np.array([0, len(ours)]),
@@ -76,7 +76,7 @@ class Scene:
 
     def pairs(self, cameras):
         numbers = [(i, j) for i in range(len(cameras)) for j in range(len(cameras)) if i != j]
-        return joined([p for n in numbers if (p := self.pair(n, cameras)) is not None])
+        return concatenate([p for n in numbers if (p := self.pair(n, cameras)) is not None])
 
     def view(self, photo, camera, query, noise=0.001, depths=False):
         """What a photo shows of a query; with depths, those of every second match are known."""
@@ -88,7 +88,7 @@ class Scene:
         shaken = so3.exp(self.rng.normal(0, 0.03, 3))
         inlier = np.ones(len(ours), bool)
         pose = RelativePose(0.0, 0.1, inlier, shaken @ rotation, shaken @ shift)
-        return View(photo, pose, deep(ours), deep(theirs), inverse, 0.05 * inverse)
+        return VerifiedView(photo, pose, deep(ours), deep(theirs), inverse, 0.05 * inverse)
 
 
 def deep(ray):

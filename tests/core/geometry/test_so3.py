@@ -22,24 +22,26 @@ def test_log_undoes_exp(x, y, z):
     ("heading_deg", "east", "north"), [(0, 0, 1), (90, 1, 0), (180, 0, -1), (270, -1, 0)]
 )
 def test_level_cameras_look_along_their_heading(heading_deg, east, north):
-    rotation = so3.level(np.array([math.radians(heading_deg)]))
+    rotation = so3.from_heading(np.array([math.radians(heading_deg)]))
     np.testing.assert_allclose(rotation[0, 2], [east, 0, north], atol=1e-12)
     np.testing.assert_allclose(rotation[0, 1], [0, 1, 0], atol=1e-12)
     assert math.isclose(
-        float(so3.wrapped(so3.heading(rotation) - math.radians(heading_deg))[0]), 0, abs_tol=1e-9
+        float(so3.wrap(so3.heading(rotation) - math.radians(heading_deg))[0]), 0, abs_tol=1e-9
     )
 
 
 def test_steps_are_cut_to_the_longest_allowed():
-    cut = so3.shortened(np.array([[3.0, 4.0], [0.3, 0.4]]), 1.0)
+    cut = so3.clamp_norm(np.array([[3.0, 4.0], [0.3, 0.4]]), 1.0)
     np.testing.assert_allclose(cut, [[0.6, 0.8], [0.3, 0.4]])
 
 
 def test_tilts_are_zero_when_level_and_follow_small_turns():
-    rotation = so3.level(np.array([0.3, 2.0]))
+    rotation = so3.from_heading(np.array([0.3, 2.0]))
     turn = np.array([[0.01, 0.0, -0.02], [0.005, 0.1, 0.0]])
-    turned = so3.turned(rotation, turn)
-    for (before, by_turn), (after, _) in zip(so3.tilts(rotation), so3.tilts(turned), strict=True):
+    turned = so3.retract(rotation, turn)
+    for (before, by_turn), (after, _) in zip(
+        so3.roll_pitch_sines(rotation), so3.roll_pitch_sines(turned), strict=True
+    ):
         np.testing.assert_allclose(before, 0.0, atol=1e-12)
         np.testing.assert_allclose(after, (by_turn * turn).sum(1), atol=2e-3)
         assert np.abs(after).max() > 1e-3

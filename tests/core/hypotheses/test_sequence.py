@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.sequence import Belief, follow, motion_of, smooth
+from webapp.core.hypotheses.sequence import Belief, filter_step, motion_model, smooth
 from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
 
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
 RADIUS = 20.0
 ROW = np.column_stack([np.arange(0.0, 2000.0, 10.0), np.full(200, 100.0)])
-MOTION = motion_of(ROW, place_radius_px=RADIUS)
+MOTION = motion_model(ROW, place_radius_px=RADIUS)
 
 
 def place(x, y=100.0, *, p=0.9, radius=8.0, photos=(1,)):
@@ -34,7 +34,7 @@ def nothing():
 def walk(frames, motion=MOTION, belief=None):
     belief, answers = belief or Belief(), []
     for frame in frames:
-        belief, joined = follow(belief, frame, motion=motion, top=5)
+        belief, joined = filter_step(belief, frame, motion=motion, top=5)
         answers.append(joined)
     return belief, answers
 
@@ -122,7 +122,7 @@ def test_corners_are_taken():
     truth = along + [along[-1] + (0.0, 20.0 * i) for i in range(1, 11)]
     rng = np.random.default_rng(3)
     frames = [answer(place(*(at + rng.normal(0, 6, 2)))) for at in truth]
-    _, answers = walk(frames, motion_of(grid, place_radius_px=40.0))
+    _, answers = walk(frames, motion_model(grid, place_radius_px=40.0))
     assert errors(answers, truth).max() <= 40.0
 
 
@@ -208,7 +208,7 @@ def test_it_adds_up_to_one_and_survives_being_written(frames, top):
     for frame in frames:
         total = sum(p for *_, p in frame) + 0.25
         given_answer = answer(*(place(x, y, p=p / total) for x, y, p in frame))
-        belief, joined = follow(belief, given_answer, motion=MOTION, top=top)
+        belief, joined = filter_step(belief, given_answer, motion=MOTION, top=top)
         listed = [h.probability for h in joined.hypotheses]
         assert sum(listed) + joined.other_probability + joined.off_map_probability == pytest.approx(1.0)
         assert listed == sorted(listed, reverse=True) and len(listed) <= top

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tests.core.photos_in_a_room import RADIUS, Scene, tilted
-from webapp.core.geometry.orientations import Orientations, no_depths
-from webapp.core.localize.places import Verified, join
+from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
+from webapp.core.localize.places import VerifiedPhoto, estimate_places
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import Shortlisted
+from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
 QUERY = (tilted(0.5, 0.05), np.array([25.0, -30.0]))
 PHOTO = (tilted(0.3), np.array([0.0, 0.0]))
@@ -20,17 +20,17 @@ def places(*, depths, trust=5.0, wrong=()):
     """Places by one photo, of which some depths are wrong by a factor, and the others, or all, not known."""
     view = Scene(seed=6).view(0, PHOTO, QUERY, depths=depths)
     if len(wrong):
-        view.inverse[len(wrong) :] = np.nan
-        view.inverse[: len(wrong)] *= wrong
+        view.inverse_depth[len(wrong) :] = np.nan
+        view.inverse_depth[: len(wrong)] *= wrong
     rows = np.arange(len(view.query_ray))
     xy = np.zeros((len(rows), 2), np.float32)
-    verified = Verified(
-        Shortlisted(0, 5.0, rows, rows, xy, xy),
+    verified = VerifiedPhoto(
+        ShortlistedPhoto(0, 5.0, rows, rows, xy, xy),
         replace(view.pose, bearing=math.pi),
         view.query_ray,
         view.photo_ray,
-        view.inverse,
-        view.spread,
+        view.inverse_depth,
+        view.sigma,
     )
     indexed = IndexedMap(
         ids=np.array([7]),
@@ -40,9 +40,9 @@ def places(*, depths, trust=5.0, wrong=()):
         photo_of_entry=np.zeros(0, np.int64),
         search=None,
         place_radius_px=RADIUS,
-        orientations=Orientations(PHOTO[0][None], np.zeros(1), np.array([trust]), no_depths()),
+        extrinsics=MapExtrinsics(PHOTO[0][None], np.zeros(1), np.array([trust]), empty_depths()),
     )
-    return join(indexed, [verified])
+    return estimate_places(indexed, [verified])
 
 
 def test_depths_fix_a_position_with_its_heading():

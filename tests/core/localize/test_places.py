@@ -5,9 +5,9 @@ import pytest
 
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.localize.places import Verified, join
+from webapp.core.localize.places import VerifiedPhoto, estimate_places
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import Shortlisted
+from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
 
 def the_map(*positions):
@@ -26,9 +26,9 @@ def the_map(*positions):
 def voted(photo, votes, pose=None):
     nothing = np.zeros((0, 2), np.float32)
     rows = np.zeros(0, np.int64)
-    matched = Shortlisted(photo, votes, rows, rows, nothing, nothing)
+    matched = ShortlistedPhoto(photo, votes, rows, rows, nothing, nothing)
     rays, depths = np.zeros((0, 3)), np.zeros(0)
-    return Verified(matched, pose or NoPose("no matches"), rays, rays, depths, depths)
+    return VerifiedPhoto(matched, pose or NoPose("no matches"), rays, rays, depths, depths)
 
 
 def seen(photo, bearing_deg, *, inliers=100, of=120):
@@ -42,7 +42,7 @@ def seen(photo, bearing_deg, *, inliers=100, of=120):
 
 def test_photos_of_one_place_vote_together():
     indexed = the_map((0, 0), (500, 0), (504, 0), (500, 4))
-    places = join(indexed, [voted(0, 5.0), voted(1, 3.0), voted(2, 3.0), voted(3, 3.0)])
+    places = estimate_places(indexed, [voted(0, 5.0), voted(1, 3.0), voted(2, 3.0), voted(3, 3.0)])
     assert [p.kind for p in places] == ["photo", "photo"]
     assert [p.position.x >= 500 for p in places] == [True, False]
     assert places[0].support == pytest.approx(9 / 14, abs=0.02)
@@ -53,7 +53,7 @@ def test_geometry_is_worth_more_than_votes():
     around = [(100, 92), (108, 100), (100, 108), (900, 900)]
     indexed = the_map(*around)
     checked = [seen(0, 0.0), seen(1, 90.0), seen(2, 180.0), voted(3, 40.0)]
-    best, other = join(indexed, checked)[:2]
+    best, other = estimate_places(indexed, checked)[:2]
     assert best.kind == "position"
     assert np.hypot(best.position.x - 100, best.position.y - 100) < 5.0
     assert other.position == (900.0, 900.0)
@@ -63,13 +63,13 @@ def test_geometry_is_worth_more_than_votes():
 def test_a_hair_of_geometry_does_not_outweigh_the_votes():
     indexed = the_map((0, 0), (500, 0), (504, 0))
     weak = seen(0, 0.0, inliers=12, of=60)
-    assert join(indexed, [weak, voted(1, 30.0), voted(2, 30.0)])[0].position.x >= 500
+    assert estimate_places(indexed, [weak, voted(1, 30.0), voted(2, 30.0)])[0].position.x >= 500
 
 
 def test_places_are_apart_and_nothing_gives_nothing():
     indexed = the_map(*[(3.0 * n, 0) for n in range(30)])
-    places = join(indexed, [voted(n, 1.0 + n) for n in range(30)])
+    places = estimate_places(indexed, [voted(n, 1.0 + n) for n in range(30)])
     x = sorted(p.position.x for p in places)
     assert len(places) > 1
     assert min(np.diff(x)) > 20.0
-    assert join(indexed, []) == []
+    assert estimate_places(indexed, []) == []

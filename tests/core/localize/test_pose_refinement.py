@@ -5,14 +5,16 @@ import pytest
 
 from tests.core.photos_in_a_room import RADIUS, Scene, cameras, tilted
 from webapp.core.geometry import so3
-from webapp.core.geometry.orientations import Orientations, no_depths
-from webapp.core.localize.pose_refinement import locate
-from webapp.core.localize.pose_residuals import across, along, scene_of
+from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
+from webapp.core.localize.pose_refinement import estimate_poses
+from webapp.core.localize.pose_residuals import collect_correspondences, depth_residual, epipolar_residual
 
 
 def known(held, trust=5.0):
     count = len(held)
-    return Orientations(np.array([r for r, _ in held]), np.zeros(count), np.full(count, trust), no_depths())
+    return MapExtrinsics(
+        np.array([r for r, _ in held]), np.zeros(count), np.full(count, trust), empty_depths()
+    )
 
 
 def positions(held):
@@ -25,7 +27,7 @@ def test_a_query_is_located_with_its_heading(heading_deg):
     held = cameras(scene, 40)
     query = (tilted(math.radians(heading_deg), 0.1), np.array([12.0, -20.0]))
     views = [v for n, c in enumerate(held) if len((v := scene.view(n, c, query)).query_ray) >= 20]
-    best = locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0]
+    best = estimate_poses(views, positions(held), extrinsics=known(held), place_radius_px=RADIUS)[0]
     assert math.dist((best.x, best.y), query[1]) < 0.06 * RADIUS
     assert abs(math.remainder(best.heading - math.radians(heading_deg), 2 * math.pi)) < math.radians(1.5)
     assert best.score > 1.0
@@ -41,7 +43,7 @@ def test_wrong_matches_change_little():
     for view in views:
         wrong = rng.random(len(view.query_ray)) < 0.4
         view.photo_ray[wrong, :2] = rng.uniform(-0.7, 0.7, (int(wrong.sum()), 2))
-    best = locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0]
+    best = estimate_poses(views, positions(held), extrinsics=known(held), place_radius_px=RADIUS)[0]
     assert math.dist((best.x, best.y), query[1]) < 0.15 * RADIUS
 
 
@@ -51,8 +53,11 @@ def test_without_known_orientations_there_is_no_pose():
     query = (tilted(1.0), np.array([5.0, 8.0]))
     views = [scene.view(n, c, query) for n, c in enumerate(held)]
     views = [v for v in views if len(v.query_ray) >= 20]
-    assert locate(views, positions(held), orientations=known(held, trust=0.1), place_radius_px=RADIUS) == []
-    assert locate([], positions(held), orientations=known(held), place_radius_px=RADIUS) == []
+    assert (
+        estimate_poses(views, positions(held), extrinsics=known(held, trust=0.1), place_radius_px=RADIUS)
+        == []
+    )
+    assert estimate_poses([], positions(held), extrinsics=known(held), place_radius_px=RADIUS) == []
 
 
 def test_one_photo_is_enough_where_depths_are_known():
@@ -60,10 +65,10 @@ def test_one_photo_is_enough_where_depths_are_known():
     held = [(tilted(0.3), np.array([0.0, 0.0]))]
     query = (tilted(0.5, 0.05), np.array([25.0, -30.0]))
     fixed, open_ = (
-        locate(
+        estimate_poses(
             [scene.view(0, held[0], query, depths=depths)],
             positions(held),
-            orientations=known(held),
+            extrinsics=known(held),
             place_radius_px=RADIUS,
         )[0]
         for depths in (True, False)
@@ -81,7 +86,7 @@ def test_depths_make_positions_surer_and_better():
         for depths in (False, True):
             views = [scene.view(k, c, query, noise=0.003, depths=depths) for k, c in enumerate(held)]
             views = [v for v in views if len(v.query_ray) >= 20]
-            best = locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0]
+            best = estimate_poses(views, positions(held), extrinsics=known(held), place_radius_px=RADIUS)[0]
             off.append(math.dist((best.x, best.y), query[1]))
             sure.append(np.trace(best.covariance_px2))
     assert np.median(off[1::2]) < 0.8 * np.median(off[::2])
@@ -96,9 +101,9 @@ def test_wrong_depths_do_not_drag_a_position_away():
     views = [v for v in views if len(v.query_ray) >= 20]
     rng = np.random.default_rng(1)
     for view in views:
-        wrong = rng.random(len(view.inverse)) < 0.3
-        view.inverse[wrong] *= rng.uniform(1.5, 4.0, int(wrong.sum()))
-    best = locate(views, positions(held), orientations=known(held), place_radius_px=RADIUS)[0]
+        wrong = rng.random(len(view.inverse_depth)) < 0.3
+        view.inverse_depth[wrong] *= rng.uniform(1.5, 4.0, int(wrong.sum()))
+    best = estimate_poses(views, positions(held), extrinsics=known(held), place_radius_px=RADIUS)[0]
     assert math.dist((best.x, best.y), query[1]) < 0.1 * RADIUS
 
 
@@ -108,16 +113,18 @@ def test_derivatives_are_those_of_the_residuals():
     query = (tilted(0.7, 0.1), np.array([8.0, 4.0]))
     views = [v for n, c in enumerate(held) if len((v := scene.view(n, c, query, depths=True)).query_ray) > 20]
     world = np.column_stack([positions(held)[:, 0], np.zeros(len(held)), -positions(held)[:, 1]])
-    matches = scene_of(views, [*range(len(views))], world=world, orientations=known(held), radius=RADIUS)
+    matches = collect_correspondences(
+        views, [*range(len(views))], world=world, extrinsics=known(held), radius=RADIUS
+    )
     rotation, centre = query[0][None], np.array([[8.0, 0.0, -4.0]])
     small = 1e-6
-    for compare in (across, along):
+    for compare in (epipolar_residual, depth_residual):
         found = compare(matches, rotation=rotation, centre=centre)
         told = found.derivatives(RADIUS)[0]
         for axis in range(6):
             step = np.eye(6)[axis] * small
-            turned, shifted = so3.turned(rotation, step[None, :3]), centre + RADIUS * step[3:]
+            turned, shifted = so3.retract(rotation, step[None, :3]), centre + RADIUS * step[3:]
             moved = compare(matches, rotation=turned, centre=shifted)
-            real = (moved.off - found.off)[0] / small
+            real = (moved.value - found.value)[0] / small
             # The size of the constraint and the line's direction change a little, too.
             assert np.median(np.abs(real - told[axis])) < 0.02 * np.abs(told).max()

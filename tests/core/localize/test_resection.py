@@ -80,7 +80,7 @@ def test_more_noise_means_more_spread():
             [
                 resect(seen_from(truth, 0.5, photos, noise=n, seed=s), grid, place_radius_px=RADIUS, most=1)[
                     0
-                ].spread_px
+                ].sigma_px
                 for s in range(5)
             ]
         )

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.core.photos_in_a_room import RADIUS, Scene, cameras, tilted
-from webapp.core.geometry.orientations import Depths, Orientations, no_depths
-from webapp.core.reconstruction.depths import DepthsWithout, sightings_of
+from webapp.core.geometry.extrinsics import KeypointDepths, MapExtrinsics, empty_depths
+from webapp.core.reconstruction.depths import DepthsExcluding, triangulate_depths
 
 
 @pytest.fixture(scope="module")
@@ -19,25 +19,25 @@ def room():
 
 def oriented(held, trust=5.0):
     rotation = np.array([r for r, _ in held])
-    return Orientations(rotation, np.zeros(len(held)), np.full(len(held), trust), no_depths())
+    return MapExtrinsics(rotation, np.zeros(len(held)), np.full(len(held), trust), empty_depths())
 
 
 def positions(held):
     return np.array([p for _, p in held])
 
 
-def seen_in(room, pairs=None, orientations=None, at=None):
+def seen_in(room, pairs=None, extrinsics=None, at=None):
     _, held, known = room
-    return sightings_of(
+    return triangulate_depths(
         pairs or known,
         positions(held) if at is None else at,
-        orientations=orientations or oriented(held),
+        extrinsics=extrinsics or oriented(held),
         place_radius_px=RADIUS,
     )
 
 
 def found_in(room, **given):
-    return seen_in(room, **given).averaged()
+    return seen_in(room, **given).fuse()
 
 
 def truth_of(room, depths):
@@ -52,7 +52,7 @@ def truth_of(room, depths):
 
 def test_depths_are_those_of_the_points(room):
     depths = found_in(room)
-    off = depths.inverse / truth_of(room, depths) - 1.0
+    off = depths.inverse_depth / truth_of(room, depths) - 1.0
     assert len(depths.row) > 500
     assert np.median(np.abs(off)) < 0.03
 
@@ -63,7 +63,7 @@ def test_their_spread_is_about_how_far_they_are_off(room, misplaced):
     _, held, _ = room
     shift = np.random.default_rng(1).normal(0.0, misplaced * RADIUS, (len(held), 2))
     depths = found_in(room, at=positions(held) + shift)
-    ratio = np.abs(depths.inverse - truth_of(room, depths)) / depths.spread
+    ratio = np.abs(depths.inverse_depth - truth_of(room, depths)) / depths.sigma
     typical = np.quantile(ratio, 0.68)
     assert 0.02 < typical < 0.5 if misplaced == 0.0 else 0.5 < typical < 2.0
 
@@ -73,17 +73,17 @@ def test_a_photo_from_nearer_by_knows_a_depth_better():
     scene = Scene(seed=3)
     held = [(tilted(0.0), np.array([10.0, 100.0])), (tilted(0.0), np.array([0.0, -90.0]))]
     pair = scene.pair((0, 1), held, noise=0.0)
-    seen = sightings_of(pair, positions(held), orientations=oriented(held), place_radius_px=1e-3)
-    relative = [np.median((seen.spread / seen.inverse)[seen.photo == n]) for n in (0, 1)]
+    seen = triangulate_depths(pair, positions(held), extrinsics=oriented(held), place_radius_px=1e-3)
+    relative = [np.median((seen.sigma / seen.inverse_depth)[seen.photo == n]) for n in (0, 1)]
     shaken = np.random.default_rng(0).normal(0.0, 1.0 / 450.0, (2, 40, *pair.ray_first.shape))
     off = [[], []]
     for ours, theirs in shaken.swapaxes(0, 1):
         noisy = replace(pair, ray_first=pair.ray_first + ours, ray_second=pair.ray_second + theirs)
-        again = sightings_of(noisy, positions(held), orientations=oriented(held), place_radius_px=1e-3)
+        again = triangulate_depths(noisy, positions(held), extrinsics=oriented(held), place_radius_px=1e-3)
         for n in (0, 1):
             mine = np.flatnonzero(again.photo == n)
             truth = scene.inverse_depths(held[n], again.row[mine])
-            off[n] += (np.abs(again.inverse[mine] / truth - 1.0)).tolist()
+            off[n] += (np.abs(again.inverse_depth[mine] / truth - 1.0)).tolist()
     real = [np.quantile(o, 0.68) for o in off]
     assert relative[0] < 0.8 * relative[1]
     assert np.array(relative) == pytest.approx(real, rel=0.3)
@@ -102,16 +102,16 @@ def test_wrong_matches_have_no_depth_or_an_uncertain_one(room):
     shaken = pairs.ray_second.copy()
     shaken[wrong] = rng.uniform(-0.7, 0.7, (int(wrong.sum()), 2))
     depths = found_in(room, pairs=replace(pairs, ray_second=shaken))
-    ratio = np.abs(depths.inverse - truth_of(room, depths)) / depths.spread
+    ratio = np.abs(depths.inverse_depth - truth_of(room, depths)) / depths.sigma
     assert (ratio < 3.0).mean() > 0.95
 
 
 def test_photos_that_are_not_oriented_tell_none(room):
     _, held, _ = room
     known = oriented(held)
-    depths = found_in(room, orientations=replace(known, trust=np.where(np.arange(12) == 3, 0.1, 5.0)))
+    depths = found_in(room, extrinsics=replace(known, trust=np.where(np.arange(12) == 3, 0.1, 5.0)))
     assert len(depths.row) and not (depths.photo == 3).any()
-    assert not len(found_in(room, orientations=oriented(held, trust=0.0)).row)
+    assert not len(found_in(room, extrinsics=oriented(held, trust=0.0)).row)
 
 
 def test_they_are_looked_up_by_photo_and_keypoint(room):
@@ -119,24 +119,24 @@ def test_they_are_looked_up_by_photo_and_keypoint(room):
     photo = int(depths.photo[200])
     there = depths.row[depths.photo == photo]
     absent = int(there.max()) + 1
-    inverse, spread = depths.of(photo, np.array([there[1], absent, there[0]]))
+    inverse, spread = depths.lookup(photo, np.array([there[1], absent, there[0]]))
     mine = np.flatnonzero(depths.photo == photo)
-    assert inverse[[0, 2]].tolist() == depths.inverse[mine[[1, 0]]].tolist()
-    assert spread[[0, 2]].tolist() == depths.spread[mine[[1, 0]]].tolist()
+    assert inverse[[0, 2]].tolist() == depths.inverse_depth[mine[[1, 0]]].tolist()
+    assert spread[[0, 2]].tolist() == depths.sigma[mine[[1, 0]]].tolist()
     assert np.isnan([inverse[1], spread[1]]).all()
-    assert np.isnan(no_depths().of(photo, there)).all()
-    assert depths.of(photo, np.zeros(0, np.int64))[0].shape == (0,)
+    assert np.isnan(empty_depths().lookup(photo, there)).all()
+    assert depths.lookup(photo, np.zeros(0, np.int64))[0].shape == (0,)
 
 
 def test_photos_can_get_other_numbers():
-    depths = Depths(
+    depths = KeypointDepths(
         *(np.array(v, np.int32) for v in ([0, 0, 2, 3], [4, 9, 1, 7])),
         *(np.array(v, np.float32) for v in ([0.1, 0.2, 0.3, 0.4], [1, 2, 3, 4])),
     )
-    again = depths.taken(np.array([5, -1, -1, 1]))
+    again = depths.renumbered(np.array([5, -1, -1, 1]))
     assert again.photo.tolist() == [1, 5, 5]
     assert again.row.tolist() == [7, 4, 9]
-    assert again.spread.tolist() == [4, 1, 2]
+    assert again.sigma.tolist() == [4, 1, 2]
 
 
 def test_what_both_photos_of_a_pair_tell_counts_once(room):
@@ -151,12 +151,12 @@ def test_without_some_photos_depths_rest_on_no_sighting_of_them(room):
     _, held, pairs = room
     hidden = np.isin(np.arange(len(held)), [2, 5])
     left = np.flatnonzero(~(hidden[pairs.first] | hidden[pairs.second]))
-    fewer = pairs.taken(left, first=pairs.first[left], second=pairs.second[left])
+    fewer = pairs.subset(left, first=pairs.first[left], second=pairs.second[left])
     never, seen, rows = found_in(room, pairs=fewer), seen_in(room), np.arange(4000)
     for photo in range(len(held)):
-        inverse, spread = DepthsWithout(seen, hidden).of(photo, rows)
-        np.testing.assert_allclose(inverse, never.of(photo, rows)[0], rtol=1e-6)
-        np.testing.assert_allclose(spread, never.of(photo, rows)[1], rtol=1e-6)
-    assert 0 < len(never.row) < len(seen.averaged().row)
-    everyone = DepthsWithout(seen, np.ones(len(held), bool))
-    assert np.isnan(everyone.of(0, rows)).all()
+        inverse, spread = DepthsExcluding(seen, hidden).lookup(photo, rows)
+        np.testing.assert_allclose(inverse, never.lookup(photo, rows)[0], rtol=1e-6)
+        np.testing.assert_allclose(spread, never.lookup(photo, rows)[1], rtol=1e-6)
+    assert 0 < len(never.row) < len(seen.fuse().row)
+    everyone = DepthsExcluding(seen, np.ones(len(held), bool))
+    assert np.isnan(everyone.lookup(0, rows)).all()

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from webapp.core.reconstruction.pairs import Pairs, joined, surest
+from webapp.core.reconstruction.pairs import PhotoPairs, best_of_each_pair, concatenate
 
 
 def pair(first, second, trust, rays):
     """Make a pair with so many matches, whose rays say how far it is trusted."""
     ray = np.full((rays, 2), trust, np.float32)
-    return Pairs(
+    return PhotoPairs(
         first=np.array([first]),
         second=np.array([second]),
         rotation=np.eye(3)[None],
-        shift=np.array([[0.0, 0.0, 1.0]]),
+        translation=np.array([[0.0, 0.0, 1.0]]),
         trust=np.array([trust]),
         parallax=np.array([0.1]),
         start=np.array([0, rays]),
@@ -24,8 +24,8 @@ def pair(first, second, trust, rays):
 
 
 def test_of_the_same_photos_the_most_trusted_comparison_is_kept():
-    both = surest(
-        joined(
+    both = best_of_each_pair(
+        concatenate(
             [
                 pair(3, 4, 0.2, 5),
                 pair(1, 2, 0.9, 3),
@@ -45,4 +45,4 @@ def test_of_the_same_photos_the_most_trusted_comparison_is_kept():
 
 
 def test_no_pairs_stay_none():
-    assert len(surest(joined([]))) == 0
+    assert len(best_of_each_pair(concatenate([]))) == 0

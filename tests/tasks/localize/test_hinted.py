@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.near import Near
-from webapp.core.hypotheses.paths import paths_of
+from webapp.core.hypotheses.path_prior import fit_path_prior
 from webapp.tasks.localize import hinted
 from webapp.tasks.localize.hinted import Hints
 
-PATHS = paths_of(np.column_stack([np.arange(0.0, 2000.0, 10.0), np.zeros(200)]), place_radius_px=20.0)
+PATHS = fit_path_prior(np.column_stack([np.arange(0.0, 2000.0, 10.0), np.zeros(200)]), place_radius_px=20.0)
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
 
 
@@ -33,7 +33,7 @@ def localizer():
     return SimpleNamespace(opened=SimpleNamespace(indexed=SimpleNamespace(paths=PATHS)))
 
 
-@pytest.mark.parametrize(("circle", "best"), [(None, 0), (Near(900.0, 0.0, 30.0), 1)])
+@pytest.mark.parametrize(("circle", "best"), [(None, 0), (CirclePrior(900.0, 0.0, 30.0), 1)])
 def test_the_matches_are_those_of_the_photo_that_is_named(localizer, circle, best):
     answers = [about((10, 0.6), pixel=50.0), about((90, 0.4), pixel=70.0)]
     joined, named = hinted.join(localizer, answers, hints=Hints(near=circle), top=1)

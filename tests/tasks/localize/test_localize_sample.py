@@ -11,7 +11,7 @@ import pytest
 
 from webapp.core.localize import verified
 from webapp.core.retrieval.indexed import candidates
-from webapp.core.retrieval.shortlist import consistent, shortlist, weighted_votes
+from webapp.core.retrieval.shortlist import filter_by_rotation, shortlist, weighted_votes
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import prepare
@@ -117,7 +117,7 @@ def test_turned_matches_are_dropped_before_the_vote(localizer):
     indexed = localizer.opened.indexed
     query = indexed.features(20)
     found = candidates(indexed, np.asarray(query.descriptors), k=8, hide={20})
-    kept = consistent(indexed, query, found=found)
+    kept = filter_by_rotation(indexed, query, found=found)
     assert kept.photo.shape == found.photo.shape
     assert 0 < (kept.photo >= 0).sum() < 0.8 * (found.photo >= 0).sum()
     votes = weighted_votes(kept, len(indexed.ids))

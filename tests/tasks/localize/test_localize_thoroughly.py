@@ -18,7 +18,7 @@ def test_photos_are_matched_by_the_network_and_calibrated_for_it(
     tmp_path, make_map, quick, shared_models, monkeypatch
 ):
     matched = []
-    anew = shortlist.matched_anew
+    anew = shortlist.rematch_with_network
     monkeypatch.setattr(
         "webapp.core.localize.verified.matched_anew",
         lambda *given, **named: matched.append(given) or anew(*given, **named),

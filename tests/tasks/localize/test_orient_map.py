@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from webapp.core.geometry import so3
-from webapp.core.geometry.orientations import USABLE_TRUST, no_depths
+from webapp.core.geometry.extrinsics import MIN_TRUST, empty_depths
 from webapp.core.localize.verified import find_places
 from webapp.core.reconstruction import pairs as pairs_module
-from webapp.core.reconstruction.depths import DepthsWithout
+from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.errors import Cancelled
 from webapp.files.localize import orientations
@@ -35,9 +35,12 @@ def oriented(cfg, progress=None):
 
 def with_index_of(found):
     """What is stored of orientations, without any depths."""
-    known = oriented(found.cfg).indexed.orientations
+    known = oriented(found.cfg).indexed.extrinsics
     return StoredOrientations(
-        replace(known, depths=no_depths()), found.contents, found.indexed.position, f"{found.map_hash} None"
+        replace(known, depths=empty_depths()),
+        found.contents,
+        found.indexed.position,
+        f"{found.map_hash} None",
     )
 
 
@@ -76,10 +79,10 @@ def headings_off(cfg, found):
     """Differences to the headings that the sample was rendered with, degrees, of photos that are trusted."""
     told = json.loads((cfg.parent / "map.json").read_text(encoding="utf-8"))["experiences"]
     truth = {int(e["id"]): math.radians(e["heading_deg"]) for e in told if e.get("heading_deg") is not None}
-    held = found.indexed.orientations
-    known = held.trust >= USABLE_TRUST
+    held = found.indexed.extrinsics
+    known = held.trust >= MIN_TRUST
     off = [
-        so3.wrapped(so3.heading(held.rotation[i]) - truth[int(id)])
+        so3.wrap(so3.heading(held.rotation[i]) - truth[int(id)])
         for i, id in enumerate(found.indexed.ids)
         if known[i] and int(id) in truth
     ]
@@ -94,42 +97,44 @@ def test_headings_are_those_the_photos_were_taken_with(cfg):
 
 def test_depths_of_what_several_photos_see_are_kept_with_the_orientations(cfg):
     found = oriented(cfg)
-    depths = found.indexed.orientations.depths
+    depths = found.indexed.extrinsics.depths
     assert len(np.unique(depths.photo)) >= 10
-    assert (depths.inverse > 0.0).all()
+    assert (depths.inverse_depth > 0.0).all()
     assert all(depths.row[depths.photo == i].max() < len(found.indexed.features(i)) for i in depths.photo)
-    again = orient_map.attach(opened(cfg), orient_map.newest(opened(cfg))).indexed.orientations.depths
-    for name in ("photo", "row", "inverse", "spread"):
+    again = orient_map.attach(opened(cfg), orient_map.newest(opened(cfg))).indexed.extrinsics.depths
+    for name in ("photo", "row", "inverse_depth", "sigma"):
         assert (getattr(again, name) == getattr(depths, name)).all()
 
 
 def test_a_hidden_photo_has_no_part_in_depths(cfg):
     found = oriented(cfg)
     indexed = found.indexed
-    query = int(np.bincount(indexed.orientations.depths.photo).argmax())
+    query = int(np.bincount(indexed.extrinsics.depths.photo).argmax())
     features, fov = indexed.features(query), float(indexed.fov_deg[query])
     hidden = np.arange(len(indexed.ids)) == query
 
     def known(**how):
         places = find_places(indexed, features, fov_deg=fov, **how).places
-        return sum(np.isfinite(v.inverse).sum() for p in places for v in p.photos if v.matched.photo != query)
+        return sum(
+            np.isfinite(v.inverse_depth).sum() for p in places for v in p.photos if v.matched.photo != query
+        )
 
     hide = indexed.ids[hidden].tolist()
     assert known(hide=hide) == 0  # what the others know of depths is partly from it
     seen = orient_map.sightings(found, map_fov_deg=None)
-    without, by_all = (known(hide=hide, depths=d) for d in (DepthsWithout(seen, hidden), seen.averaged()))
+    without, by_all = (known(hide=hide, depths=d) for d in (DepthsExcluding(seen, hidden), seen.fuse()))
     assert 0 < without < by_all
 
 
 def test_of_two_photos_with_one_content_the_first_has_the_depths(cfg):
-    alone = oriented(cfg).indexed.orientations.depths
+    alone = oriented(cfg).indexed.extrinsics.depths
     twice = int(np.bincount(alone.photo).argmax())
     lines = cfg.read_text().splitlines()
     _, path, x, y, *_ = lines[1 + twice].split(";")
     cfg.write_text("\n".join([*lines, f"{len(lines) - 1};{path};{int(x) + 2};{y}"]) + "\n")
     both = oriented(cfg).indexed
     assert len(both.ids) == len(lines)
-    photos = both.orientations.depths.photo
+    photos = both.extrinsics.depths.photo
     assert (photos == twice).sum() >= 0.9 * (alone.photo == twice).sum()
     assert len(lines) - 1 not in photos
 
@@ -141,14 +146,14 @@ def test_files_of_an_older_program_are_made_anew(cfg, monkeypatch):
         patch.setattr(orientations, "FORMAT", old)
         orientations.write(found.writable / "orientations-ivf.arrays", with_index_of(found))
     assert orient_map.newest(found) is None
-    assert len(oriented(cfg).indexed.orientations.depths.row)
+    assert len(oriented(cfg).indexed.extrinsics.depths.row)
 
 
 def test_what_is_stored_of_pairs_gives_the_depths_that_are_kept(cfg):
     found = oriented(cfg)
-    kept, again = found.indexed.orientations.depths, orient_map.sightings(found, map_fov_deg=None).averaged()
+    kept, again = found.indexed.extrinsics.depths, orient_map.sightings(found, map_fov_deg=None).fuse()
     assert (kept.row == again.row).all()
-    np.testing.assert_allclose(kept.inverse, again.inverse, rtol=1e-5)
+    np.testing.assert_allclose(kept.inverse_depth, again.inverse_depth, rtol=1e-5)
     assert orient_map.sightings(opened(cfg), map_fov_deg=None) is None
 
 
@@ -166,7 +171,7 @@ def test_a_moved_photo_costs_no_new_comparison(cfg):
     counted = Counting()
     found = oriented(cfg, counted)
     assert counted.total == 0
-    assert found.indexed.orientations.trust[0] >= 0.0
+    assert found.indexed.extrinsics.trust[0] >= 0.0
 
 
 def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(cfg):
@@ -176,9 +181,9 @@ def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(
     trusted = int(stored.orientations.trust.argmax())
     position[trusted] += 10.0 * found.indexed.place_radius_px
     moved = replace(found, indexed=replace(found.indexed, position=position))
-    trust = orient_map.attach(moved, stored).indexed.orientations.trust
+    trust = orient_map.attach(moved, stored).indexed.extrinsics.trust
     assert trust[trusted] == 0.0
-    depths = orient_map.attach(moved, stored).indexed.orientations.depths
+    depths = orient_map.attach(moved, stored).indexed.extrinsics.depths
     assert trusted not in depths.photo
     assert len(depths.photo) == (stored.orientations.depths.photo != trusted).sum()
     assert (np.delete(trust, trusted) == np.delete(stored.orientations.trust, trusted)).all()
@@ -186,7 +191,7 @@ def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(
 
 def test_stopped_in_between_it_goes_on(cfg, monkeypatch):
     derived = next(cfg.parent.rglob("orientations-*.arrays")).parent
-    whole = oriented(cfg).indexed.orientations
+    whole = oriented(cfg).indexed.extrinsics
     for path in derived.glob("*-ivf.arrays"):
         path.unlink()
     monkeypatch.setattr(orient_map, "_AT_ONCE", 3)
@@ -194,7 +199,7 @@ def test_stopped_in_between_it_goes_on(cfg, monkeypatch):
     with pytest.raises(Cancelled):
         oriented(cfg, Counting(stop_after=6))
     rest = Counting()
-    again = oriented(cfg, rest).indexed.orientations
+    again = oriented(cfg, rest).indexed.extrinsics
     assert rest.total == len(whole.trust) - 6
     np.testing.assert_allclose(again.trust, whole.trust, atol=0.2)
 
@@ -224,7 +229,7 @@ def test_damaged_files_are_made_anew(cfg):
 def test_a_photo_without_features_has_no_pairs(cfg, monkeypatch):
     found = opened(cfg)
     monkeypatch.setattr(type(found.indexed), "features", lambda self, photo: None)
-    assert len(pairs_module.pairs_of(found.indexed, 0)) == 0
+    assert len(pairs_module.match_photo(found.indexed, 0)) == 0
 
 
 class MutualNearest:
@@ -258,7 +263,7 @@ def with_network(cfg, monkeypatch):
     left = np.array(
         [k for k in range(len(pairs)) if not little & {int(pairs.first[k]), int(pairs.second[k])}]
     )
-    rest = pairs.taken(left, first=pairs.first[left], second=pairs.second[left])
+    rest = pairs.subset(left, first=pairs.first[left], second=pairs.second[left])
     orientations.write_pairs(path, replace(stored, pairs=rest))
     (found.writable / "orientations-ivf.arrays").unlink()
     oriented(cfg)
@@ -276,7 +281,7 @@ def test_a_network_compares_the_photos_of_which_little_is_known(cfg, with_networ
     counted = Counting()
     found = thoroughly(with_network, counted)
     assert LITTLE_KNOWN <= counted.total == counted.done < len(before.trust)
-    assert (found.indexed.orientations.trust[:LITTLE_KNOWN] >= USABLE_TRUST).sum() >= LITTLE_KNOWN // 2
+    assert (found.indexed.extrinsics.trust[:LITTLE_KNOWN] >= MIN_TRUST).sum() >= LITTLE_KNOWN // 2
     assert np.median(headings_off(cfg, found)) < 5.0
 
 
@@ -288,7 +293,7 @@ def test_orientations_by_a_network_are_for_its_method_alone_and_made_once(cfg, w
     again = thoroughly(with_network, counted)
     assert counted.total == 0
     assert with_network.indexed.pair_matcher.asked == asked
-    assert (again.indexed.orientations.trust == found.indexed.orientations.trust).all()
+    assert (again.indexed.extrinsics.trust == found.indexed.extrinsics.trust).all()
 
 
 def test_before_a_network_has_compared_anything_the_usual_orientations_serve(cfg, with_network):
@@ -302,7 +307,7 @@ def test_orientations_of_the_map_as_it_is_come_before_better_ones_of_what_it_was
     first = lines[1].split(";")
     first[2] = str(int(first[2]) - 300)
     cfg.write_text("\n".join([lines[0], ";".join(first), *lines[2:]]) + "\n")
-    usual = oriented(cfg).indexed.orientations
+    usual = oriented(cfg).indexed.extrinsics
     now = opened(cfg)
     now = replace(now, indexed=replace(now.indexed, pair_matcher=with_network.indexed.pair_matcher))
     assert (orient_map.newest(now).orientations.trust == usual.trust).all()
@@ -344,7 +349,7 @@ def test_photos_of_the_same_content_have_the_same_orientation(cfg):
             trust=np.append(held.trust, 0.0),
         ),
     )
-    again = orient_map.attach(found, twice).indexed.orientations
+    again = orient_map.attach(found, twice).indexed.extrinsics
     assert again.trust[0] == held.trust[0] > 0.0
 
 
@@ -357,4 +362,4 @@ def test_stopped_while_a_network_compares_it_goes_on(with_network, monkeypatch):
     found = thoroughly(with_network, rest)
     weak = orient_map.newest(opened(with_network.cfg)).orientations.trust < orient_map._WELL_KNOWN
     assert rest.total == weak.sum() - 4 > 0
-    assert found.indexed.orientations.trust.sum() > 0
+    assert found.indexed.extrinsics.trust.sum() > 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from webapp.core.geometry import so3
-from webapp.core.geometry.orientations import Orientations, no_depths
+from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
 from webapp.settings import Settings
 from webapp.store.accounts import members
 from webapp.tasks.localize import follow_sequence, hinted
@@ -64,8 +64,8 @@ def test_photos_that_tell_no_heading_have_the_one_that_was_worked_out(library, s
     indexed, experiences = localizer.opened.indexed, localizer.map.experiences
     turned = np.radians(np.where(np.arange(len(experiences)) % 2, 90.0, 270.0))
     trust = np.where(np.arange(len(experiences)) < 4, 0.0, 9.0)
-    known = Orientations(so3.level(turned), np.zeros(len(turned)), trust, no_depths())
-    object.__setattr__(indexed, "orientations", known)
+    known = MapExtrinsics(so3.from_heading(turned), np.zeros(len(turned)), trust, empty_depths())
+    object.__setattr__(indexed, "extrinsics", known)
     object.__setattr__(localizer.map, "experiences", tuple(replace(e, heading_deg=None) for e in experiences))
     headings = hinted.headings(localizer)
     assert headings == {int(i): 90.0 if n % 2 else 270.0 for n, i in enumerate(indexed.ids) if n >= 4}

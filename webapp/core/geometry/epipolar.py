@@ -14,26 +14,26 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Epipolar:
+class SampsonError:
     """Of m matches.
 
     Attributes
     ----------
-    off : (m,) float64
+    value : (m,) float64
         Sampson's distance.
-    by_first, by_second : (m, 3) float64
+    d_first, d_second : (m, 3) float64
         Its derivatives by turns of the first and the second camera in the world.
-    by_rise : (m,) float64
+    d_height : (m,) float64
         By the second camera's way down, over the distance of the cameras.
     """
 
-    off: Array
-    by_first: Array
-    by_second: Array
-    by_rise: Array
+    value: Array
+    d_first: Array
+    d_second: Array
+    d_height: Array
 
 
-def epipolar(a: Array, b: Array, *, along: Array, cameras: tuple[Array, Array]) -> Epipolar:
+def sampson_error(a: Array, b: Array, *, along: Array, cameras: tuple[Array, Array]) -> SampsonError:
     """Compare the rays of matches with the directions between their cameras.
 
     Parameters
@@ -49,9 +49,9 @@ def epipolar(a: Array, b: Array, *, along: Array, cameras: tuple[Array, Array]) 
     in_first = np.einsum("mij,mj->mi", cameras[0], b_along)[:, :2]
     in_second = np.einsum("mij,mj->mi", cameras[1], along_a)[:, :2]
     size = np.sqrt((in_first**2).sum(1) + (in_second**2).sum(1)) + 1e-9
-    return Epipolar(
-        off=(a * b_along).sum(1) / size,
-        by_first=np.cross(a, b_along) / size[:, None],
-        by_second=np.cross(b, along_a) / size[:, None],
-        by_rise=a_b[:, 1] / size,
+    return SampsonError(
+        value=(a * b_along).sum(1) / size,
+        d_first=np.cross(a, b_along) / size[:, None],
+        d_second=np.cross(b, along_a) / size[:, None],
+        d_height=a_b[:, 1] / size,
     )

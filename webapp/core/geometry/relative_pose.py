@@ -78,7 +78,7 @@ class RelativePose:
         Which matches agree.
     rotation : (3, 3) float64
         Map photo's camera from the query's.
-    shift : (3,) float64
+    translation : (3,) float64
         Direction from the map photo's camera to the query's, in the map photo's frame.
     """
 
@@ -86,7 +86,7 @@ class RelativePose:
     parallax: float
     inlier: NDArray[np.bool_]
     rotation: NDArray[np.float64]
-    shift: NDArray[np.float64]
+    translation: NDArray[np.float64]
 
     @property
     def inliers(self) -> int:
@@ -101,10 +101,10 @@ class RelativePose:
         common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
         return enough * common / (1.0 + (self.parallax / _WILD_PARALLAX) ** 4)
 
-    def in_frame(self, turn: NDArray[np.float64]) -> RelativePose:
+    def rotated(self, turn: NDArray[np.float64]) -> RelativePose:
         """Give the pose with another frame of the query's camera, to which (3, 3) `turn` brings its own."""
         rotation = self.rotation @ turn.T
-        return replace(self, bearing=_bearing(rotation, self.shift), rotation=rotation)
+        return replace(self, bearing=_bearing(rotation, self.translation), rotation=rotation)
 
 
 def relative_pose(
@@ -144,12 +144,12 @@ def relative_pose(
         parallax=_median_angle(turned, scaled.rays(theirs[inlier])),
         inlier=inlier,
         rotation=rotation,
-        shift=shift / np.linalg.norm(shift),
+        translation=shift / np.linalg.norm(shift),
     )
 
 
-def _bearing(rotation: NDArray[np.float64], shift: NDArray[np.float64]) -> float:
-    to_photo = -rotation.T @ shift
+def _bearing(rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> float:
+    to_photo = -rotation.T @ translation
     return math.atan2(to_photo[0], to_photo[2])
 
 

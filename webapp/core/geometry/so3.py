@@ -40,7 +40,7 @@ def log(rotation: Array) -> Array:
     return turn
 
 
-def level(heading: Array) -> Array:
+def from_heading(heading: Array) -> Array:
     """Give (..., 3, 3) camera-from-world rotations of level cameras by their headings, radians from north."""
     c, s = np.cos(heading), np.sin(heading)
     none, one = np.zeros_like(c), np.ones_like(c)
@@ -55,18 +55,18 @@ def heading(rotation: Array) -> Array:
     return angle
 
 
-def wrapped(angle: Array) -> Array:
+def wrap(angle: Array) -> Array:
     """Bring angles into -pi to pi."""
     return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi
 
 
-def turned(rotation: Array, turn: Array) -> Array:
+def retract(rotation: Array, turn: Array) -> Array:
     """Turn the world by (..., 3) vectors, radians, in (..., 3, 3) camera-from-world rotations."""
     after: Array = rotation @ np.swapaxes(exp(turn), -1, -2)
     return after
 
 
-def tilts(rotation: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def roll_pitch_sines(rotation: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Tell how far (n, 3, 3) camera-from-world rotations are from level: roll, then pitch.
 
     Each is its sine (n,), and the derivative of that by turns of the world (n, 3).
@@ -77,13 +77,13 @@ def tilts(rotation: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     return (right[:, 1], by_turn[0]), (forward[:, 1], by_turn[1])
 
 
-def shortened(step: Array, most: float) -> Array:
+def clamp_norm(step: Array, most: float) -> Array:
     """Cut (n, d) steps to a greatest length."""
     length: Array = np.sqrt((step**2).sum(1, keepdims=True))
     factor: Array = most / np.maximum(length, most)
     return step * factor
 
 
-def solved(matrix: Array, vector: Array) -> Array:
+def solve_batched(matrix: Array, vector: Array) -> Array:
     """Solve many small linear systems (n, d, d), (n, d)."""
     return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0], np.float64)

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.bayes import rerank, split_missed, truncate
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.paths import Paths
-from webapp.core.hypotheses.weighing import ranked, shortened, told
+from webapp.core.hypotheses.path_prior import PathPrior
 
 _FURTHER = 0.5
 """What each photo but the one that says most counts."""
@@ -30,7 +30,7 @@ _LEAST_RADIUS = 0.5
 
 
 @dataclass(slots=True, eq=False)
-class _Spot:
+class _Cluster:
     """Hypotheses about one place, the most probable first, each with the number of its photo."""
 
     members: list[tuple[int, Hypothesis]] = field(default_factory=list)
@@ -40,7 +40,7 @@ class _Spot:
         return self.members[0][1]
 
 
-def join(answers: Sequence[Answer], *, paths: Paths, top: int) -> Answer:
+def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
     """Join the answers about photos that were taken at one spot.
 
     Parameters
@@ -59,9 +59,9 @@ def join(answers: Sequence[Answer], *, paths: Paths, top: int) -> Answer:
         spot look in several directions.
     """
     if len(answers) == 1:
-        return shortened(answers[0], top)
-    read = [told(answer) for answer in answers]
-    spots = _spots([(n, h) for n, (given, _) in enumerate(read) for h in given], paths.place_radius_px)
+        return truncate(answers[0], top)
+    read = [split_missed(answer) for answer in answers]
+    spots = _cluster([(n, h) for n, (given, _) in enumerate(read) for h in given], paths.place_radius_px)
     missed = {n: miss for n, (given, miss) in enumerate(read) if given}
     odds = np.array([_log_odds(spot, missed, expected=-math.log(paths.places)) for spot in spots])
     most = max(float(odds.max(initial=0.0)), 0.0)
@@ -69,8 +69,8 @@ def join(answers: Sequence[Answer], *, paths: Paths, top: int) -> Answer:
     share = grown / (grown.sum() + none)
     none /= float(grown.sum()) + none
     known = [a.off_map_probability for a in answers if a.off_map_probability is not None]
-    joined = [_joined(spot, float(p), paths) for spot, p in zip(spots, share, strict=True)]
-    best = _surest(answers, sorted(joined, key=lambda h: -h.probability))
+    joined = [_fuse(spot, float(p), paths) for spot, p in zip(spots, share, strict=True)]
+    best = _most_confident(answers, sorted(joined, key=lambda h: -h.probability))
     off = len(known) == len(answers)
     whole = replace(
         best,
@@ -80,33 +80,33 @@ def join(answers: Sequence[Answer], *, paths: Paths, top: int) -> Answer:
         statistics=_statistics([a.statistics for a in answers]),
         seconds={stage: sum(a.seconds.get(stage, 0.0) for a in answers) for stage in answers[0].seconds},
     )
-    return shortened(ranked(whole, joined), top)
+    return truncate(rerank(whole, joined), top)
 
 
-def surest(answers: Sequence[Answer], joint: Answer) -> int:
+def most_confident(answers: Sequence[Answer], joint: Answer) -> int:
     """Tell which of the photos is the surest about the first place of the joint answer."""
-    best = _surest(answers, joint.hypotheses)
+    best = _most_confident(answers, joint.hypotheses)
     return next(n for n, answer in enumerate(answers) if answer is best)
 
 
-def shown_by(joint: Answer, one: Answer) -> Answer:
+def with_evidence_of(joint: Answer, one: Answer) -> Answer:
     """Give a joint answer the evidence of one of its photos: what is known besides can change which."""
-    return ranked(replace(joint, evidence=one.evidence, fov=one.fov), joint.hypotheses)
+    return rerank(replace(joint, evidence=one.evidence, fov=one.fov), joint.hypotheses)
 
 
-def _spots(hypotheses: Sequence[tuple[int, Hypothesis]], radius: float) -> list[_Spot]:
-    spots: list[_Spot] = []
+def _cluster(hypotheses: Sequence[tuple[int, Hypothesis]], radius: float) -> list[_Cluster]:
+    spots: list[_Cluster] = []
     for number, hypothesis in sorted(hypotheses, key=lambda pair: -pair[1].probability):
         near = (s for s in spots if math.dist(s.lead.position, hypothesis.position) <= radius)
         spot = next(near, None)
         if spot is None:
-            spot = _Spot()
+            spot = _Cluster()
             spots.append(spot)
         spot.members.append((number, hypothesis))
     return spots
 
 
-def _log_odds(spot: _Spot, missed: Mapping[int, float], *, expected: float) -> float:
+def _log_odds(spot: _Cluster, missed: Mapping[int, float], *, expected: float) -> float:
     """Compute log odds of a place, against that none is right.
 
     Parameters
@@ -125,7 +125,7 @@ def _log_odds(spot: _Spot, missed: Mapping[int, float], *, expected: float) -> f
     return expected + first + _FURTHER * sum(max(s, _NOT_NAMED) for s in further)
 
 
-def _joined(spot: _Spot, probability: float, paths: Paths) -> Hypothesis:
+def _fuse(spot: _Cluster, probability: float, paths: PathPrior) -> Hypothesis:
     """Average the positions, by probability and precision; what speaks for the surest speaks for all."""
     members = [h for _, h in spot.members]
     computed = [h for h in members if h.kind == "position"] or members
@@ -144,7 +144,7 @@ def _joined(spot: _Spot, probability: float, paths: Paths) -> Hypothesis:
     )
 
 
-def _surest(answers: Sequence[Answer], joined: Sequence[Hypothesis]) -> Answer:
+def _most_confident(answers: Sequence[Answer], joined: Sequence[Hypothesis]) -> Answer:
     if not joined:
         return answers[0]
     first = set(joined[0].experiences)

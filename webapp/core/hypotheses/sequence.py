@@ -1,14 +1,14 @@
-"""One belief from the frames of a sequence, each frame's answer after that of the frame before.
+"""One belief from the frames of a sequence: each frame's answer updates the belief of the frame before.
 
 A Gaussian-sum filter (Alspach and Sorenson, "Nonlinear Bayesian estimation using Gaussian sum
-approximations", 1972) over places. The camera is on one of several tracks, each a Gaussian over position and
-velocity with a weight, or it is lost: off the map, or at a place that no frame has named. A frame's answer is
-read as a likelihood: its hypotheses as Gaussians of their radius, and its "not on this map" as the chance
-that none of them is right, which spares tracks that the frame does not see. From being lost new tracks are
-born, so that a robot that was carried elsewhere is found again after some frames, and one odd frame is not
-believed. The filter is causal: it never looks at later frames. `smooth` does, where all frames are there: it
-joins the filter with one that runs backwards (Fraser and Potter, "The optimum linear smoother as a
-combination of two optimum linear filters", 1969).
+approximations", 1972) over places. The state is a Gaussian mixture over position and velocity, plus the
+probability of being lost: off the map, or at a place that no frame has named. A frame's answer is read as a
+likelihood: its hypotheses as Gaussians of their radius, and its "not on this map" as the probability of a
+missed detection, which spares components that the frame does not see. New components are spawned from the
+lost state, so that a robot that was carried elsewhere (the kidnapped robot) is found again after some frames,
+and one outlier frame is not believed. The filter is causal. `smooth` also uses later frames: it combines the
+filter with one that runs backwards (Fraser and Potter, "The optimum linear smoother as a combination of two
+optimum linear filters", 1969).
 """
 
 from __future__ import annotations
@@ -20,14 +20,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.hypotheses.bayes import NEARBY_SHARE, split_missed
+from webapp.core.hypotheses.mixture import (
+    Component,
+    kalman_update,
+    merge,
+    predict,
+    reverse_time,
+    should_merge,
+    spawn,
+)
 from webapp.core.hypotheses.model import Answer, Hypothesis
-from webapp.core.hypotheses.paths import INSIDE_68, Paths, drawn, paths_of
-from webapp.core.hypotheses.tracks import Track, alike, backward, born, corrected, merge, moved
-from webapp.core.hypotheses.weighing import NEXT_DOOR, told
+from webapp.core.hypotheses.path_prior import INSIDE_68, PathPrior, apply_path_prior, fit_path_prior
 
 Array = NDArray[np.float64]
 
-SPEED = 1.0
+DEFAULT_SPEED = 1.0
 """Usual way from a frame to the next at most, place radii: else frames have little in common."""
 
 _KIDNAPPED = 0.01
@@ -46,7 +54,7 @@ _TRACKS, _LEAST_WEIGHT = 40, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class MotionModel:
     """What is known of map and camera.
 
     Attributes
@@ -56,7 +64,7 @@ class Motion:
         About how far the camera comes from a frame to the next, map pixels.
     """
 
-    paths: Paths
+    paths: PathPrior
     speed_px: float
 
     @property
@@ -71,19 +79,19 @@ class Belief:
 
     Attributes
     ----------
-    tracks : tuple of Track
+    components : tuple of Component
     lost : float
         Probability that it is on none of them; with their weights it adds up to 1.
     frames : int
         How many it has seen.
     """
 
-    tracks: tuple[Track, ...] = ()
+    components: tuple[Component, ...] = ()
     lost: float = 1.0
     frames: int = 0
 
 
-def motion_of(position: Array, *, place_radius_px: float, speed_px: float | None = None) -> Motion:
+def motion_model(position: Array, *, place_radius_px: float, speed_px: float | None = None) -> MotionModel:
     """Describe the motion over a map.
 
     Parameters
@@ -94,16 +102,16 @@ def motion_of(position: Array, *, place_radius_px: float, speed_px: float | None
     speed_px : float, optional
         Usual way from a frame to the next; without it, the place radius.
     """
-    return motion_on(paths_of(position, place_radius_px=place_radius_px), speed_px=speed_px)
+    return motion_model_on(fit_path_prior(position, place_radius_px=place_radius_px), speed_px=speed_px)
 
 
-def motion_on(paths: Paths, *, speed_px: float | None = None) -> Motion:
+def motion_model_on(paths: PathPrior, *, speed_px: float | None = None) -> MotionModel:
     """Describe the motion over a map whose paths are known; otherwise as `motion_of`."""
-    return Motion(paths, SPEED * paths.place_radius_px if speed_px is None else speed_px)
+    return MotionModel(paths, DEFAULT_SPEED * paths.place_radius_px if speed_px is None else speed_px)
 
 
-def follow(
-    belief: Belief, answer: Answer, *, motion: Motion, top: int, steps: float = 1.0
+def filter_step(
+    belief: Belief, answer: Answer, *, motion: MotionModel, top: int, steps: float = 1.0
 ) -> tuple[Belief, Answer]:
     """Take in the answer about the next frame.
 
@@ -127,12 +135,12 @@ def follow(
     """
     predicted = _predict(belief, motion, steps)
     temper = 1.0 if belief.frames == 0 else _TEMPER
-    updated = _tidy(_update(predicted, answer, motion=motion, temper=temper))
+    updated = _reduce(_update(predicted, answer, motion=motion, temper=temper))
     return updated, _answer(updated, answer, motion=motion, top=top)
 
 
 def smooth(
-    answers: Sequence[Answer], *, motion: Motion, top: int, steps: Sequence[float] | None = None
+    answers: Sequence[Answer], *, motion: MotionModel, top: int, steps: Sequence[float] | None = None
 ) -> list[Answer]:
     """Take in all frames of a sequence, and tell of each what those before and after it say, too.
 
@@ -154,71 +162,71 @@ def smooth(
     before, after = Belief(), Belief()
     until = []
     for answer, step in zip(answers, steps, strict=True):
-        before, _ = follow(before, answer, motion=motion, top=top, steps=step)
+        before, _ = filter_step(before, answer, motion=motion, top=top, steps=step)
         until.append(before)
     smoothed = []
     for answer, belief, step in reversed(list(zip(answers, until, [*steps, 1.0][1:], strict=True))):
         later = _predict(after, motion, step)
-        smoothed.append(_answer(_joined(belief, later, motion), answer, motion=motion, top=top))
-        after, _ = follow(after, answer, motion=motion, top=top, steps=step)
+        smoothed.append(_answer(_combine(belief, later, motion), answer, motion=motion, top=top))
+        after, _ = filter_step(after, answer, motion=motion, top=top, steps=step)
     return smoothed[::-1]
 
 
-def _joined(belief: Belief, later: Belief, motion: Motion) -> Belief:
+def _combine(belief: Belief, later: Belief, motion: MotionModel) -> Belief:
     """Join the belief up to a frame with that of a backward filter after it: a place both hold is likely."""
     if not later.frames:
         return belief
     density = 0.5 / motion.paths.area_px2
-    tracks = [replace(t, weight=t.weight * later.lost) for t in belief.tracks]
-    for track in later.tracks:
-        there = replace(track.hypothesis, position=track.position)
-        tracks.append(replace(backward(track), weight=belief.lost * track.weight))
-        for t in belief.tracks:
-            both = corrected(t, there, mass=track.weight / density, variance=track.covariance[0])
-            tracks.append(replace(both, hypothesis=t.hypothesis, seen=t.seen))
+    components = [replace(t, weight=t.weight * later.lost) for t in belief.components]
+    for component in later.components:
+        there = replace(component.hypothesis, position=component.position)
+        components.append(replace(reverse_time(component), weight=belief.lost * component.weight))
+        for t in belief.components:
+            both = kalman_update(t, there, mass=component.weight / density, variance=component.covariance[0])
+            components.append(replace(both, hypothesis=t.hypothesis, seen=t.seen))
     lost = belief.lost * later.lost
-    total = lost + sum(t.weight for t in tracks)
-    whole = [replace(t, weight=t.weight / total) for t in tracks]
-    return _tidy(Belief(tuple(whole), lost / total, belief.frames))
+    total = lost + sum(t.weight for t in components)
+    whole = [replace(t, weight=t.weight / total) for t in components]
+    return _reduce(Belief(tuple(whole), lost / total, belief.frames))
 
 
-def _predict(belief: Belief, motion: Motion, steps: float) -> Belief:
+def _predict(belief: Belief, motion: MotionModel, steps: float) -> Belief:
     stay = (1.0 - _KIDNAPPED) ** steps
-    tracks = [
-        replace(moved(t, speed_px=motion.speed_px, steps=steps), weight=stay * t.weight)
-        for t in belief.tracks
+    components = [
+        replace(predict(t, speed_px=motion.speed_px, steps=steps), weight=stay * t.weight)
+        for t in belief.components
     ]
-    return Belief(tuple(tracks), 1.0 - stay * (1.0 - belief.lost), belief.frames)
+    return Belief(tuple(components), 1.0 - stay * (1.0 - belief.lost), belief.frames)
 
 
-def _update(belief: Belief, answer: Answer, *, motion: Motion, temper: float) -> Belief:
+def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: float) -> Belief:
     """Weigh each course with each hypothesis, and with none of them.
 
     The likelihood of a position is, over that of knowing nothing, the sum of the hypotheses' Gaussians over
     the density of positions, and the chance that none is right; to the power `temper`, term by term.
     """
-    hypotheses, miss = told(answer)
+    hypotheses, miss = split_missed(answer)
     if not hypotheses:  # a dark or blurred frame says nothing
         return replace(belief, frames=belief.frames + 1)
     # Half of what may be is on the map, as for the photos that the probabilities were calibrated on.
     density = 0.5 / motion.paths.area_px2
     missed = miss**temper
     wide = (_DOOR * motion.place_radius_px) ** 2
-    astray = (miss * (1.0 - NEXT_DOOR)) ** temper
-    tracks = [replace(track, weight=track.weight * astray) for track in belief.tracks]
+    astray = (miss * (1.0 - NEARBY_SHARE)) ** temper
+    components = [replace(component, weight=component.weight * astray) for component in belief.components]
     for hypothesis in hypotheses:
         variance = _variance(hypothesis, motion)
         mass = _mass(hypothesis.probability, variance, density=density, temper=temper)
         fresh = belief.lost * mass * density
-        tracks.append(born(hypothesis, weight=fresh, variance=variance, speed_px=motion.speed_px))
-        near = NEXT_DOOR * miss * hypothesis.probability / sum(h.probability for h in hypotheses)
+        components.append(spawn(hypothesis, weight=fresh, variance=variance, speed_px=motion.speed_px))
+        near = NEARBY_SHARE * miss * hypothesis.probability / sum(h.probability for h in hypotheses)
         loose = _mass(near, wide, density=density, temper=temper)
-        for track in belief.tracks:
-            tracks.append(corrected(track, hypothesis, mass=mass, variance=variance / temper))
-            tracks.append(corrected(track, hypothesis, mass=loose, variance=wide / temper))
-    total = belief.lost * missed + sum(track.weight for track in tracks)
+        for component in belief.components:
+            components.append(kalman_update(component, hypothesis, mass=mass, variance=variance / temper))
+            components.append(kalman_update(component, hypothesis, mass=loose, variance=wide / temper))
+    total = belief.lost * missed + sum(component.weight for component in components)
     return Belief(
-        tuple(replace(track, weight=track.weight / total) for track in tracks),
+        tuple(replace(component, weight=component.weight / total) for component in components),
         belief.lost * missed / total,
         belief.frames + 1,
     )
@@ -230,27 +238,27 @@ def _mass(probability: float, variance: float, *, density: float, temper: float)
     return float(peak**temper * 2.0 * math.pi * variance / temper)
 
 
-def _variance(hypothesis: Hypothesis, motion: Motion) -> float:
+def _variance(hypothesis: Hypothesis, motion: MotionModel) -> float:
     radius = motion.place_radius_px if hypothesis.radius_px is None else hypothesis.radius_px
     return (max(radius, _ERR_TOGETHER * motion.place_radius_px) / INSIDE_68) ** 2
 
 
-def _tidy(belief: Belief) -> Belief:
-    """Merge tracks that are alike, the heaviest first, and drop those that hardly weigh."""
-    left = sorted((t for t in belief.tracks if t.weight >= _LEAST_WEIGHT), key=lambda t: -t.weight)
+def _reduce(belief: Belief) -> Belief:
+    """Merge components that are alike, the heaviest first, and drop those that hardly weigh."""
+    left = sorted((t for t in belief.components if t.weight >= _LEAST_WEIGHT), key=lambda t: -t.weight)
     merged = []
     while left:
         lead = left[0]
-        merged.append(merge([t for t in left if alike(lead, t)]))
-        left = [t for t in left if not alike(lead, t)]
+        merged.append(merge([t for t in left if should_merge(lead, t)]))
+        left = [t for t in left if not should_merge(lead, t)]
     kept = sorted(merged, key=lambda t: -t.weight)[:_TRACKS]
-    return replace(belief, tracks=tuple(kept), lost=max(0.0, 1.0 - sum(t.weight for t in kept)))
+    return replace(belief, components=tuple(kept), lost=max(0.0, 1.0 - sum(t.weight for t in kept)))
 
 
-def _answer(belief: Belief, frame: Answer, *, motion: Motion, top: int) -> Answer:
+def _answer(belief: Belief, frame: Answer, *, motion: MotionModel, top: int) -> Answer:
     """Tell the belief as an answer about the frame."""
     radius = motion.place_radius_px
-    left, places = list(belief.tracks), []
+    left, places = list(belief.components), []
     while left:
         lead = left[0].position
         near = [t for t in left if math.dist(t.position, lead) <= radius]
@@ -271,11 +279,11 @@ def _answer(belief: Belief, frame: Answer, *, motion: Motion, top: int) -> Answe
     )
 
 
-def _place(near: Sequence[Track], motion: Motion) -> Hypothesis:
-    """Make one hypothesis of tracks within one place, the heaviest first."""
+def _place(near: Sequence[Component], motion: MotionModel) -> Hypothesis:
+    """Make one hypothesis of components within one place, the heaviest first."""
     whole = merge(near)
     spread = (_ERR_TOGETHER * motion.place_radius_px / INSIDE_68) ** 2
-    position, by_axis = drawn(whole.position, whole.covariance[0] + spread, paths=motion.paths)
+    position, by_axis = apply_path_prior(whole.position, whole.covariance[0] + spread, paths=motion.paths)
     variance = float(by_axis.mean())
     inside = 1.0 - math.exp(-0.5 * motion.place_radius_px**2 / variance)
     of_frame = whole.hypothesis

@@ -6,14 +6,18 @@ from dataclasses import asdict
 from typing import Any
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.mixture import Component
 from webapp.core.hypotheses.model import Hypothesis
 from webapp.core.hypotheses.sequence import Belief
-from webapp.core.hypotheses.tracks import Track
 
 
 def belief_to_json(belief: Belief) -> dict[str, Any]:
-    """Make plain values of a belief."""
-    return asdict(belief)
+    """Convert a belief to plain values; its components are named `tracks`, as in stored sequences."""
+    return {
+        "tracks": [asdict(component) for component in belief.components],
+        "lost": belief.lost,
+        "frames": belief.frames,
+    }
 
 
 def belief_from_json(form: dict[str, Any]) -> Belief:
@@ -24,12 +28,12 @@ def belief_from_json(form: dict[str, Any]) -> Belief:
     KeyError, TypeError
         It is something else.
     """
-    return Belief(tuple(_track(t) for t in form["tracks"]), float(form["lost"]), int(form["frames"]))
+    return Belief(tuple(_component(t) for t in form["tracks"]), float(form["lost"]), int(form["frames"]))
 
 
-def _track(form: dict[str, Any]) -> Track:
-    spoke = dict(form["hypothesis"])
-    spoke["position"] = MapPixel(*spoke["position"])
-    spoke["experiences"] = tuple(spoke["experiences"])
+def _component(form: dict[str, Any]) -> Component:
+    hypothesis = dict(form["hypothesis"])
+    hypothesis["position"] = MapPixel(*hypothesis["position"])
+    hypothesis["experiences"] = tuple(hypothesis["experiences"])
     plain = {name: tuple(form[name]) for name in ("x", "y", "covariance")}
-    return Track(weight=form["weight"], hypothesis=Hypothesis(**spoke), seen=form["seen"], **plain)
+    return Component(weight=form["weight"], hypothesis=Hypothesis(**hypothesis), seen=form["seen"], **plain)

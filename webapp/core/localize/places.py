@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.geometry.orientations import USABLE_TRUST
+from webapp.core.geometry.extrinsics import MIN_TRUST
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.localize.pose_refinement import Pose, locate
-from webapp.core.localize.pose_residuals import View
+from webapp.core.localize.pose_refinement import PoseEstimate, estimate_poses
+from webapp.core.localize.pose_residuals import VerifiedView
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import Shortlisted
+from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
 _PLACES = 6
 
@@ -52,7 +52,7 @@ _AGREES = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verified:
+class VerifiedPhoto:
     """A shortlisted photo with its geometry.
 
     Attributes
@@ -61,16 +61,16 @@ class Verified:
     pose : RelativePose or NoPose
     query_ray, photo_ray : (m, 3) float64
         Of its matches, camera frames, depth 1.
-    inverse, spread : (m,) float64
+    inverse_depth, sigma : (m,) float64
         Inverse depths of what they show in the photo, per map pixel, and how uncertain; NaN where unknown.
     """
 
-    matched: Shortlisted
+    matched: ShortlistedPhoto
     pose: RelativePose | NoPose
     query_ray: NDArray[np.float64]
     photo_ray: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    inverse_depth: NDArray[np.float64]
+    sigma: NDArray[np.float64]
 
     @property
     def inliers(self) -> int:
@@ -84,7 +84,7 @@ class Verified:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class PlaceCandidate:
     """A place that came out, before its probability.
 
     Attributes
@@ -93,7 +93,7 @@ class Place:
     position : MapPixel
     heading : float or None
         Radians.
-    spread_px : float
+    sigma_px : float
         What the estimate itself says of its uncertainty.
     photos : list of Verified
         That speak for it, the best first.
@@ -106,8 +106,8 @@ class Place:
     kind: Literal["position", "photo"]
     position: MapPixel
     heading: float | None
-    spread_px: float
-    photos: list[Verified]
+    sigma_px: float
+    photos: list[VerifiedPhoto]
     score: float
     support: float
 
@@ -117,7 +117,7 @@ class Place:
         return self.score + _SUPPORT_WEIGHT * self.support
 
 
-def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
+def estimate_places(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[PlaceCandidate]:
     """Join the photos of the shortlist into places.
 
     Parameters
@@ -130,63 +130,65 @@ def join(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
     list of Place
         The best first, any two at least twice the place radius apart; at most six, or one of two photos.
     """
-    places: list[Place] = []
-    others = [v for v in checked if not _oriented(indexed, v)]
-    for place in (*_by_orientations(indexed, checked), *_by_bearings(indexed, checked, others=others)):
-        if not _taken(places, place.position, indexed):
+    places: list[PlaceCandidate] = []
+    others = [v for v in checked if not _has_extrinsics(indexed, v)]
+    for place in (*_from_poses(indexed, checked), *_from_bearings(indexed, checked, others=others)):
+        if not _is_occupied(places, place.position, indexed):
             places.append(place)
     where = indexed.position[[v.matched.photo for v in checked]]
     support = support_at(indexed, checked, position=where)
     for n in np.argsort(-support, kind="stable"):
-        if not _taken(places, MapPixel(*map(float, where[n])), indexed):
+        if not _is_occupied(places, MapPixel(*map(float, where[n])), indexed):
             places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
     return sorted(places, key=lambda p: -p.merit)[: max(_PLACES, len(checked) // 2)]
 
 
-def _by_orientations(indexed: IndexedMap, checked: list[Verified]) -> list[Place]:
+def _from_poses(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[PlaceCandidate]:
     """Places from all matches with photos of known orientation; the best score first."""
-    if indexed.orientations is None:
+    if indexed.extrinsics is None:
         return []
     usable = [v for v in checked if isinstance(v.pose, RelativePose)]
     views = [
-        View(v.matched.photo, v.pose, v.query_ray, v.photo_ray, v.inverse, v.spread)
+        VerifiedView(v.matched.photo, v.pose, v.query_ray, v.photo_ray, v.inverse_depth, v.sigma)
         for v in usable
         if isinstance(v.pose, RelativePose)
     ]
     places = []
-    for pose in locate(
-        views, indexed.position, orientations=indexed.orientations, place_radius_px=indexed.place_radius_px
+    for pose in estimate_poses(
+        views, indexed.position, extrinsics=indexed.extrinsics, place_radius_px=indexed.place_radius_px
     ):
         near = [(a, v) for a, v in zip(pose.agreement, usable, strict=True) if a >= _AGREES]
         photos = [v for _, v in sorted(near, key=lambda pair: -pair[0])]
         if not photos:
             continue
         support = float(support_at(indexed, checked, position=np.array([[pose.x, pose.y]]))[0])
-        if _by_matches(pose) > _FIXED * indexed.place_radius_px:
+        if _sigma_from_matches(pose) > _FIXED * indexed.place_radius_px:
             places.append(_photo_place(indexed, photos, score=pose.score, support=support))
             continue
-        position, spread = MapPixel(pose.x, pose.y), _spread(pose, indexed.place_radius_px)
-        places.append(Place("position", position, pose.heading, spread, photos, pose.score, support))
+        position, spread = MapPixel(pose.x, pose.y), _sigma_px(pose, indexed.place_radius_px)
+        places.append(PlaceCandidate("position", position, pose.heading, spread, photos, pose.score, support))
     return places
 
 
-def _spread(pose: Pose, radius: float) -> float:
+def _sigma_px(pose: PoseEstimate, radius: float) -> float:
     """State the uncertainty of a position, map pixels: by its matches, and by how much agrees with it."""
     by_score = radius * _SPREAD / (_SPREAD_AT + pose.score)
-    return math.hypot(_by_matches(pose), by_score, _SPREAD_LEFT * radius)
+    return math.hypot(_sigma_from_matches(pose), by_score, _SPREAD_LEFT * radius)
 
 
-def _by_matches(pose: Pose) -> float:
+def _sigma_from_matches(pose: PoseEstimate) -> float:
     """Tell how uncertain the matches alone leave a position, map pixels."""
     return _MATCHES_ERR_TOGETHER * math.sqrt(float(np.trace(pose.covariance_px2)))
 
 
-def _oriented(indexed: IndexedMap, verified: Verified) -> bool:
-    known = indexed.orientations
-    return known is not None and bool(known.trust[verified.matched.photo] >= USABLE_TRUST)
+def _has_extrinsics(indexed: IndexedMap, verified: VerifiedPhoto) -> bool:
+    known = indexed.extrinsics
+    return known is not None and bool(known.trust[verified.matched.photo] >= MIN_TRUST)
 
 
-def _by_bearings(indexed: IndexedMap, checked: list[Verified], *, others: list[Verified]) -> list[Place]:
+def _from_bearings(
+    indexed: IndexedMap, checked: list[VerifiedPhoto], *, others: list[VerifiedPhoto]
+) -> list[PlaceCandidate]:
     """Places from the bearings of `others` alone, whose orientations are not known; the best score first."""
     usable = sorted((v for v in others if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
     places = []
@@ -200,12 +202,12 @@ def _by_bearings(indexed: IndexedMap, checked: list[Verified], *, others: list[V
         at = np.array([[fix.x, fix.y]])
         if near:
             support = float(support_at(indexed, checked, position=at)[0])
-            places.append(_place(indexed, near, fix, support=support))
+            places.append(_place_from_fix(indexed, near, fix, support=support))
     return places
 
 
 def support_at(
-    indexed: IndexedMap, checked: list[Verified], *, position: NDArray[np.float64]
+    indexed: IndexedMap, checked: list[VerifiedPhoto], *, position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Tell which share of the votes is around positions: photos of one place vote together.
 
@@ -232,7 +234,7 @@ def support_at(
     return share
 
 
-def _bearings(indexed: IndexedMap, usable: list[Verified]) -> Bearings:
+def _bearings(indexed: IndexedMap, usable: list[VerifiedPhoto]) -> Bearings:
     poses = [v.pose for v in usable if isinstance(v.pose, RelativePose)]
     return Bearings(
         position=indexed.position[[v.matched.photo for v in usable]],
@@ -242,18 +244,24 @@ def _bearings(indexed: IndexedMap, usable: list[Verified]) -> Bearings:
     )
 
 
-def _taken(places: list[Place], position: MapPixel, indexed: IndexedMap) -> bool:
+def _is_occupied(places: list[PlaceCandidate], position: MapPixel, indexed: IndexedMap) -> bool:
     return any(math.dist(p.position, position) <= _APART * indexed.place_radius_px for p in places)
 
 
-def _place(indexed: IndexedMap, photos: list[Verified], fix: Fix, *, support: float) -> Place:
+def _place_from_fix(
+    indexed: IndexedMap, photos: list[VerifiedPhoto], fix: Fix, *, support: float
+) -> PlaceCandidate:
     """Take the fix as it is, or with too few photos for one, the best photo's place."""
     if len(photos) < MIN_BEARINGS:
         return _photo_place(indexed, photos, score=fix.score, support=support)
     position = MapPixel(fix.x, fix.y)
-    return Place("position", position, fix.heading, fix.spread_px, photos, fix.score, support)
+    return PlaceCandidate("position", position, fix.heading, fix.sigma_px, photos, fix.score, support)
 
 
-def _photo_place(indexed: IndexedMap, photos: list[Verified], *, score: float, support: float) -> Place:
+def _photo_place(
+    indexed: IndexedMap, photos: list[VerifiedPhoto], *, score: float, support: float
+) -> PlaceCandidate:
     position = MapPixel(*map(float, indexed.position[photos[0].matched.photo]))
-    return Place("photo", position, None, _PHOTO_SPREAD * indexed.place_radius_px, photos, score, support)
+    return PlaceCandidate(
+        "photo", position, None, _PHOTO_SPREAD * indexed.place_radius_px, photos, score, support
+    )

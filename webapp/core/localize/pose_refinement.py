@@ -17,8 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geometry import so3
-from webapp.core.geometry.orientations import USABLE_TRUST, Orientations
-from webapp.core.localize.pose_residuals import NOISE, Across, Along, Scene, View, across, along, scene_of
+from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
+from webapp.core.localize.pose_residuals import (
+    NOISE,
+    Correspondences,
+    DepthResidual,
+    EpipolarResidual,
+    VerifiedView,
+    collect_correspondences,
+    depth_residual,
+    epipolar_residual,
+)
 
 Array = NDArray[np.float64]
 
@@ -49,7 +58,7 @@ _MOST_TURN, _MOST_STEP = 0.2, 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class PoseEstimate:
     """A pose of the query that explains many matches.
 
     Attributes
@@ -74,13 +83,13 @@ class Pose:
     agreement: Array
 
 
-def locate(
-    views: Sequence[View],
+def estimate_poses(
+    views: Sequence[VerifiedView],
     position: Array,
     *,
-    orientations: Orientations,
+    extrinsics: MapExtrinsics,
     place_radius_px: float,
-) -> list[Pose]:
+) -> list[PoseEstimate]:
     """Find poses of the query.
 
     Parameters
@@ -89,7 +98,7 @@ def locate(
         n verified photos.
     position : (p, 2) float64
         Of the map's photos, map pixels.
-    orientations : Orientations
+    extrinsics : MapExtrinsics
         Of the map's photos.
     place_radius_px : float
 
@@ -98,21 +107,21 @@ def locate(
     list of Pose
         The best first; empty when no photo with a known orientation was verified.
     """
-    world = orientations.cameras(position)
-    usable = [n for n, v in enumerate(views) if orientations.trust[v.photo] >= USABLE_TRUST]
-    rotation, centre = _starts(
-        [views[n] for n in usable], world, orientations=orientations, radius=place_radius_px
+    world = extrinsics.centres(position)
+    usable = [n for n, v in enumerate(views) if extrinsics.trust[v.photo] >= MIN_TRUST]
+    rotation, centre = _initial_poses(
+        [views[n] for n in usable], world, extrinsics=extrinsics, radius=place_radius_px
     )
     if not len(rotation):
         return []
-    scene = scene_of(views, usable, world=world, orientations=orientations, radius=place_radius_px)
-    score, _ = _judge(scene, rotation, centre, tolerance=3.0 * _TOLERANCE)
-    chosen = _apart(centre, score, _STARTS_APART * place_radius_px)[:_STARTS]
+    scene = collect_correspondences(views, usable, world=world, extrinsics=extrinsics, radius=place_radius_px)
+    score, _ = _score(scene, rotation, centre, tolerance=3.0 * _TOLERANCE)
+    chosen = _suppress_neighbours(centre, score, _STARTS_APART * place_radius_px)[:_STARTS]
     rotation, centre, information = _refine(scene, rotation[chosen], centre[chosen])
-    score, agreement = _judge(scene, rotation, centre, tolerance=_TOLERANCE)
+    score, agreement = _score(scene, rotation, centre, tolerance=_TOLERANCE)
     heading = so3.heading(rotation)
     poses = [
-        Pose(
+        PoseEstimate(
             x=float(centre[i, 0]),
             y=float(-centre[i, 2]),
             heading=float(heading[i] % (2.0 * math.pi)),
@@ -125,24 +134,24 @@ def locate(
     return sorted(poses, key=lambda p: -p.score)
 
 
-def _starts(
-    views: Sequence[View], world: Array, *, orientations: Orientations, radius: float
+def _initial_poses(
+    views: Sequence[VerifiedView], world: Array, *, extrinsics: MapExtrinsics, radius: float
 ) -> tuple[Array, Array]:
     """Give (s, 3, 3) rotations and (s, 3) centres to start from."""
     rotations, centres = [], []
     for view in views:
         if view.pose.trust < _LEAST_TRUST:
             continue
-        photo = orientations.rotation[view.photo]
-        to_query = photo.T @ view.pose.shift
+        photo = extrinsics.rotation[view.photo]
+        to_query = photo.T @ view.pose.translation
         rotation = view.pose.rotation.T @ photo
-        for distance in (*(radius * d for d in _DISTANCES), *_by_depths(view, photo, to_query)):
+        for distance in (*(radius * d for d in _DISTANCES), *_distance_from_depths(view, photo, to_query)):
             rotations.append(rotation)
             centres.append(world[view.photo] + distance * to_query)
     return np.array(rotations).reshape(-1, 3, 3), np.array(centres).reshape(-1, 3)
 
 
-def _by_depths(view: View, photo: Array, to_query: Array) -> list[float]:
+def _distance_from_depths(view: VerifiedView, photo: Array, to_query: Array) -> list[float]:
     """Tell at which distance from a photo the query was taken by the depths of what both see, if any.
 
     Parameters
@@ -153,20 +162,20 @@ def _by_depths(view: View, photo: Array, to_query: Array) -> list[float]:
     to_query : (3,) float64
         Direction, world.
     """
-    if not view.knows_depths:
+    if not view.has_depths:
         return []
-    known = view.pose.inlier & np.isfinite(view.inverse)
+    known = view.pose.inlier & np.isfinite(view.inverse_depth)
     ray = view.query_ray[known] @ view.pose.rotation.T @ photo
-    point = view.photo_ray[known] @ photo / view.inverse[known, None]
+    point = view.photo_ray[known] @ photo / view.inverse_depth[known, None]
     aside, base = np.cross(ray, point), np.cross(ray, to_query)
     squared = np.maximum((base**2).sum(1), 1e-12)
     distance = (aside * base).sum(1) / squared
     order = np.argsort(distance)
-    weight = np.cumsum((np.sqrt(squared) * view.inverse[known])[order])
+    weight = np.cumsum((np.sqrt(squared) * view.inverse_depth[known])[order])
     return [float(distance[order][np.searchsorted(weight, weight[-1] / 2.0)])]
 
 
-def _apart(centre: Array, score: Array, distance: float) -> list[int]:
+def _suppress_neighbours(centre: Array, score: Array, distance: float) -> list[int]:
     """Number the points by falling score, without those near a better one."""
     near = np.linalg.norm(centre[:, None] - centre[None], axis=2) <= distance
     kept: list[int] = []
@@ -176,11 +185,13 @@ def _apart(centre: Array, score: Array, distance: float) -> list[int]:
     return kept
 
 
-def _judge(scene: Scene, rotation: Array, centre: Array, *, tolerance: float) -> tuple[Array, Array]:
+def _score(
+    scene: Correspondences, rotation: Array, centre: Array, *, tolerance: float
+) -> tuple[Array, Array]:
     """Score s poses; returns (s,) scores and (s, n) agreements of the views."""
-    agrees = _agrees(across(scene, rotation=rotation, centre=centre), tolerance * NOISE)
-    where = along(scene, rotation=rotation, centre=centre)
-    agrees[:, : len(scene.inverse)] *= _agrees(where, tolerance * NOISE * where.wider)
+    agrees = _inlier_weight(epipolar_residual(scene, rotation=rotation, centre=centre), tolerance * NOISE)
+    where = depth_residual(scene, rotation=rotation, centre=centre)
+    agrees[:, : len(scene.inverse_depth)] *= _inlier_weight(where, tolerance * NOISE * where.sigma)
     distance = np.hypot(
         scene.centre[None, :, 0] - centre[:, None, 0], scene.centre[None, :, 2] - centre[:, None, 2]
     )
@@ -191,35 +202,37 @@ def _judge(scene: Scene, rotation: Array, centre: Array, *, tolerance: float) ->
     return agreement.sum(1) / (1.0 + (roll / _ROLL_DEG) ** 2), agreement
 
 
-def _agrees(found: Across | Along, tolerance: float | Array) -> Array:
-    agrees: Array = np.maximum(0.0, 1.0 - (found.off / tolerance) ** 2) * found.ahead
+def _inlier_weight(found: EpipolarResidual | DepthResidual, tolerance: float | Array) -> Array:
+    agrees: Array = np.maximum(0.0, 1.0 - (found.value / tolerance) ** 2) * found.in_front
     return agrees
 
 
-def _refine(scene: Scene, rotation: Array, centre: Array) -> tuple[Array, Array, Array]:
+def _refine(scene: Correspondences, rotation: Array, centre: Array) -> tuple[Array, Array, Array]:
     """Refine s poses by all matches; returns rotations, centres, and (s, 6, 6) information (turn, step)."""
     level = float(np.median(scene.centre[:, 1]))
     for number in range(_ROUNDS):
         spread = NOISE * max(1.0, _WIDER * _NARROWING**number)
-        matrix, vector = _equations(scene, rotation, centre, spread=spread, level=level)
-        step = so3.solved(matrix + 1e-3 * np.eye(6), vector)
-        rotation = so3.turned(rotation, so3.shortened(step[:, :3], _MOST_TURN))
-        centre = centre + so3.shortened(step[:, 3:], _MOST_STEP) * scene.radius
-    return rotation, centre, _equations(scene, rotation, centre, spread=NOISE, level=level)[0]
+        matrix, vector = _normal_equations(scene, rotation, centre, spread=spread, level=level)
+        step = so3.solve_batched(matrix + 1e-3 * np.eye(6), vector)
+        rotation = so3.retract(rotation, so3.clamp_norm(step[:, :3], _MOST_TURN))
+        centre = centre + so3.clamp_norm(step[:, 3:], _MOST_STEP) * scene.radius
+    return rotation, centre, _normal_equations(scene, rotation, centre, spread=NOISE, level=level)[0]
 
 
-def _equations(
-    scene: Scene, rotation: Array, centre: Array, *, spread: float, level: float
+def _normal_equations(
+    scene: Correspondences, rotation: Array, centre: Array, *, spread: float, level: float
 ) -> tuple[Array, Array]:
     """Normal equations of s poses: (s, 6, 6) and (s, 6), by turn and step.
 
     The camera is held about level, and about as high as the map's.
     """
-    matrix, vector = _pull(across(scene, rotation=rotation, centre=centre), spread, radius=scene.radius)
-    where = along(scene, rotation=rotation, centre=centre)
-    more = _pull(where, spread * where.wider, radius=scene.radius)
+    matrix, vector = _residual_equations(
+        epipolar_residual(scene, rotation=rotation, centre=centre), spread, radius=scene.radius
+    )
+    where = depth_residual(scene, rotation=rotation, centre=centre)
+    more = _residual_equations(where, spread * where.sigma, radius=scene.radius)
     matrix, vector = matrix + more[0], vector + more[1]
-    for (sine, row), tilt in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
+    for (sine, row), tilt in zip(so3.roll_pitch_sines(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
         matrix[:, :3, :3] += row[:, :, None] * row[:, None, :] / tilt**2
         vector[:, :3] -= row * sine[:, None] / tilt**2
     matrix[:, 4, 4] += 1.0 / _HEIGHT_SPREAD**2
@@ -227,12 +240,14 @@ def _equations(
     return matrix, vector
 
 
-def _pull(found: Across | Along, spread: float | Array, *, radius: float) -> tuple[Array, Array]:
+def _residual_equations(
+    found: EpipolarResidual | DepthResidual, spread: float | Array, *, radius: float
+) -> tuple[Array, Array]:
     """Normal equations (s, 6, 6) and (s, 6) of residuals, of which the larger ones count less."""
-    strength = found.ahead / (1.0 + (found.off / spread) ** 2) ** 2 / spread**2
+    strength = found.in_front / (1.0 + (found.value / spread) ** 2) ** 2 / spread**2
     derivatives = found.derivatives(radius)
     weighted = derivatives * strength[:, None]
-    return weighted @ np.swapaxes(derivatives, 1, 2), -(weighted @ found.off[..., None])[..., 0]
+    return weighted @ np.swapaxes(derivatives, 1, 2), -(weighted @ found.value[..., None])[..., 0]
 
 
 def _covariance(information: Array, radius: float) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.geometry.orientations import Orientations
+from webapp.core.geometry.extrinsics import MapExtrinsics
 from webapp.core.geometry.relative_pose import RelativePose
 
 Array = NDArray[np.float64]
@@ -26,12 +26,12 @@ _PARALLEL = 1e-4
 _LEAST_DEPTH = 1e-3
 """Of a point in front of the query, over its depth in the map's photo."""
 
-FEWEST_DEPTHS = 3
+MIN_DEPTHS = 3
 """Fewer of a photo say nothing: one that is wrong would be believed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class VerifiedView:
     """A verified photo.
 
     Attributes
@@ -41,7 +41,7 @@ class View:
     pose : RelativePose
     query_ray, photo_ray : (m, 3) float64
         Of all its matches, camera frames, depth 1.
-    inverse, spread : (m,) float64
+    inverse_depth, sigma : (m,) float64
         Inverse depths of what they show in the photo, per map pixel, and how uncertain; NaN where unknown.
     """
 
@@ -49,17 +49,17 @@ class View:
     pose: RelativePose
     query_ray: Array
     photo_ray: Array
-    inverse: Array
-    spread: Array
+    inverse_depth: Array
+    sigma: Array
 
     @property
-    def knows_depths(self) -> bool:
+    def has_depths(self) -> bool:
         """Whether its depths are enough to rely on."""
-        return int(np.isfinite(self.inverse[self.pose.inlier]).sum()) >= FEWEST_DEPTHS
+        return int(np.isfinite(self.inverse_depth[self.pose.inlier]).sum()) >= MIN_DEPTHS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class Correspondences:
     """All matches with oriented photos; m of them, those of known depth first.
 
     Attributes
@@ -72,7 +72,7 @@ class Scene:
         Where the photos were taken, world.
     view : (m,) int64
         Number of the view.
-    inverse, spread : (d,) float64
+    inverse_depth, sigma : (d,) float64
         Of the first d matches: inverse depths in the photos, per map pixel.
     views : int
     radius : float
@@ -83,30 +83,38 @@ class Scene:
     photo: Array
     centre: Array
     view: NDArray[np.int64]
-    inverse: Array
-    spread: Array
+    inverse_depth: Array
+    sigma: Array
     views: int
     radius: float
 
 
-def scene_of(
-    views: Sequence[View], usable: list[int], *, world: Array, orientations: Orientations, radius: float
-) -> Scene:
+def collect_correspondences(
+    views: Sequence[VerifiedView],
+    usable: list[int],
+    *,
+    world: Array,
+    extrinsics: MapExtrinsics,
+    radius: float,
+) -> Correspondences:
     """Put the matches of those views that are usable together; (p, 3) `world` tells where photos are."""
     chosen = [views[n] for n in usable]
     lengths = [len(v.query_ray) for v in chosen]
     inverse = np.concatenate(
-        [v.inverse if v.knows_depths else np.full(n, np.nan) for v, n in zip(chosen, lengths, strict=True)]
+        [
+            v.inverse_depth if v.has_depths else np.full(n, np.nan)
+            for v, n in zip(chosen, lengths, strict=True)
+        ]
     )
     order = np.argsort(np.isnan(inverse), kind="stable")
     known = order[: np.isfinite(inverse).sum()]
-    return Scene(
+    return Correspondences(
         query=np.concatenate([v.query_ray for v in chosen])[order],
-        photo=np.concatenate([v.photo_ray @ orientations.rotation[v.photo] for v in chosen])[order],
+        photo=np.concatenate([v.photo_ray @ extrinsics.rotation[v.photo] for v in chosen])[order],
         centre=np.repeat(world[[v.photo for v in chosen]], lengths, axis=0)[order],
         view=np.repeat(np.array(usable, np.int64), lengths)[order],
-        inverse=inverse[known],
-        spread=np.concatenate([v.spread for v in chosen])[known],
+        inverse_depth=inverse[known],
+        sigma=np.concatenate([v.sigma for v in chosen])[known],
         views=len(views),
         radius=radius,
     )
@@ -134,19 +142,19 @@ def _rows(rotation: Array) -> list[_Vectors]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Across:
+class EpipolarResidual:
     """How far m matches are off their epipolar lines under s poses; all arrays are (s, m).
 
     Attributes
     ----------
-    off : array
+    value : array
         Sampson's distance at depth 1.
-    ahead : array
+    in_front : array
         1 where the matched point is in front of both cameras, or too far to tell; else 0.
     """
 
-    off: Array
-    ahead: Array
+    value: Array
+    in_front: Array
     _query: _Vectors
     """The query's rays in the world."""
     _to_photo: _Vectors
@@ -157,10 +165,10 @@ class Across:
     _length: Array
     """Distance of the photo."""
     _size: Array
-    """What makes `off` of the error of the epipolar constraint."""
+    """What makes `value` of the error of the epipolar constraint."""
 
     def derivatives(self, radius: float) -> Array:
-        """Derivatives of `off` by a turn of the query in the world, and its place in radii; (s, 6, m)."""
+        """Derivatives of `value` by a turn of the query in the world, and its place in radii; (s, 6, m)."""
         turn = _cross(self._query, self._photo_along)
         part = _dot(self._query_photo, self._to_photo)
         place = (v - part * w for v, w in zip(self._query_photo, self._to_photo, strict=True))
@@ -168,7 +176,7 @@ class Across:
         return np.stack([*(v / self._size for v in turn), *(v * by_place for v in place)], axis=1)
 
 
-def across(scene: Scene, *, rotation: Array, centre: Array) -> Across:
+def epipolar_residual(scene: Correspondences, *, rotation: Array, centre: Array) -> EpipolarResidual:
     """Compare all matches with their epipolar lines under poses (s, 3, 3), (s, 3)."""
     turned = np.swapaxes(rotation, 1, 2) @ scene.query.T
     a, b = (turned[:, 0], turned[:, 1], turned[:, 2]), _vectors(scene.photo)
@@ -183,44 +191,44 @@ def across(scene: Scene, *, rotation: Array, centre: Array) -> Across:
     # signs of its depths.
     ahead = (_dot(b_along, a_b) <= 0.0) & (_dot(along_a, a_b) >= 0.0) | (_dot(a_b, a_b) < _PARALLEL)
     off = _dot(a, b_along) / size
-    return Across(off, ahead.astype(np.float64), a, to_photo, b_along, a_b, length, size)
+    return EpipolarResidual(off, ahead.astype(np.float64), a, to_photo, b_along, a_b, length, size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Along:
+class DepthResidual:
     """How far the d matches of known depth are off along their epipolar lines; all arrays are (s, d).
 
     Attributes
     ----------
-    off : array
+    value : array
         At depth 1.
-    ahead : array
+    in_front : array
         1 where the point is in front of the query; else 0.
-    wider : array
-        Spread of `off` for a right match, in units of `NOISE`: by the query, the photo and the depth.
+    sigma : array
+        Spread of `value` for a right match, in units of `NOISE`: by the query, the photo and the depth.
     """
 
-    off: Array
-    ahead: Array
-    wider: Array
+    value: Array
+    in_front: Array
+    sigma: Array
     _point: _Vectors
     """From the query, times the inverse depth."""
     _slope: _Vectors
-    """Derivative of `off` by `_point`."""
+    """Derivative of `value` by `_point`."""
     _inverse: Array
 
     def derivatives(self, radius: float) -> Array:
-        """Derivatives of `off` by a turn of the query in the world, and its place in radii; (s, 6, d)."""
+        """Derivatives of `value` by a turn of the query in the world, and its place in radii; (s, 6, d)."""
         by_place = -radius * self._inverse
         return np.stack([*_cross(self._slope, self._point), *(v * by_place for v in self._slope)], axis=1)
 
 
-def along(scene: Scene, *, rotation: Array, centre: Array) -> Along:
+def depth_residual(scene: Correspondences, *, rotation: Array, centre: Array) -> DepthResidual:
     """Compare the matches of known depth with where their points are seen under poses (s, 3, 3), (s, 3)."""
-    count = len(scene.inverse)
+    count = len(scene.inverse_depth)
     to_x, to_y, to_z = (scene.centre[:count, i] - centre[:, i, None] for i in range(3))
     gap = (to_x, to_y, to_z)
-    x, y, z = (scene.inverse * g + p for g, p in zip(gap, scene.photo[:count].T, strict=True))
+    x, y, z = (scene.inverse_depth * g + p for g, p in zip(gap, scene.photo[:count].T, strict=True))
     rows = _rows(rotation)
     u, v, depth = (_dot(row, (x, y, z)) for row in rows)
     ahead = depth > _LEAST_DEPTH
@@ -237,5 +245,7 @@ def along(scene: Scene, *, rotation: Array, centre: Array) -> Along:
         (by_u * r + by_v * s - by_depth * t) / depth for r, s, t in zip(*rows, strict=True)
     )
     # Noise in the photo is seen the larger, the nearer the query is to the point.
-    wider = np.sqrt(1.0 + depth**-2.0 + (move * scene.spread / NOISE) ** 2)
-    return Along(off, ahead.astype(np.float64), wider, (x, y, z), (slope_x, slope_y, slope_z), scene.inverse)
+    wider = np.sqrt(1.0 + depth**-2.0 + (move * scene.sigma / NOISE) ** 2)
+    return DepthResidual(
+        off, ahead.astype(np.float64), wider, (x, y, z), (slope_x, slope_y, slope_z), scene.inverse_depth
+    )

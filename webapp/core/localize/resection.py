@@ -88,7 +88,7 @@ class Fix:
         Sum of the weights of the photos that agree.
     agreement : (n,) float64
         Of each photo, 0 to 1.
-    spread_px : float
+    sigma_px : float
         Root mean square distance of the position from it, by its posterior, map pixels.
     """
 
@@ -97,7 +97,7 @@ class Fix:
     heading: float
     score: float
     agreement: NDArray[np.float64]
-    spread_px: float
+    sigma_px: float
 
 
 def resect(
@@ -167,7 +167,7 @@ def _posterior_mean(
             float(heading[score.argmax()]),
             place_radius_px=place_radius_px,
         ),
-        spread_px=math.sqrt(float(weight @ ((around - mean) ** 2).sum(1))),
+        sigma_px=math.sqrt(float(weight @ ((around - mean) ** 2).sum(1))),
     )
 
 

@@ -22,20 +22,20 @@ from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.geometry.orientations import Depths, no_depths
+from webapp.core.geometry.extrinsics import KeypointDepths, empty_depths
 from webapp.core.geometry.relative_pose import INLIER_SCALE, Camera, RelativePose, relative_pose
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis
-from webapp.core.localize.places import Place, Verified, join, support_at
+from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, estimate_places, support_at
 from webapp.core.localize.vote import match_statistics
-from webapp.core.reconstruction.depths import DepthsWithout
+from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
 from webapp.core.retrieval.shortlist import (
-    Shortlisted,
-    consistent,
-    matched_anew,
+    ShortlistedPhoto,
+    filter_by_rotation,
+    median_turn_deg,
+    rematch_with_network,
     shortlist,
-    turn_deg,
     weighted_votes,
 )
 from webapp.threads import in_threads
@@ -45,7 +45,7 @@ _EVIDENCE_PHOTOS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class PlaceSearch:
     """Everything but the probabilities: what calibration works with.
 
     Attributes
@@ -60,12 +60,14 @@ class Found:
         Statistics and seconds, and the reason where there is no place.
     """
 
-    places: list[Place]
+    places: list[PlaceCandidate]
     evidence: NDArray[np.float64]
     answer: Answer
 
 
-def answered(indexed: IndexedMap, found: Found, *, calibration: Calibration, top: int) -> Answer:
+def with_probabilities(
+    indexed: IndexedMap, found: PlaceSearch, *, calibration: Calibration, top: int
+) -> Answer:
     """Give what was found its probabilities.
 
     Parameters
@@ -108,8 +110,8 @@ def find_places(
     fov_deg: float,
     hide: Collection[int] = (),
     closer: Collection[int] = (),
-    depths: Depths | DepthsWithout | None = None,
-) -> Found:
+    depths: KeypointDepths | DepthsExcluding | None = None,
+) -> PlaceSearch:
     """Look for the places where a photo may have been taken, by its features.
 
     Parameters
@@ -133,31 +135,31 @@ def find_places(
     """
     clock = [time.perf_counter()]
     nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=hide)
-    found = consistent(indexed, query, found=nearest)
+    found = filter_by_rotation(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
     listed = shortlist(indexed, query, found=found, votes=votes, most=indexed.shortlist_size)
     voted = len(listed)
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
-        listed += _looked_at_closer(indexed, query, votes=votes, closer=closer)
+        listed += _shortlist_among(indexed, query, votes=votes, closer=closer)
     clock.append(time.perf_counter())
     if indexed.pair_matcher is not None:
-        listed = matched_anew(indexed, query, listed=listed, matcher=indexed.pair_matcher)
+        listed = rematch_with_network(indexed, query, listed=listed, matcher=indexed.pair_matcher)
     camera = Camera(*query.photo_size, fov_deg)
-    upright = _upright(turn_deg(indexed, query, found=found))
+    upright = _roll_correction(median_turn_deg(indexed, query, found=found))
     if depths is None:
-        depths = no_depths() if hide or indexed.orientations is None else indexed.orientations.depths
+        depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
     checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=depths), listed)
     clock.append(time.perf_counter())
-    places = join(indexed, checked)
+    places = estimate_places(indexed, checked)
     clock.append(time.perf_counter())
     first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
     left = int((found.photo[:, 0] >= 0).sum())
     reason = "no keypoints" if not len(query) else "no match with any photo of the map"
     stages = ("retrieve", "verify", "position")
-    return Found(
+    return PlaceSearch(
         places,
-        _weigh(indexed, places, voted=checked[:voted]),
+        _evidence_vectors(indexed, places, voted=checked[:voted]),
         Answer(
             hypotheses=(),
             off_map_probability=1.0,
@@ -169,20 +171,20 @@ def find_places(
     )
 
 
-def _looked_at_closer(
+def _shortlist_among(
     indexed: IndexedMap,
     query: Features,
     *,
     votes: NDArray[np.float64],
     closer: Collection[int],
-) -> list[Shortlisted]:
+) -> list[ShortlistedPhoto]:
     """List the best photos of `closer`, matched as if there were no others.
 
     Their votes are those of the whole map, so that they are compared with all other photos as ever.
     """
     others = indexed.ids[~np.isin(indexed.ids, [*closer])]
     nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=others.tolist())
-    found = consistent(indexed, query, found=nearest)
+    found = filter_by_rotation(indexed, query, found=nearest)
     among = weighted_votes(found, len(indexed.ids))
     further = shortlist(indexed, query, found=found, votes=among, most=indexed.shortlist_size)
     return [replace(s, votes=float(votes[s.photo])) for s in further]
@@ -192,7 +194,7 @@ _ASKEW_DEG = 5.0
 """A query turned less than this is level as far as keypoints can tell."""
 
 
-def _upright(askew_deg: float) -> NDArray[np.float64]:
+def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
     """Turn the frame of a query that was held askew about its line of sight: what follows is for level ones.
 
     Parameters
@@ -211,24 +213,24 @@ def _upright(askew_deg: float) -> NDArray[np.float64]:
 
 def _verify(
     indexed: IndexedMap,
-    matched: Shortlisted,
+    matched: ShortlistedPhoto,
     *,
     camera: Camera,
     upright: NDArray[np.float64],
-    depths: Depths | DepthsWithout,
-) -> Verified:
+    depths: KeypointDepths | DepthsExcluding,
+) -> VerifiedPhoto:
     theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
     pose = relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)
     if isinstance(pose, RelativePose):
-        pose = pose.in_frame(upright)
-    inverse, spread = depths.of(matched.photo, matched.photo_row)
-    return Verified(
+        pose = pose.rotated(upright)
+    inverse, spread = depths.lookup(matched.photo, matched.photo_row)
+    return VerifiedPhoto(
         matched,
         pose,
         query_ray=camera.rays(matched.query_xy.astype(np.float64)) @ upright.T,
         photo_ray=theirs.rays(matched.photo_xy.astype(np.float64)),
-        inverse=inverse,
-        spread=spread,
+        inverse_depth=inverse,
+        sigma=spread,
     )
 
 
@@ -239,7 +241,9 @@ _NO_MERIT = 0.02
 """Stands for the merit of a place that has next to none."""
 
 
-def _weigh(indexed: IndexedMap, places: list[Place], *, voted: list[Verified]) -> NDArray[np.float64]:
+def _evidence_vectors(
+    indexed: IndexedMap, places: list[PlaceCandidate], *, voted: list[VerifiedPhoto]
+) -> NDArray[np.float64]:
     """Describe each place for its probability, by the photos that had most votes; see `Found`."""
     if not places:
         return np.zeros((0, EVIDENCE))
@@ -254,9 +258,9 @@ def _weigh(indexed: IndexedMap, places: list[Place], *, voted: list[Verified]) -
 
 
 def _hypothesis(
-    indexed: IndexedMap, place: Place, *, rank: int, probability: float, calibration: Calibration
+    indexed: IndexedMap, place: PlaceCandidate, *, rank: int, probability: float, calibration: Calibration
 ) -> Hypothesis:
-    radius = place.spread_px * (calibration.radius_scale if place.kind == "position" else 1.0)
+    radius = place.sigma_px * (calibration.radius_scale if place.kind == "position" else 1.0)
     best = place.photos[0]
     return Hypothesis(
         rank=rank,
@@ -271,7 +275,7 @@ def _hypothesis(
     )
 
 
-def _evidence(indexed: IndexedMap, photo: Verified) -> Evidence:
+def _evidence(indexed: IndexedMap, photo: VerifiedPhoto) -> Evidence:
     matched, pose = photo.matched, photo.pose
     return Evidence(
         experience=int(indexed.ids[matched.photo]),

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.geometry.epipolar import epipolar
-from webapp.core.geometry.orientations import USABLE_TRUST, Depths, Orientations, no_depths
-from webapp.core.reconstruction.pairs import Pairs, homogeneous
+from webapp.core.geometry.epipolar import sampson_error
+from webapp.core.geometry.extrinsics import MIN_TRUST, KeypointDepths, MapExtrinsics, empty_depths
+from webapp.core.reconstruction.pairs import PhotoPairs, homogeneous
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _POSITION_ERROR = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class DepthObservations:
     """What pairs of photos say of the depths of their keypoints; s of them.
 
     Attributes
@@ -37,65 +37,69 @@ class Sightings:
         The keypoint, in rising order.
     partner : (s,) int32
         The other photo of the pair.
-    inverse, spread : (s,) float64
+    inverse_depth, sigma : (s,) float64
         Inverse depth, per map pixel, and how uncertain it is.
     """
 
     photo: NDArray[np.int32]
     row: NDArray[np.int32]
     partner: NDArray[np.int32]
-    inverse: Array
-    spread: Array
+    inverse_depth: Array
+    sigma: Array
 
-    def averaged(self) -> Depths:
+    def fuse(self) -> KeypointDepths:
         """Average what is known of each keypoint."""
         if not len(self.photo):
-            return no_depths()
+            return empty_depths()
         new = np.ones(len(self.photo), np.bool_)
         new[1:] = (np.diff(self.photo) != 0) | (np.diff(self.row) != 0)
-        start, keypoint, weight = np.flatnonzero(new), np.cumsum(new) - 1, self.spread**-2
+        start, keypoint, weight = np.flatnonzero(new), np.cumsum(new) - 1, self.sigma**-2
         total = np.add.reduceat(weight, start)
-        mean = np.add.reduceat(weight * self.inverse, start) / total
-        disagreement = np.add.reduceat(weight * (self.inverse - mean[keypoint]) ** 2, start) / total
-        best = np.minimum.reduceat(self.spread, start)
+        mean = np.add.reduceat(weight * self.inverse_depth, start) / total
+        disagreement = np.add.reduceat(weight * (self.inverse_depth - mean[keypoint]) ** 2, start) / total
+        best = np.minimum.reduceat(self.sigma, start)
         uncertain = np.sqrt(best**2 + disagreement)
-        return Depths(
+        return KeypointDepths(
             self.photo[start], self.row[start], mean.astype(np.float32), uncertain.astype(np.float32)
         )
 
-    def taken(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Sightings:
+    def subset(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> DepthObservations:
         """Take out some of them, by what numpy takes for an index."""
-        return Sightings(
-            self.photo[which], self.row[which], self.partner[which], self.inverse[which], self.spread[which]
+        return DepthObservations(
+            self.photo[which],
+            self.row[which],
+            self.partner[which],
+            self.inverse_depth[which],
+            self.sigma[which],
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthsWithout:
+class DepthsExcluding:
     """Depths that rest on no sighting of hidden photos, averaged when they are asked for.
 
     The orientations by which they were worked out still owe something to the hidden photos.
 
     Attributes
     ----------
-    sightings : Sightings
+    observations : DepthObservations
     hidden : (p,) bool
     """
 
-    sightings: Sightings
+    observations: DepthObservations
     hidden: NDArray[np.bool_]
 
-    def of(self, photo: int, row: NDArray[np.int64]) -> tuple[Array, Array]:
+    def lookup(self, photo: int, row: NDArray[np.int64]) -> tuple[Array, Array]:
         """Look up inverse depths of a photo's keypoints (m,) and their spreads (m,); NaN where not known."""
-        first, stop = np.searchsorted(self.sightings.photo, [photo, photo + 1])
-        there = self.sightings.taken(slice(int(first), int(stop)))
+        first, stop = np.searchsorted(self.observations.photo, [photo, photo + 1])
+        there = self.observations.subset(slice(int(first), int(stop)))
         left = ~(self.hidden[there.photo] | self.hidden[there.partner])
-        return there.taken(left).averaged().of(photo, row)
+        return there.subset(left).fuse().lookup(photo, row)
 
 
-def sightings_of(
-    pairs: Pairs, position: Array, *, orientations: Orientations, place_radius_px: float
-) -> Sightings:
+def triangulate_depths(
+    pairs: PhotoPairs, position: Array, *, extrinsics: MapExtrinsics, place_radius_px: float
+) -> DepthObservations:
     """Find the depths of keypoints by each pair that shows them.
 
     Parameters
@@ -103,7 +107,7 @@ def sightings_of(
     pairs : Pairs
     position : (p, 2) float64
         Map pixels.
-    orientations : Orientations
+    extrinsics : MapExtrinsics
         Of the p photos; their depths do not count.
     place_radius_px : float
 
@@ -113,33 +117,35 @@ def sightings_of(
     """
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
-    world = orientations.cameras(position)
+    world = extrinsics.centres(position)
     gap = world[second] - world[first]
-    usable = orientations.trust >= USABLE_TRUST
+    usable = extrinsics.trust >= MIN_TRUST
     both = np.flatnonzero(usable[first] & usable[second] & (gap[:, [0, 2]] != 0.0).any(1))
     first, second, gap = first[both], second[both], gap[both]
-    cameras = (orientations.rotation[first], orientations.rotation[second])
+    cameras = (extrinsics.rotation[first], extrinsics.rotation[second])
     one = np.einsum("mji,mj->mi", cameras[0], homogeneous(pairs.ray_first[both]))
     two = np.einsum("mji,mj->mi", cameras[1], homogeneous(pairs.ray_second[both]))
-    depth, meet = _where_rays_meet(one, two, gap, cameras=cameras)
+    depth, meet = _triangulate(one, two, gap, cameras=cameras)
     kept = np.flatnonzero(meet)
     misplaced = math.sqrt(2.0) * _POSITION_ERROR * place_radius_px
     spread = [
-        _spread(ray[kept], gap[kept], own=depth[i, kept], other=depth[1 - i, kept], misplaced_px=misplaced)
+        _inverse_depth_sigma(
+            ray[kept], gap[kept], own=depth[i, kept], other=depth[1 - i, kept], misplaced_px=misplaced
+        )
         for i, ray in enumerate((one, two))
     ]
-    return _each_once(
-        Sightings(
+    return _without_duplicates(
+        DepthObservations(
             photo=np.concatenate([first[kept], second[kept]]).astype(np.int32),
             row=np.concatenate([pairs.row_first[both][kept], pairs.row_second[both][kept]]),
             partner=np.concatenate([second[kept], first[kept]]).astype(np.int32),
-            inverse=1.0 / depth[:, kept].ravel(),
-            spread=np.concatenate(spread),
+            inverse_depth=1.0 / depth[:, kept].ravel(),
+            sigma=np.concatenate(spread),
         )
     )
 
 
-def _where_rays_meet(
+def _triangulate(
     one: Array, two: Array, gap: Array, *, cameras: tuple[Array, Array]
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Triangulate m matches from their rays in the world; returns (2, m) depths, and which are to be used.
@@ -156,12 +162,12 @@ def _where_rays_meet(
     one_two = np.cross(one, two)
     squared = np.maximum((one_two**2).sum(1), 1e-12)
     depth = np.stack([(np.cross(gap, ray) * one_two).sum(1) / squared for ray in (two, one)])
-    off = epipolar(one, two, along=gap / np.linalg.norm(gap, axis=1)[:, None], cameras=cameras).off
+    off = sampson_error(one, two, along=gap / np.linalg.norm(gap, axis=1)[:, None], cameras=cameras).value
     sine = np.sqrt(squared / ((one**2).sum(1) * (two**2).sum(1)))
     return depth, (np.abs(off) <= _TOLERANCE) & (depth > 0.0).all(0) & (sine >= math.sin(_LEAST_ANGLE))
 
 
-def _spread(ray: Array, gap: Array, *, own: Array, other: Array, misplaced_px: float) -> Array:
+def _inverse_depth_sigma(ray: Array, gap: Array, *, own: Array, other: Array, misplaced_px: float) -> Array:
     """Tell how uncertain inverse depths are (m,).
 
     Noise in an image puts its ray beside the point by the more, the farther away that is, which moves the
@@ -185,10 +191,10 @@ def _spread(ray: Array, gap: Array, *, own: Array, other: Array, misplaced_px: f
     return uncertain
 
 
-def _each_once(found: Sightings) -> Sightings:
+def _without_duplicates(found: DepthObservations) -> DepthObservations:
     """Put sightings in order; those that both photos of a pair tell of count once, the surer one."""
-    order = np.lexsort((found.spread, found.partner, found.row, found.photo))
+    order = np.lexsort((found.sigma, found.partner, found.row, found.photo))
     keys = np.stack([found.photo, found.row, found.partner])[:, order]
     new = np.ones(len(order), np.bool_)
     new[1:] = (np.diff(keys, axis=1) != 0).any(0)
-    return found.taken(order[new])
+    return found.subset(order[new])

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geometry import so3
-from webapp.core.geometry.orientations import Orientations, no_depths
-from webapp.core.reconstruction.depths import sightings_of
-from webapp.core.reconstruction.pairs import Pairs
-from webapp.core.reconstruction.refinement import refine
+from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
+from webapp.core.reconstruction.depths import triangulate_depths
+from webapp.core.reconstruction.pairs import PhotoPairs
+from webapp.core.reconstruction.refinement import refine_extrinsics
 
 _FULL_PARALLAX = math.radians(2.0)
 """From this parallax on the direction between the cameras counts fully."""
@@ -47,7 +47,9 @@ _KNOWN = 0.3
 """Trust from which on a photo's orientation helps its neighbours."""
 
 
-def orient(pairs: Pairs, position: NDArray[np.float64], *, place_radius_px: float) -> Orientations:
+def estimate_extrinsics(
+    pairs: PhotoPairs, position: NDArray[np.float64], *, place_radius_px: float
+) -> MapExtrinsics:
     """Find out how photos were held.
 
     Parameters
@@ -64,21 +66,23 @@ def orient(pairs: Pairs, position: NDArray[np.float64], *, place_radius_px: floa
     """
     apart = np.hypot(*(position[pairs.second] - position[pairs.first]).T) > 0.0
     which = np.flatnonzero(apart)
-    pairs = pairs.taken(which, first=pairs.first[which], second=pairs.second[which])
+    pairs = pairs.subset(which, first=pairs.first[which], second=pairs.second[which])
     if not len(pairs):
         count = len(position)
-        return Orientations(so3.level(np.zeros(count)), np.zeros(count), np.zeros(count), no_depths())
-    views = _views(pairs, position)
-    heading, known = _headings(views, len(position))
-    rotation, trust = _average(pairs, views, start=so3.level(heading), known=known)
-    rotation, height = refine(pairs, position, rotation=rotation, scale_px=place_radius_px)
-    found = Orientations(rotation, height, trust, no_depths())
-    seen = sightings_of(pairs, position, orientations=found, place_radius_px=place_radius_px)
-    return replace(found, depths=seen.averaged())
+        return MapExtrinsics(
+            so3.from_heading(np.zeros(count)), np.zeros(count), np.zeros(count), empty_depths()
+        )
+    views = _baseline_directions(pairs, position)
+    heading, known = _vote_headings(views, len(position))
+    rotation, trust = _average_rotations(pairs, views, start=so3.from_heading(heading), known=known)
+    rotation, height = refine_extrinsics(pairs, position, rotation=rotation, scale_px=place_radius_px)
+    found = MapExtrinsics(rotation, height, trust, empty_depths())
+    seen = triangulate_depths(pairs, position, extrinsics=found, place_radius_px=place_radius_px)
+    return replace(found, depths=seen.fuse())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Views:
+class _Directions:
     """Who saw whom where; v = 2 k of them.
 
     Attributes
@@ -97,27 +101,27 @@ class _Views:
     weight: NDArray[np.float64]
 
 
-def _views(pairs: Pairs, position: NDArray[np.float64]) -> _Views:
+def _baseline_directions(pairs: PhotoPairs, position: NDArray[np.float64]) -> _Directions:
     step = position[pairs.second] - position[pairs.first]
     real = np.column_stack([step[:, 0], np.zeros(len(step)), -step[:, 1]])
     real /= np.linalg.norm(real, axis=1)[:, None]
-    seen = -np.einsum("kji,kj->ki", pairs.rotation, pairs.shift)
+    seen = -np.einsum("kji,kj->ki", pairs.rotation, pairs.translation)
     weight = pairs.trust * np.minimum(pairs.parallax / _FULL_PARALLAX, 1.0) ** 2
-    return _Views(
+    return _Directions(
         photo=np.concatenate([pairs.first, pairs.second]),
-        seen=np.concatenate([seen, pairs.shift]),
+        seen=np.concatenate([seen, pairs.translation]),
         real=np.concatenate([real, -real]),
         weight=np.concatenate([weight, weight]),
     )
 
 
-def _headings(views: _Views, photos: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _vote_headings(views: _Directions, photos: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Let directions vote for headings; returns the most voted (p,), radians, and who has any (p,)."""
     voted = np.arctan2(views.real[:, 0], views.real[:, 2]) - np.arctan2(views.seen[:, 0], views.seen[:, 2])
     bins = np.floor(np.remainder(voted, 2.0 * np.pi) * _BINS / (2.0 * np.pi)).astype(np.int64) % _BINS
     votes = np.bincount(views.photo * _BINS + bins, weights=views.weight, minlength=photos * _BINS)
     votes = votes.reshape(photos, _BINS)
-    offset = so3.wrapped(2.0 * np.pi * np.arange(_BINS) / _BINS)
+    offset = so3.wrap(2.0 * np.pi * np.arange(_BINS) / _BINS)
     kernel = np.fft.rfft(_kernel(offset**2, _BIN_SPREAD))
     smooth = np.fft.irfft(np.fft.rfft(votes, axis=1) * kernel, _BINS, axis=1)
     heading = (smooth.argmax(1) + 0.5) * 2.0 * np.pi / _BINS
@@ -130,8 +134,8 @@ def _kernel(squared: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
     return weight
 
 
-def _average(
-    pairs: Pairs, views: _Views, *, start: NDArray[np.float64], known: NDArray[np.bool_]
+def _average_rotations(
+    pairs: PhotoPairs, views: _Directions, *, start: NDArray[np.float64], known: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Average turns and directions; returns rotations and the trust in each."""
     rotation, photos = start, len(start)
@@ -147,20 +151,20 @@ def _average(
         off = so3.log(np.swapaxes(wanted, 1, 2) @ rotation[to])
         by_turn = weight * known[source] * _kernel((off**2).sum(1), _TURN_SPREAD * wider)
         strength = by_turn / (_TURN_SPREAD * wider) ** 2
-        matrix = _summed(to, strength[:, None, None] * np.eye(3), photos)
-        vector = _summed(to, strength[:, None] * off, photos)
-        more = _by_views(views, rotation, spread=_DIRECTION_SPREAD * wider)
+        matrix = _scatter_add(to, strength[:, None, None] * np.eye(3), photos)
+        vector = _scatter_add(to, strength[:, None] * off, photos)
+        more = _direction_terms(views, rotation, spread=_DIRECTION_SPREAD * wider)
         matrix, vector = matrix + more.matrix, vector + more.vector
         _add_tilts(matrix, vector, rotation)
-        step = _DAMPING * so3.solved(matrix + 1e-6 * np.eye(3), vector)
-        rotation = so3.turned(rotation, so3.shortened(step, _MOST_TURN))
-        gained = _summed(to, by_turn[:, None], photos)[:, 0]
+        step = _DAMPING * so3.solve_batched(matrix + 1e-6 * np.eye(3), vector)
+        rotation = so3.retract(rotation, so3.clamp_norm(step, _MOST_TURN))
+        gained = _scatter_add(to, by_turn[:, None], photos)[:, 0]
         known |= gained > _KNOWN
-        trust = gained + _summed(views.photo, more.agrees[:, None], photos)[:, 0]
+        trust = gained + _scatter_add(views.photo, more.agrees[:, None], photos)[:, 0]
     return rotation, trust
 
 
-class _ByViews(NamedTuple):
+class _DirectionTerms(NamedTuple):
     """What directions want: normal equations (p, 3, 3), (p, 3), and how far each agrees, (v,)."""
 
     matrix: NDArray[np.float64]
@@ -168,7 +172,7 @@ class _ByViews(NamedTuple):
     agrees: NDArray[np.float64]
 
 
-def _by_views(views: _Views, rotation: NDArray[np.float64], *, spread: float) -> _ByViews:
+def _direction_terms(views: _Directions, rotation: NDArray[np.float64], *, spread: float) -> _DirectionTerms:
     seen = np.einsum("vji,vj->vi", rotation[views.photo], views.seen)
     off = views.real - seen
     agrees = views.weight * _kernel((off**2).sum(1), spread)
@@ -179,9 +183,9 @@ def _by_views(views: _Views, rotation: NDArray[np.float64], *, spread: float) ->
     transposed = np.swapaxes(jacobian, 1, 2) * np.array([1.0, _HEIGHT_WEIGHT, 1.0])
     strength = agrees / spread**2
     pull = strength[:, None] * np.einsum("vij,vj->vi", transposed, off)
-    return _ByViews(
-        _summed(views.photo, strength[:, None, None] * (transposed @ jacobian), len(rotation)),
-        _summed(views.photo, pull, len(rotation)),
+    return _DirectionTerms(
+        _scatter_add(views.photo, strength[:, None, None] * (transposed @ jacobian), len(rotation)),
+        _scatter_add(views.photo, pull, len(rotation)),
         agrees,
     )
 
@@ -190,13 +194,15 @@ def _add_tilts(
     matrix: NDArray[np.float64], vector: NDArray[np.float64], rotation: NDArray[np.float64]
 ) -> None:
     """Add that cameras are held about level, in roll more than in pitch."""
-    for (sine, row), spread in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
+    for (sine, row), spread in zip(
+        so3.roll_pitch_sines(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True
+    ):
         strength = _TILT_WEIGHT / spread**2
         matrix += strength * row[:, :, None] * row[:, None, :]
         vector -= strength * row * sine[:, None]
 
 
-def _summed(where: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _scatter_add(where: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Sum (n, ...) values by their number, into (count, ...)."""
     flat = values.reshape(len(values), -1)
     total = np.empty((count, flat.shape[1]))

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.geometry.relative_pose import Camera, RelativePose, relative_pose
 from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
-from webapp.core.retrieval.shortlist import Shortlisted, consistent, matched_anew, shortlist, weighted_votes
+from webapp.core.retrieval.shortlist import (
+    ShortlistedPhoto,
+    filter_by_rotation,
+    rematch_with_network,
+    shortlist,
+    weighted_votes,
+)
 
 _NEIGHBOURS = 11
 _PARTNERS = 12
@@ -25,7 +31,7 @@ _SAME_SPOT_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pairs:
+class PhotoPairs:
     """k pairs of photos, with m matches in all.
 
     Attributes
@@ -34,7 +40,7 @@ class Pairs:
         Numbers of the photos.
     rotation : (k, 3, 3) float64
         Second camera from first camera.
-    shift : (k, 3) float64
+    translation : (k, 3) float64
         Of unit length: where the first camera is in the second's frame.
     trust : (k,) float64
         In the relative pose, 0 to 1.
@@ -51,7 +57,7 @@ class Pairs:
     first: NDArray[np.int64]
     second: NDArray[np.int64]
     rotation: NDArray[np.float64]
-    shift: NDArray[np.float64]
+    translation: NDArray[np.float64]
     trust: NDArray[np.float64]
     parallax: NDArray[np.float64]
     start: NDArray[np.int64]
@@ -64,18 +70,18 @@ class Pairs:
         """Count the pairs."""
         return len(self.first)
 
-    def taken(
+    def subset(
         self, which: NDArray[np.int64], *, first: NDArray[np.int64], second: NDArray[np.int64]
-    ) -> Pairs:
+    ) -> PhotoPairs:
         """Take out some pairs, by their numbers, and give their photos other numbers."""
         lengths = np.diff(self.start)[which]
         inside = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
         rows = np.repeat(self.start[which], lengths) + inside
-        return Pairs(
+        return PhotoPairs(
             first=first,
             second=second,
             rotation=self.rotation[which],
-            shift=self.shift[which],
+            translation=self.translation[which],
             trust=self.trust[which],
             parallax=self.parallax[which],
             start=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
@@ -91,16 +97,16 @@ def homogeneous(ray: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.column_stack([ray, np.ones(len(ray))]).astype(np.float64)
 
 
-def joined(parts: Sequence[Pairs]) -> Pairs:
+def concatenate(parts: Sequence[PhotoPairs]) -> PhotoPairs:
     """Put pairs together."""
     if not parts:
         return _empty()
     starts = np.cumsum([0, *(p.start[-1] for p in parts)])
-    return Pairs(
+    return PhotoPairs(
         first=np.concatenate([p.first for p in parts]),
         second=np.concatenate([p.second for p in parts]),
         rotation=np.concatenate([p.rotation for p in parts]),
-        shift=np.concatenate([p.shift for p in parts]),
+        translation=np.concatenate([p.translation for p in parts]),
         trust=np.concatenate([p.trust for p in parts]),
         parallax=np.concatenate([p.parallax for p in parts]),
         start=np.concatenate([[0], *(p.start[1:] + s for p, s in zip(parts, starts[:-1], strict=True))]),
@@ -111,16 +117,16 @@ def joined(parts: Sequence[Pairs]) -> Pairs:
     )
 
 
-def surest(pairs: Pairs) -> Pairs:
+def best_of_each_pair(pairs: PhotoPairs) -> PhotoPairs:
     """Of several comparisons of the same photos keep the most trusted one."""
     order = np.lexsort((-pairs.trust, pairs.second, pairs.first))
     best = np.ones(len(order), np.bool_)
     best[1:] = (np.diff(pairs.first[order]) != 0) | (np.diff(pairs.second[order]) != 0)
     kept = np.sort(order[best])
-    return pairs.taken(kept, first=pairs.first[kept], second=pairs.second[kept])
+    return pairs.subset(kept, first=pairs.first[kept], second=pairs.second[kept])
 
 
-def pairs_of(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None = None) -> Pairs:
+def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None = None) -> PhotoPairs:
     """Find the photos that see the same as one of the map, taken elsewhere.
 
     Parameters
@@ -145,27 +151,29 @@ def pairs_of(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None = N
     found = Candidates(
         nearest.distance, np.where(elsewhere, nearest.row, -1), np.where(elsewhere, nearest.photo, -1)
     )
-    found = consistent(indexed, features, found=found)
+    found = filter_by_rotation(indexed, features, found=found)
     votes = weighted_votes(found, len(indexed.ids))
     ours = Camera(*features.photo_size, float(indexed.fov_deg[photo]))
     listed = shortlist(indexed, features, found=found, votes=votes, most=_PARTNERS)
     if matcher is not None:
-        listed = matched_anew(indexed, features, listed=listed, matcher=matcher)
-    return joined([pair for m in listed if (pair := _pair(indexed, photo, matched=m, ours=ours)) is not None])
+        listed = rematch_with_network(indexed, features, listed=listed, matcher=matcher)
+    return concatenate(
+        [pair for m in listed if (pair := _pair(indexed, photo, matched=m, ours=ours)) is not None]
+    )
 
 
-def _pair(indexed: IndexedMap, photo: int, *, matched: Shortlisted, ours: Camera) -> Pairs | None:
+def _pair(indexed: IndexedMap, photo: int, *, matched: ShortlistedPhoto, ours: Camera) -> PhotoPairs | None:
     theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
     pose = relative_pose(matched.query_xy, matched.photo_xy, query=ours, photo=theirs)
     if not isinstance(pose, RelativePose) or pose.trust <= 0.0:
         return None
     kept = np.flatnonzero(pose.inlier)
     kept = kept[:: -(-len(kept) // _MOST_MATCHES)]
-    return Pairs(
+    return PhotoPairs(
         first=np.array([photo], np.int64),
         second=np.array([matched.photo], np.int64),
         rotation=pose.rotation[None],
-        shift=pose.shift[None],
+        translation=pose.translation[None],
         trust=np.array([pose.trust]),
         parallax=np.array([pose.parallax]),
         start=np.array([0, len(kept)], np.int64),
@@ -176,14 +184,14 @@ def _pair(indexed: IndexedMap, photo: int, *, matched: Shortlisted, ours: Camera
     )
 
 
-def _empty() -> Pairs:
+def _empty() -> PhotoPairs:
     none, flat = np.zeros(0, np.int64), np.zeros(0)
     rows, rays = np.zeros(0, np.int32), np.zeros((0, 2), np.float32)
-    return Pairs(
+    return PhotoPairs(
         first=none,
         second=none,
         rotation=np.zeros((0, 3, 3)),
-        shift=np.zeros((0, 3)),
+        translation=np.zeros((0, 3)),
         trust=flat,
         parallax=flat,
         start=np.zeros(1, np.int64),

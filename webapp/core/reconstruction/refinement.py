@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geometry import so3
-from webapp.core.geometry.epipolar import epipolar
-from webapp.core.reconstruction.pairs import Pairs, homogeneous
+from webapp.core.geometry.epipolar import sampson_error
+from webapp.core.reconstruction.pairs import PhotoPairs, homogeneous
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,9 @@ _TRUSTED_MATCHES = 5.0
 """A pair with this many matches counts as much as its trust says; others by the root of their number."""
 
 
-def refine(pairs: Pairs, position: Array, *, rotation: Array, scale_px: float) -> tuple[Array, Array]:
+def refine_extrinsics(
+    pairs: PhotoPairs, position: Array, *, rotation: Array, scale_px: float
+) -> tuple[Array, Array]:
     """Correct orientations by all matches.
 
     Parameters
@@ -62,20 +64,20 @@ def refine(pairs: Pairs, position: Array, *, rotation: Array, scale_px: float) -
     length = np.linalg.norm(world[second] - world[first], axis=1)
     for number in range(_ROUNDS):
         spread = _NOISE * max(1.0, _WIDER * _NARROWING**number)
-        found = epipolar(
+        found = sampson_error(
             np.einsum("mji,mj->mi", rotation[first], ours),
             np.einsum("mji,mj->mi", rotation[second], theirs),
             along=(world[second] - world[first]) / length[:, None],
             cameras=(rotation[first], rotation[second]),
         )
-        strength = weight / (1.0 + (found.off / spread) ** 2) / spread**2
-        rise = (found.by_rise / length)[:, None]
+        strength = weight / (1.0 + (found.value / spread) ** 2) / spread**2
+        rise = (found.d_height / length)[:, None]
         normal = _Equations.empty(len(world))
-        normal.add(first, np.column_stack([found.by_first, -rise]), off=found.off, strength=strength)
-        normal.add(second, np.column_stack([found.by_second, rise]), off=found.off, strength=strength)
+        normal.add(first, np.column_stack([found.d_first, -rise]), value=found.value, strength=strength)
+        normal.add(second, np.column_stack([found.d_second, rise]), value=found.value, strength=strength)
         normal.add_priors(rotation, world[:, 1], height_spread=_HEIGHT_SPREAD * scale_px)
-        step = _DAMPING * so3.solved(normal.matrix, normal.vector)
-        rotation = so3.turned(rotation, so3.shortened(step[:, :3], _MOST_TURN))
+        step = _DAMPING * so3.solve_batched(normal.matrix, normal.vector)
+        rotation = so3.retract(rotation, so3.clamp_norm(step[:, :3], _MOST_TURN))
         world[:, 1] += np.clip(step[:, 3], -_MOST_RISE * scale_px, _MOST_RISE * scale_px)
     return rotation, world[:, 1]
 
@@ -97,12 +99,12 @@ class _Equations:
     def empty(cls, photos: int) -> _Equations:
         return cls(np.zeros((photos, 4, 4)), np.zeros((photos, 4)))
 
-    def add(self, photo: NDArray[np.int64], jacobian: Array, *, off: Array, strength: Array) -> None:
+    def add(self, photo: NDArray[np.int64], jacobian: Array, *, value: Array, strength: Array) -> None:
         """Add what matches say to the equations of their photos."""
         count = len(self.vector)
         weighted = strength[:, None] * jacobian
         for row in range(4):
-            self.vector[:, row] -= np.bincount(photo, weights=weighted[:, row] * off, minlength=count)
+            self.vector[:, row] -= np.bincount(photo, weights=weighted[:, row] * value, minlength=count)
             for column in range(row, 4):
                 values = weighted[:, row] * jacobian[:, column]
                 total = np.bincount(photo, weights=values, minlength=count)
@@ -112,7 +114,9 @@ class _Equations:
 
     def add_priors(self, rotation: Array, height: Array, *, height_spread: float) -> None:
         """Add that cameras are held about level and equally high; every photo is solvable then."""
-        for (sine, row), spread in zip(so3.tilts(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
+        for (sine, row), spread in zip(
+            so3.roll_pitch_sines(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True
+        ):
             self.matrix[:, :3, :3] += row[:, :, None] * row[:, None, :] / spread**2
             self.vector[:, :3] -= row * sine[:, None] / spread**2
         self.matrix[:, 3, 3] += 1.0 / height_spread**2

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.types import Features
 from webapp.core.geometry import so3
-from webapp.core.geometry.orientations import USABLE_TRUST, Orientations
-from webapp.core.hypotheses.paths import Paths, paths_of
+from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
+from webapp.core.hypotheses.path_prior import PathPrior, fit_path_prior
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.engines.types import DescriptorSearch
@@ -38,7 +38,7 @@ class IndexedMap:
         Over the rows of all segments, in order.
     place_radius_px : float
         How far an answer may be off and still be right.
-    orientations : Orientations or None
+    extrinsics : Orientations or None
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
@@ -57,18 +57,18 @@ class IndexedMap:
     photo_of_entry: NDArray[np.int64]
     search: DescriptorSearch | TwoStage
     place_radius_px: float
-    orientations: Orientations | None = None
+    extrinsics: MapExtrinsics | None = None
     pair_matcher: PairMatcher | None = None
     shortlist_size: int = 12
     first_row: NDArray[np.int64] = field(init=False)
-    paths: Paths = field(init=False)
+    paths: PathPrior = field(init=False)
     _entry_of_photo: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
         lengths = [np.diff(s.first) for s in self.segments]
         first = np.concatenate([[0], np.cumsum(np.concatenate(lengths))]) if lengths else np.zeros(1)
         object.__setattr__(self, "first_row", first.astype(np.int64))
-        paths = paths_of(self.position, place_radius_px=self.place_radius_px)
+        paths = fit_path_prior(self.position, place_radius_px=self.place_radius_px)
         object.__setattr__(self, "paths", paths)
         entry = np.full(len(self.ids), -1, np.int64)
         alive = np.flatnonzero(self.photo_of_entry >= 0)
@@ -95,10 +95,10 @@ class IndexedMap:
 
     def headings_deg(self) -> NDArray[np.float64]:
         """Tell where the photos looked, as far as they were oriented: (p,), NaN where not known."""
-        if self.orientations is None:
+        if self.extrinsics is None:
             return np.full(len(self.ids), np.nan)
-        known = self.orientations.trust >= USABLE_TRUST
-        return np.where(known, np.degrees(so3.heading(self.orientations.rotation)) % 360.0, np.nan)
+        known = self.extrinsics.trust >= MIN_TRUST
+        return np.where(known, np.degrees(so3.heading(self.extrinsics.rotation)) % 360.0, np.nan)
 
     @staticmethod
     def _gather(row: NDArray[np.int64], arrays: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ from webapp.core.retrieval.indexed import Candidates, IndexedMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shortlisted:
+class ShortlistedPhoto:
     """A map photo and its matches.
 
     Attributes
@@ -40,7 +40,7 @@ _ROTATION_TOLERANCE_DEG = 20.0
 _ROTATION_BINS = 36
 
 
-def consistent(indexed: IndexedMap, query: Features, *, found: Candidates) -> Candidates:
+def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidates) -> Candidates:
     """Keep the neighbours whose keypoint is turned against the query's as most are.
 
     Right matches share the turn between the two photos, near zero where both are upright; wrong ones have
@@ -71,7 +71,7 @@ def consistent(indexed: IndexedMap, query: Features, *, found: Candidates) -> Ca
     return Candidates(found.distance, np.where(keep, found.row, -1), np.where(keep, found.photo, -1))
 
 
-def turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
+def median_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
     """Measure by how much the query must be turned, clockwise, to stand like the map's photos.
 
     Parameters
@@ -130,7 +130,7 @@ def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
 
 def shortlist(
     indexed: IndexedMap, query: Features, *, found: Candidates, votes: NDArray[np.float64], most: int
-) -> list[Shortlisted]:
+) -> list[ShortlistedPhoto]:
     """Take the photos with most votes and collect their matches.
 
     Parameters
@@ -160,13 +160,15 @@ def shortlist(
         rows, first = np.unique(query_row[mine], return_index=True)
         matches = mine[first]
         theirs = indexed.row_in_photo(row[matches])
-        listed.append(Shortlisted(int(p), float(votes[p]), rows, theirs, query.xy[rows], photo_xy[matches]))
+        listed.append(
+            ShortlistedPhoto(int(p), float(votes[p]), rows, theirs, query.xy[rows], photo_xy[matches])
+        )
     return listed
 
 
-def matched_anew(
-    indexed: IndexedMap, query: Features, *, listed: list[Shortlisted], matcher: PairMatcher
-) -> list[Shortlisted]:
+def rematch_with_network(
+    indexed: IndexedMap, query: Features, *, listed: list[ShortlistedPhoto], matcher: PairMatcher
+) -> list[ShortlistedPhoto]:
     """Have a network match the photos of a shortlist with the query; their votes stay.
 
     Parameters

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.geometry.orientations import Depths, Orientations
-from webapp.core.reconstruction.pairs import Pairs
+from webapp.core.geometry.extrinsics import KeypointDepths, MapExtrinsics
+from webapp.core.reconstruction.pairs import PhotoPairs
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.localize.arrays import read_arrays, write_arrays
 
-FORMAT = 2
+FORMAT = 3
 """Another one where the arrays mean something else."""
 
 
@@ -33,7 +33,7 @@ class StoredPairs:
         Of all else that the pairs depend on.
     """
 
-    pairs: Pairs
+    pairs: PhotoPairs
     contents: list[str]
     done: int
     key: str
@@ -53,7 +53,7 @@ class StoredOrientations:
         Of all that they depend on.
     """
 
-    orientations: Orientations
+    orientations: MapExtrinsics
     contents: list[str]
     position: NDArray[np.float64]
     key: str
@@ -63,7 +63,7 @@ _PAIRS = (
     "first",
     "second",
     "rotation",
-    "shift",
+    "translation",
     "trust",
     "parallax",
     "start",
@@ -74,7 +74,7 @@ _PAIRS = (
 )
 
 
-_DEPTHS = ("photo", "row", "inverse", "spread")
+_DEPTHS = ("photo", "row", "inverse_depth", "sigma")
 
 
 def write_pairs(path: Path, stored: StoredPairs) -> None:
@@ -96,7 +96,7 @@ def read_pairs(path: Path) -> StoredPairs | None:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != FORMAT:
             return None
-        pairs = Pairs(**{name: arrays[name] for name in _PAIRS})
+        pairs = PhotoPairs(**{name: arrays[name] for name in _PAIRS})
         return StoredPairs(pairs, list(meta["contents"]), int(meta["done"]), str(meta["key"]))
     except (IndexDamaged, KeyError):
         return None
@@ -127,8 +127,8 @@ def read(path: Path) -> StoredOrientations | None:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != FORMAT:
             return None
-        depths = Depths(**{name: arrays[f"depth_{name}"] for name in _DEPTHS})
-        found = Orientations(arrays["rotation"], arrays["height"], arrays["trust"], depths)
+        depths = KeypointDepths(**{name: arrays[f"depth_{name}"] for name in _DEPTHS})
+        found = MapExtrinsics(arrays["rotation"], arrays["height"], arrays["trust"], depths)
         return StoredOrientations(found, list(meta["contents"]), arrays["position"], str(meta["key"]))
     except (IndexDamaged, KeyError):
         return None

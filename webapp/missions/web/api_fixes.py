@@ -12,7 +12,7 @@ from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.types import LatLon
-from webapp.core.hypotheses.near import Near
+from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.errors import UsageError
 from webapp.missions.render import track_picture
 from webapp.missions.store import missions
@@ -211,7 +211,7 @@ def _map(mission: Mission) -> MapRecord:
         return session.get_one(MapRecord, map_id)
 
 
-def _near(record: MapRecord, given: dict[str, Any]) -> Near | None:
+def _near(record: MapRecord, given: dict[str, Any]) -> CirclePrior | None:
     """Put the hint onto the map's image."""
     lat, lon, radius = (given.get(f"hint_{part}") for part in ("lat", "lon", "radius_m"))
     if (lat, lon, radius) == (None, None, None):
@@ -229,4 +229,4 @@ def _near(record: MapRecord, given: dict[str, Any]) -> Near | None:
     scale = found.metres_per_pixel(at)
     if not scale > 0:  # also NaN, where the image has no counterpart
         raise UsageError("the hint is nowhere near the map", where="hint_lat")
-    return Near(at.x, at.y, radius / scale)
+    return CirclePrior(at.x, at.y, radius / scale)

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
-from webapp.core.hypotheses.paths import Paths, drawn
+from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
 from webapp.core.hypotheses.places import spacing_px
-from webapp.core.localize.places import Place
+from webapp.core.localize.places import PlaceCandidate
 from webapp.core.localize.verified import find_places
-from webapp.core.reconstruction.depths import DepthsWithout, Sightings
+from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize import trials_log
@@ -59,20 +59,20 @@ _COVERAGE = 0.68
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
     case: Case
-    spread_px: float
+    sigma_px: float
     error_px: float
 
     def to_record(self) -> dict[str, Any]:
         """Give plain values."""
         case = {"evidence": self.case.evidence.tolist(), "right": self.case.right.tolist()}
-        return {**case, "weight": self.case.weight, "spread_px": self.spread_px, "error_px": self.error_px}
+        return {**case, "weight": self.case.weight, "sigma_px": self.sigma_px, "error_px": self.error_px}
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> _Trial:
         """Build it from plain values."""
         evidence = np.array(record["evidence"], np.float64).reshape(-1, EVIDENCE)
         case = Case(evidence, np.array(record["right"], np.bool_), record["weight"])
-        return cls(case, record["spread_px"], record["error_px"])
+        return cls(case, record["sigma_px"], record["error_px"])
 
 
 def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
@@ -133,7 +133,7 @@ def calibrate(
     indexed: IndexedMap,
     progress: Progress,
     *,
-    sightings: Sightings | None = None,
+    sightings: DepthObservations | None = None,
     known: Mapping[int, Trial] = MappingProxyType({}),
     keep: Callable[[int, Trial], None] = lambda number, trial: None,
 ) -> Calibration:
@@ -171,7 +171,7 @@ def calibrate(
 
 
 def _try(
-    indexed: IndexedMap, photo: int, sightings: Sightings | None, *, off_map: bool, other_day: bool
+    indexed: IndexedMap, photo: int, sightings: DepthObservations | None, *, off_map: bool, other_day: bool
 ) -> _Trial | None:
     features = indexed.features(photo)
     if features is None:
@@ -192,7 +192,7 @@ def _try(
         features,
         fov_deg=float(indexed.fov_deg[photo]),
         hide=indexed.ids[hidden].tolist(),
-        depths=None if sightings is None else DepthsWithout(sightings, hidden),
+        depths=None if sightings is None else DepthsExcluding(sightings, hidden),
     )
     places = found.places
     error = np.array([_error(p, truth, paths=indexed.paths) for p in places])
@@ -201,13 +201,13 @@ def _try(
         return _Trial(case, np.nan, np.nan)
     first = int(probabilities(found.evidence, DEFAULT)[0].argmax())
     measures = case.right[first] and places[first].kind == "position"
-    return _Trial(case, places[first].spread_px, float(error[first]) if measures else np.nan)
+    return _Trial(case, places[first].sigma_px, float(error[first]) if measures else np.nan)
 
 
-def _error(place: Place, truth: NDArray[np.float64], *, paths: Paths) -> float:
+def _error(place: PlaceCandidate, truth: NDArray[np.float64], *, paths: PathPrior) -> float:
     at = place.position
     if place.kind == "position":
-        at, _ = drawn(at, place.spread_px**2, paths=paths)
+        at, _ = apply_path_prior(at, place.sigma_px**2, paths=paths)
     return math.dist(at, truth)
 
 
@@ -216,7 +216,7 @@ def _with_radius(fitted: Calibration, trials: Sequence[_Trial]) -> Calibration:
 
     Never down: a map's own photos are easier than those that come later.
     """
-    spread = np.array([t.spread_px for t in trials])
+    spread = np.array([t.sigma_px for t in trials])
     error = np.array([t.error_px for t in trials])
     right = np.isfinite(error)
     if right.sum() < _FEWEST_RADII:

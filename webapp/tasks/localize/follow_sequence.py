@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.sequence import Belief, follow
+from webapp.core.hypotheses.sequence import Belief, filter_step
 from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
 from webapp.files.atomic import write_text
 from webapp.files.part_file import discard
@@ -69,7 +69,7 @@ def run(file: Path, answer: Answer, *, localizer: PhotoLocalizer, top: int) -> A
     known = _read(file)
     same = known.get("map") == localizer.map_hash
     belief = belief_from_json(known["belief"]) if same else Belief()
-    belief, joined = follow(belief, answer, motion=motion(localizer), top=top)
+    belief, joined = filter_step(belief, answer, motion=motion(localizer), top=top)
     write_text(file, json.dumps({"map": localizer.map_hash, "belief": belief_to_json(belief)}))
     return joined
 

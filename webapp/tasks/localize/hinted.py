@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from webapp.core.hypotheses import joint
-from webapp.core.hypotheses.compass import with_heading
+from webapp.core.hypotheses.bayes import truncate
+from webapp.core.hypotheses.circle_prior import CirclePrior, apply_circle_prior, photo_weights
+from webapp.core.hypotheses.heading_prior import apply_compass
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.near import Near, weight_of, with_position
-from webapp.core.hypotheses.paths import on_paths
-from webapp.core.hypotheses.weighing import shortened
+from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.errors import UsageError
 from webapp.tasks.localize.photo import PhotoLocalizer
 
@@ -36,7 +36,7 @@ class Hints:
         Where the camera looked, degrees clockwise from north.
     """
 
-    near: Near | None = None
+    near: CirclePrior | None = None
     heading_deg: float | None = None
 
 
@@ -75,20 +75,20 @@ def join(
     """
     weighed, best = weigh(localizer, answers, hints=hints)
     paths = localizer.opened.indexed.paths
-    weight = None if hints.near is None else weight_of(hints.near, paths)
-    return shortened(on_paths(weighed, paths, weight=weight), top), best
+    weight = None if hints.near is None else photo_weights(hints.near, paths)
+    return truncate(apply_path_prior_to_answer(weighed, paths, weight=weight), top), best
 
 
 def weigh(localizer: PhotoLocalizer, answers: Sequence[Answer], *, hints: Hints) -> tuple[Answer, int]:
     """Do all of `join` but the prior over exact positions, which a sequence has its own of."""
     paths = localizer.opened.indexed.paths
-    answer = joint.join(answers, paths=paths, top=_ALL)
+    answer = joint.combine(answers, paths=paths, top=_ALL)
     if hints.near is not None:
-        answer = with_position(answer, hints.near, paths=paths)
+        answer = apply_circle_prior(answer, hints.near, paths=paths)
     if hints.heading_deg is not None:
-        answer = with_heading(answer, hints.heading_deg, looked_deg=headings(localizer))
-    best = joint.surest(answers, answer)
-    return joint.shown_by(answer, answers[best]), best
+        answer = apply_compass(answer, hints.heading_deg, looked_deg=headings(localizer))
+    best = joint.most_confident(answers, answer)
+    return joint.with_evidence_of(answer, answers[best]), best
 
 
 def headings(localizer: PhotoLocalizer) -> dict[int, float]:
@@ -99,7 +99,7 @@ def headings(localizer: PhotoLocalizer) -> dict[int, float]:
     return {id: deg for id, deg in computed if not math.isnan(deg)} | own
 
 
-def _within(localizer: PhotoLocalizer, near: Near | None) -> frozenset[int]:
+def _within(localizer: PhotoLocalizer, near: CirclePrior | None) -> frozenset[int]:
     """Tell which photos of the map are in the circle, or so near to it that it may mean their place.
 
     Raises

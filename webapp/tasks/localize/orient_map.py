@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import PAIR_MATCHERS
-from webapp.core.geometry.orientations import Orientations
-from webapp.core.reconstruction.depths import Sightings, sightings_of
-from webapp.core.reconstruction.orientation import orient
-from webapp.core.reconstruction.pairs import Pairs, joined, pairs_of, surest
+from webapp.core.geometry.extrinsics import MapExtrinsics
+from webapp.core.reconstruction.depths import DepthObservations, triangulate_depths
+from webapp.core.reconstruction.orientation import estimate_extrinsics
+from webapp.core.reconstruction.pairs import PhotoPairs, best_of_each_pair, concatenate, match_photo
 from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
 from webapp.progress import Progress
@@ -74,26 +74,30 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
             _own_paths(opened),
             key=f"{key} {again.weights}",
             progress=progress,
-            compare=lambda: surest(
-                joined([usual.run(everyone, progress, stage=False), again.run(little, progress)])
+            compare=lambda: best_of_each_pair(
+                concatenate([usual.run(everyone, progress, stage=False), again.run(little, progress)])
             ),
         )
     return attach(opened, stored)
 
 
-def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> Sightings | None:
+def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservations | None:
     """Tell what each stored pair of a map's photos says of depths; None where it has no orientations.
 
     Raises
     ------
     StorageError
     """
-    known = opened.indexed.orientations
+    known = opened.indexed.extrinsics
     if known is None:
         return None
-    pairs = surest(joined([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None]))
+    pairs = best_of_each_pair(
+        concatenate([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None])
+    )
     indexed = opened.indexed
-    return sightings_of(pairs, indexed.position, orientations=known, place_radius_px=indexed.place_radius_px)
+    return triangulate_depths(
+        pairs, indexed.position, extrinsics=known, place_radius_px=indexed.place_radius_px
+    )
 
 
 def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Comparison, _Comparison | None]:
@@ -106,7 +110,12 @@ def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Compariso
 
 
 def _up_to_date(
-    opened: OpenMap, files: tuple[Path, Path], *, key: str, progress: Progress, compare: Callable[[], Pairs]
+    opened: OpenMap,
+    files: tuple[Path, Path],
+    *,
+    key: str,
+    progress: Progress,
+    compare: Callable[[], PhotoPairs],
 ) -> StoredOrientations:
     """Take the orientations that are in one of the files, or work them out and write them."""
     known = next((k for k in _there(files) if k.key == key), None)
@@ -116,7 +125,7 @@ def _up_to_date(
     pairs = compare()
     progress.note("working out how the photos were held")
     position = opened.indexed.position
-    found = orient(pairs, position, place_radius_px=opened.indexed.place_radius_px)
+    found = estimate_extrinsics(pairs, position, place_radius_px=opened.indexed.place_radius_px)
     stored = StoredOrientations(found, opened.contents, position, key)
     orientations.write(files[-1], stored)
     return stored
@@ -170,19 +179,19 @@ def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     # Of several photos with the same content the index has the first, and so have the pairs.
     first = _numbers(opened.contents)
     now = np.array([i if known[i := first.get(c, -1)] else -1 for c in stored.contents], np.int64)
-    found = Orientations(
+    found = MapExtrinsics(
         rotation=there.rotation[row],
         height=there.height[row],
         trust=np.where(known, there.trust[row], 0.0),
-        depths=there.depths.taken(now),
+        depths=there.depths.renumbered(now),
     )
-    return replace(opened, indexed=replace(indexed, orientations=found))
+    return replace(opened, indexed=replace(indexed, extrinsics=found))
 
 
 class _Known(NamedTuple):
     """Pairs by the map's numbers, and the contents of the photos whose partners have been looked for."""
 
-    pairs: Pairs
+    pairs: PhotoPairs
     done: set[str]
 
 
@@ -222,15 +231,15 @@ class _Comparison:
         there = (orientations.read_pairs(path) for path in reversed(self._files))
         stored = next((k for k in there if k is not None and k.key == self._key), None)
         if stored is None:
-            return _Known(joined([]), set())
+            return _Known(concatenate([]), set())
         number = _numbers(self.opened.contents)
         now: NDArray[np.int64] = np.array([number.get(c, -1) for c in stored.contents], np.int64)
         first, second = now[stored.pairs.first], now[stored.pairs.second]
         which = np.flatnonzero((first >= 0) & (second >= 0))
-        pairs = stored.pairs.taken(which, first=first[which], second=second[which])
+        pairs = stored.pairs.subset(which, first=first[which], second=second[which])
         return _Known(pairs, set(stored.contents[: stored.done]))
 
-    def run(self, photos: Iterable[int], progress: Progress, *, stage: bool = True) -> Pairs:
+    def run(self, photos: Iterable[int], progress: Progress, *, stage: bool = True) -> PhotoPairs:
         """Compare those of some photos that are not yet; gives all pairs that are known.
 
         Without `stage` the progress is not told how many there are.
@@ -254,13 +263,13 @@ class _Comparison:
             progress.advance(len(chunk))
             last = first + at_once >= len(todo)
             if last or time.monotonic() > saved + _SAVED_EVERY_S:
-                parts = [joined(parts)]
+                parts = [concatenate(parts)]
                 _store(self._files[-1], parts[0], contents=contents, done=done, key=self._key)
                 saved = time.monotonic()
-        return joined(parts)
+        return concatenate(parts)
 
-    def _compare(self, photo: int) -> Pairs:
-        return pairs_of(self.opened.indexed, photo, matcher=self.matcher)
+    def _compare(self, photo: int) -> PhotoPairs:
+        return match_photo(self.opened.indexed, photo, matcher=self.matcher)
 
 
 def _numbers(contents: list[str]) -> dict[str, int]:
@@ -268,12 +277,12 @@ def _numbers(contents: list[str]) -> dict[str, int]:
     return {content: i for i, content in reversed([*enumerate(contents)]) if content}
 
 
-def _store(path: Path, pairs: Pairs, *, contents: list[str], done: set[str], key: str) -> None:
+def _store(path: Path, pairs: PhotoPairs, *, contents: list[str], done: set[str], key: str) -> None:
     """Write pairs by content: the photos that are done come first."""
     ordered = sorted({c for c in contents if c}, key=lambda c: c not in done)
     place = {c: i for i, c in enumerate(ordered)}
     number = np.array([place.get(c, -1) for c in contents], np.int64)
     every = np.arange(len(pairs))
-    stored = pairs.taken(every, first=number[pairs.first], second=number[pairs.second])
+    stored = pairs.subset(every, first=number[pairs.first], second=number[pairs.second])
     count = sum(c in done for c in ordered)
     orientations.write_pairs(path, StoredPairs(stored, ordered, count, key))

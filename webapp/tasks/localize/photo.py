@@ -12,11 +12,11 @@ import numpy as np
 from webapp.core.features.extract import extract
 from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.core.hypotheses.model import Answer, FieldOfView
-from webapp.core.hypotheses.paths import on_paths
+from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.localize import vote
-from webapp.core.localize.verified import answered, find_places
+from webapp.core.localize.verified import find_places, with_probabilities
 from webapp.core.mapmodel.model import Map
-from webapp.core.reconstruction.depths import DepthsWithout, Sightings
+from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
 from webapp.files.photos.photo import read_facts, read_gray
@@ -46,7 +46,7 @@ class PhotoLocalizer:
     settings: Settings
     calibration: StoredCalibration | None = None
     fov_deg: float | None = None
-    sightings: Sightings | None = None
+    sightings: DepthObservations | None = None
 
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize one photo.
@@ -64,7 +64,9 @@ class PhotoLocalizer:
         PhotoError
             The photo cannot be used.
         """
-        return on_paths(self.look(photo_path, top=top, hide=hide), self.opened.indexed.paths)
+        return apply_path_prior_to_answer(
+            self.look(photo_path, top=top, hide=hide), self.opened.indexed.paths
+        )
 
     def look(
         self,
@@ -116,17 +118,17 @@ class PhotoLocalizer:
                 depths=self._depths_without(hide) if hide else None,
             )
             calibration = self.calibration.calibration if self.calibration else DEFAULT
-            answer = answered(indexed, found, calibration=calibration, top=top)
+            answer = with_probabilities(indexed, found, calibration=calibration, top=top)
         clock.append(time.perf_counter())
         times = {"read": clock[1] - clock[0], "extract": clock[2] - clock[1], "total": clock[3] - clock[0]}
         if not answer.seconds:
             times["retrieve"] = clock[3] - clock[2]
         return replace(answer, seconds={**answer.seconds, **times}, fov=fov)
 
-    def _depths_without(self, hide: frozenset[int]) -> DepthsWithout | None:
+    def _depths_without(self, hide: frozenset[int]) -> DepthsExcluding | None:
         if self.sightings is None:
             return None
-        return DepthsWithout(self.sightings, np.isin(self.opened.indexed.ids, [*hide]))
+        return DepthsExcluding(self.sightings, np.isin(self.opened.indexed.ids, [*hide]))
 
     def _fov(self, photo_path: Path, size: tuple[int, int]) -> FieldOfView:
         if self.fov_deg is not None:

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.sequence import Belief, Motion, follow, motion_on
+from webapp.core.hypotheses.sequence import Belief, MotionModel, filter_step, motion_model_on
 from webapp.errors import PhotoError, UsageError
 from webapp.files.photos.photo import read_facts
 from webapp.settings import PhotoLimits
@@ -23,9 +23,9 @@ _LEAST_STEP = 0.5
 """EXIF often counts whole seconds: photos of one second were not taken at once."""
 
 
-def motion(localizer: PhotoLocalizer, *, speed_px: float | None = None) -> Motion:
+def motion(localizer: PhotoLocalizer, *, speed_px: float | None = None) -> MotionModel:
     """Describe the motion over the map of a localizer."""
-    return motion_on(localizer.opened.indexed.paths, speed_px=speed_px)
+    return motion_model_on(localizer.opened.indexed.paths, speed_px=speed_px)
 
 
 @dataclass(slots=True)
@@ -60,7 +60,7 @@ class SequenceLocalizer(PhotoLocalizer):
             The photo cannot be used; the sequence goes on without it.
         """
         alone = self.look(photo_path, top=FRAME_TOP, hide=hide)
-        self._memory.belief, answer = follow(
+        self._memory.belief, answer = filter_step(
             self._memory.belief,
             alone,
             motion=motion(self, speed_px=self.speed_px),

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.sequence import smooth
-from webapp.core.hypotheses.weighing import shortened
 from webapp.errors import PhotoError
 from webapp.progress import Progress
 from webapp.tasks.localize.photo import PhotoLocalizer, parts
@@ -39,7 +39,7 @@ class SmoothedLocalizer(PhotoLocalizer):
         found = self.found[photo_path]
         if isinstance(found, PhotoError):
             raise found
-        return shortened(found, top)
+        return truncate(found, top)
 
 
 def run(

@@ -9,9 +9,9 @@ from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any
 
+from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
-from webapp.core.hypotheses.near import Near
 from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import move_in, told_as
 from webapp.files.photos.photo import read_facts
@@ -70,7 +70,7 @@ class Question:
     way: Way = field(default_factory=Way)
     top: int = 5
     fov_deg: float | None = None
-    near: Near | None = None
+    near: CirclePrior | None = None
     heading_deg: float | None = None
     sequence: Path | None = None
     key: str | None = None

@@ -20,7 +20,7 @@ from werkzeug.datastructures import FileStorage
 from webapp.core.features.table import BUNDLES, METHODS, Method, choose
 from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.near import Near
+from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.errors import IndexDamaged, NotReady, UsageError
 from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
@@ -240,7 +240,7 @@ def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Ques
     x, y, radius = (given.get(f"hint_{part}_px") for part in ("x", "y", "radius"))
     near = None
     if x is not None and y is not None and radius is not None:
-        near = Near(x, y, radius)
+        near = CirclePrior(x, y, radius)
     elif (x, y, radius) != (None, None, None):
         raise UsageError(
             "the hint is not complete", where="hint_x_px", hint="give hint_x_px, hint_y_px and hint_radius_px"

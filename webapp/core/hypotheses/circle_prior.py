@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.hypotheses.bayes import reweight
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.paths import Paths
-from webapp.core.hypotheses.weighing import weighed
+from webapp.core.hypotheses.path_prior import PathPrior
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _ASTRAY = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Near:
+class CirclePrior:
     """About where the photo was taken: map pixels."""
 
     x: float
@@ -35,7 +35,7 @@ class Near:
         return density
 
 
-def with_position(answer: Answer, near: Near, *, paths: Paths) -> Answer:
+def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -> Answer:
     """Weigh the hypotheses of an answer with where the photo is said to have been taken, by Bayes' rule.
 
     The circle changes the prior over places from all of the map to about the circle, except for the tenth of
@@ -58,9 +58,9 @@ def with_position(answer: Answer, near: Near, *, paths: Paths) -> Answer:
     inside = near.density(np.array([h.position for h in answer.hypotheses]))
     # A circle holds at least one place, also where no photo of the map stands just there.
     usual = max(float(near.density(paths.photos).mean()), 1.0 / paths.places)
-    return weighed(answer, [_ASTRAY + (1.0 - _ASTRAY) * i / usual for i in inside.tolist()])
+    return reweight(answer, [_ASTRAY + (1.0 - _ASTRAY) * i / usual for i in inside.tolist()])
 
 
-def weight_of(near: Near, paths: Paths) -> Array:
+def photo_weights(near: CirclePrior, paths: PathPrior) -> Array:
     """Tell how probable the surroundings of each photo of `paths` are; (n,)."""
     return _ASTRAY / paths.places + (1.0 - _ASTRAY) * near.density(paths.photos)

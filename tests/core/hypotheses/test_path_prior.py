@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.paths import drawn, paths_of
+from webapp.core.hypotheses.path_prior import apply_path_prior, fit_path_prior
 
 ALONG = np.arange(0.0, 2000.0, 10.0)
-ROW = paths_of(np.column_stack([ALONG, ALONG]), place_radius_px=28.0)
-FIELD = paths_of(
+ROW = fit_path_prior(np.column_stack([ALONG, ALONG]), place_radius_px=28.0)
+FIELD = fit_path_prior(
     np.array([(x, y) for x in range(0, 1000, 10) for y in range(0, 1000, 10)], float), place_radius_px=20.0
 )
 
 
 def moved(position, variance, paths):
-    at, left = drawn(MapPixel(*position), variance, paths=paths)
+    at, left = apply_path_prior(MapPixel(*position), variance, paths=paths)
     return np.array(at) - position, left
 
 
@@ -28,7 +28,7 @@ def test_what_is_beside_a_row_is_drawn_across_to_it():
 
 def test_a_circle_also_tells_where_along_a_row():
     near = np.exp(-0.5 * ((ROW.photos - 1010.0) ** 2).sum(1) / 10.0**2)
-    at, left = drawn(MapPixel(1000.0, 1000.0), 100.0, paths=ROW, weight=near)
+    at, left = apply_path_prior(MapPixel(1000.0, 1000.0), 100.0, paths=ROW, weight=near)
     assert at.x == pytest.approx(at.y) and 1002.0 < at.x < 1009.0
     assert left[1] < 80.0
 
@@ -57,7 +57,7 @@ def test_photos_on_all_sides_move_little():
 
 @pytest.mark.parametrize("alone", [[[500.0, 500.0]], [[500.0, 500.0], [501.0, 500.0]]])
 def test_a_spot_is_no_path(alone):
-    step, left = moved((510.0, 505.0), 100.0, paths_of(np.array(alone), place_radius_px=20.0))
+    step, left = moved((510.0, 505.0), 100.0, fit_path_prior(np.array(alone), place_radius_px=20.0))
     assert np.abs(step).max() == 0.0
     assert left == pytest.approx(100.0)
 

@@ -1,6 +1,6 @@
 """Courses that a camera may be on: Gaussians over position and velocity, with weights.
 
-Both axes have the same covariance and are independent, so that a track has three numbers of it.
+Both axes have the same covariance and are independent, so that a component has three numbers of it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _ALIKE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class Component:
     """One course that the camera may be on.
 
     Attributes
@@ -57,21 +57,21 @@ class Track:
         return MapPixel(self.x[0], self.y[0])
 
 
-def born(hypothesis: Hypothesis, *, weight: float, variance: float, speed_px: float) -> Track:
-    """Begin a track at a hypothesis; its velocity is not known."""
+def spawn(hypothesis: Hypothesis, *, weight: float, variance: float, speed_px: float) -> Component:
+    """Begin a component at a hypothesis; its velocity is not known."""
     x, y = hypothesis.position
     covariance = (variance, 0.0, speed_px**2 / 2.0)
-    return Track(weight, (float(x), 0.0), (float(y), 0.0), covariance, hypothesis, seen=True)
+    return Component(weight, (float(x), 0.0), (float(y), 0.0), covariance, hypothesis, seen=True)
 
 
-def moved(track: Track, *, speed_px: float, steps: float) -> Track:
+def predict(component: Component, *, speed_px: float, steps: float) -> Component:
     """Move on by some frames.
 
     The velocity is an Ornstein-Uhlenbeck process: near-constant, and bounded however long the gap.
 
     Parameters
     ----------
-    track : Track
+    component : Track
     speed_px : float
         Root mean square of the speed, map pixels a frame.
     steps : float
@@ -81,65 +81,65 @@ def moved(track: Track, *, speed_px: float, steps: float) -> Track:
     reach = (1.0 - fade) / rate
     variance = speed_px**2 / 2.0
     wander = variance / rate**2 * (2.0 * rate * steps - 3.0 + 4.0 * fade - fade**2)
-    pp, pv, vv = track.covariance
+    pp, pv, vv = component.covariance
     covariance = (
         pp + 2.0 * reach * pv + reach**2 * vv + wander,
         fade * (pv + reach * vv) + variance / rate * (1.0 - fade) ** 2,
         fade**2 * vv + variance * (1.0 - fade**2),
     )
-    x, y = ((p + reach * v, fade * v) for p, v in (track.x, track.y))
-    return replace(track, x=x, y=y, covariance=covariance, seen=False)
+    x, y = ((p + reach * v, fade * v) for p, v in (component.x, component.y))
+    return replace(component, x=x, y=y, covariance=covariance, seen=False)
 
 
-def backward(track: Track) -> Track:
+def reverse_time(component: Component) -> Component:
     """Turn time around."""
-    (x, right), (y, down), (pp, pv, vv) = track.x, track.y, track.covariance
-    return replace(track, x=(x, -right), y=(y, -down), covariance=(pp, -pv, vv))
+    (x, right), (y, down), (pp, pv, vv) = component.x, component.y, component.covariance
+    return replace(component, x=(x, -right), y=(y, -down), covariance=(pp, -pv, vv))
 
 
-def corrected(track: Track, hypothesis: Hypothesis, *, mass: float, variance: float) -> Track:
+def kalman_update(component: Component, hypothesis: Hypothesis, *, mass: float, variance: float) -> Component:
     """Take in a hypothesis by Kalman's update.
 
     Parameters
     ----------
-    track : Track
+    component : Track
     hypothesis : Hypothesis
     mass : float
         Integral of its likelihood, map pixels squared; the weight is multiplied by how far it was foreseen.
     variance : float
         Of its position along an axis, map pixels squared.
     """
-    pp, pv, vv = track.covariance
+    pp, pv, vv = component.covariance
     total = pp + variance
-    off = [at - state[0] for at, state in zip(hypothesis.position, (track.x, track.y), strict=True)]
+    off = [at - state[0] for at, state in zip(hypothesis.position, (component.x, component.y), strict=True)]
     foreseen = math.exp(-0.5 * (off[0] ** 2 + off[1] ** 2) / total) / (2.0 * math.pi * total)
     gain, turn = pp / total, pv / total
-    x, y = ((s[0] + gain * o, s[1] + turn * o) for s, o in zip((track.x, track.y), off, strict=True))
+    x, y = ((s[0] + gain * o, s[1] + turn * o) for s, o in zip((component.x, component.y), off, strict=True))
     covariance = (pp * (1.0 - gain), pv * (1.0 - gain), vv - turn * pv)
-    return Track(track.weight * mass * foreseen, x, y, covariance, hypothesis, seen=True)
+    return Component(component.weight * mass * foreseen, x, y, covariance, hypothesis, seen=True)
 
 
-def alike(a: Track, b: Track) -> bool:
-    """Tell whether two tracks are one; the first is the heavier one."""
+def should_merge(a: Component, b: Component) -> bool:
+    """Tell whether two components are one; the first is the heavier one."""
     return _distance(a, b) <= _ALIKE
 
 
-def merge(tracks: Sequence[Track]) -> Track:
+def merge(components: Sequence[Component]) -> Component:
     """Make one of several, the heaviest first.
 
     Mean and covariance are those of the sum; what speaks for the heaviest that was seen speaks for all.
     """
-    if len(tracks) == 1:
-        return tracks[0]
-    weight = sum(t.weight for t in tracks)
-    share = np.array([t.weight / weight for t in tracks])
-    state = np.array([(t.x, t.y) for t in tracks])  # (n, axis, position or velocity)
+    if len(components) == 1:
+        return components[0]
+    weight = sum(t.weight for t in components)
+    share = np.array([t.weight / weight for t in components])
+    state = np.array([(t.x, t.y) for t in components])  # (n, axis, position or velocity)
     mean = np.einsum("n,nas->as", share, state)
     off = state - mean
     spread = np.einsum("n,nas,nau->su", share, off, off) / 2.0
-    covariance = share @ np.array([t.covariance for t in tracks])
-    lead = next((t for t in tracks if t.seen), tracks[0])
-    return Track(
+    covariance = share @ np.array([t.covariance for t in components])
+    lead = next((t for t in components if t.seen), components[0])
+    return Component(
         weight,
         (float(mean[0, 0]), float(mean[0, 1])),
         (float(mean[1, 0]), float(mean[1, 1])),
@@ -153,8 +153,8 @@ def merge(tracks: Sequence[Track]) -> Track:
     )
 
 
-def _distance(a: Track, b: Track) -> float:
-    """Tell how far apart two tracks are, in spreads of the first, the heavier one."""
+def _distance(a: Component, b: Component) -> float:
+    """Tell how far apart two components are, in spreads of the first, the heavier one."""
     pp, pv, vv = a.covariance
     squared = 0.0
     for p, q in ((a.x, b.x), (a.y, b.y)):

@@ -17,11 +17,11 @@ _NOTHING = 1e-12
 """A hypothesis is less probable than this only in name."""
 
 
-NEXT_DOOR = 0.5
+NEARBY_SHARE = 0.5
 """Of wrong answers on the map so many name a place near the right one, or one that looks like it."""
 
 
-def weighed(answer: Answer, likelihood: Sequence[float]) -> Answer:
+def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
     """Weigh the hypotheses of an answer.
 
     Parameters
@@ -37,24 +37,24 @@ def weighed(answer: Answer, likelihood: Sequence[float]) -> Answer:
         their odds against each other. What is known often fits hypotheses that are wrong, too, because they
         are near the truth: so it can make a lone one at most twice as likely against that none is right.
     """
-    told = sum(h.probability for h in answer.hypotheses)
-    if not told:
+    split_missed = sum(h.probability for h in answer.hypotheses)
+    if not split_missed:
         return answer
-    usual = sum(h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)) / told
-    likelihood = [w / (1.0 - NEXT_DOOR + NEXT_DOOR * usual) for w in likelihood]
+    usual = sum(h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)) / split_missed
+    likelihood = [w / (1.0 - NEARBY_SHARE + NEARBY_SHARE * usual) for w in likelihood]
     grown = [h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)]
     total = sum(grown) + answer.other_probability + (answer.off_map_probability or 0.0)
     changed = [replace(h, probability=p / total) for h, p in zip(answer.hypotheses, grown, strict=True)]
     off = answer.off_map_probability
-    weighed = replace(
+    reweight = replace(
         answer,
         other_probability=answer.other_probability / total,
         off_map_probability=None if off is None else off / total,
     )
-    return ranked(weighed, changed)
+    return rerank(reweight, changed)
 
 
-def ranked(answer: Answer, hypotheses: Sequence[Hypothesis]) -> Answer:
+def rerank(answer: Answer, hypotheses: Sequence[Hypothesis]) -> Answer:
     """Give an answer these hypotheses, the most probable first, and its evidence in their order."""
     order = sorted(hypotheses, key=lambda h: -h.probability)
     first = set(order[0].experiences) if order else set()
@@ -65,7 +65,7 @@ def ranked(answer: Answer, hypotheses: Sequence[Hypothesis]) -> Answer:
     )
 
 
-def shortened(answer: Answer, top: int) -> Answer:
+def truncate(answer: Answer, top: int) -> Answer:
     """Cut all hypotheses but the first `top`, with their evidence; what they had is other places'."""
     kept, cut = answer.hypotheses[:top], answer.hypotheses[top:]
     if not cut:
@@ -79,7 +79,7 @@ def shortened(answer: Answer, top: int) -> Answer:
     )
 
 
-def told(answer: Answer) -> tuple[list[Hypothesis], float]:
+def split_missed(answer: Answer) -> tuple[list[Hypothesis], float]:
     """Tell hypotheses and the probability that none is right, which add up to 1."""
     given = [h for h in answer.hypotheses if h.probability > _NOTHING]
     listed, off = sum(h.probability for h in given), answer.off_map_probability

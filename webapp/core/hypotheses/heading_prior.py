@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from webapp.core.hypotheses.bayes import reweight
 from webapp.core.hypotheses.model import Answer, Hypothesis
-from webapp.core.hypotheses.weighing import weighed
 
 _SPREAD_DEG = 25.0
 """Of a hand-held compass beside steel and electronics, and of headings that were computed."""
@@ -19,7 +19,7 @@ _ASTRAY = 0.1
 """Share of compass readings that say nothing: disturbed, or of the phone and not of its camera."""
 
 
-def with_heading(
+def apply_compass(
     answer: Answer, heading_deg: float, *, looked_deg: Mapping[int, float] = MappingProxyType({})
 ) -> Answer:
     """Weigh the hypotheses of an answer with a compass heading, by Bayes' rule.
@@ -41,7 +41,7 @@ def with_heading(
     Answer
         Its probabilities add up to 1 again; ranked anew.
     """
-    return weighed(answer, [_likelihood(h, heading_deg, looked_deg) for h in answer.hypotheses])
+    return reweight(answer, [_likelihood(h, heading_deg, looked_deg) for h in answer.hypotheses])
 
 
 def _likelihood(hypothesis: Hypothesis, compass_deg: float, looked_deg: Mapping[int, float]) -> float:

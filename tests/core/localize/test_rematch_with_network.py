@@ -9,7 +9,7 @@ from webapp.core.localize.verified import find_places
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.indexed import IndexedMap
-from webapp.core.retrieval.shortlist import Shortlisted, matched_anew
+from webapp.core.retrieval.shortlist import ShortlistedPhoto, rematch_with_network
 
 PHOTOS, KEYPOINTS, WIDTH = 3, 30, 32
 
@@ -51,10 +51,10 @@ def test_matches_are_the_networks_and_votes_the_searchs():
     indexed, query = map_and_query()
     found_by_search = np.arange(4)
     listed = [
-        Shortlisted(photo, votes, found_by_search, found_by_search, query.xy[:4], query.xy[:4])
+        ShortlistedPhoto(photo, votes, found_by_search, found_by_search, query.xy[:4], query.xy[:4])
         for photo, votes in ((2, 7.0), (0, 3.0))
     ]
-    anew = matched_anew(indexed, query, listed=listed, matcher=Reversed())
+    anew = rematch_with_network(indexed, query, listed=listed, matcher=Reversed())
     assert [(one.photo, one.votes) for one in anew] == [(2, 7.0), (0, 3.0)]
     for one in anew:
         assert np.array_equal(one.query_row, np.arange(KEYPOINTS))

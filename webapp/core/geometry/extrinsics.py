@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-USABLE_TRUST = 0.5
+MIN_TRUST = 0.5
 """Sum of the trust in agreeing pairs from which on an orientation is used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Depths:
+class KeypointDepths:
     """How far away is what d keypoints show, along their photos' viewing directions.
 
     Attributes
@@ -21,18 +21,18 @@ class Depths:
         Rising.
     row : (d,) int32
         Which keypoint of the photo, rising within it.
-    inverse : (d,) float32
+    inverse_depth : (d,) float32
         One over the depth, per map pixel.
-    spread : (d,) float32
-        Standard deviation of `inverse`.
+    sigma : (d,) float32
+        Standard deviation of `inverse_depth`.
     """
 
     photo: NDArray[np.int32]
     row: NDArray[np.int32]
-    inverse: NDArray[np.float32]
-    spread: NDArray[np.float32]
+    inverse_depth: NDArray[np.float32]
+    sigma: NDArray[np.float32]
 
-    def of(self, photo: int, row: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def lookup(self, photo: int, row: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Look up inverse depths of a photo's keypoints (m,) and their spreads (m,); NaN where not known."""
         first, stop = np.searchsorted(self.photo, [photo, photo + 1])
         inverse, spread = np.full((2, len(row)), np.nan)
@@ -40,10 +40,10 @@ class Depths:
             return inverse, spread
         at = first + np.minimum(np.searchsorted(self.row[first:stop], row), stop - first - 1)
         known = self.row[at] == row
-        inverse[known], spread[known] = self.inverse[at[known]], self.spread[at[known]]
+        inverse[known], spread[known] = self.inverse_depth[at[known]], self.sigma[at[known]]
         return inverse, spread
 
-    def taken(self, number: NDArray[np.int64]) -> Depths:
+    def renumbered(self, number: NDArray[np.int64]) -> KeypointDepths:
         """Give photos (p,) other numbers, and leave out those whose number is -1."""
         left = np.flatnonzero(number[self.photo] >= 0)
         photo = number[self.photo[left]]
@@ -52,17 +52,19 @@ class Depths:
         if (np.diff(photo) < 0).any():
             order = np.argsort(photo, kind="stable")
             left, photo = left[order], photo[order]
-        return Depths(photo.astype(np.int32), self.row[left], self.inverse[left], self.spread[left])
+        return KeypointDepths(
+            photo.astype(np.int32), self.row[left], self.inverse_depth[left], self.sigma[left]
+        )
 
 
-def no_depths() -> Depths:
+def empty_depths() -> KeypointDepths:
     """Give the depths of no keypoint."""
     rows, values = np.zeros(0, np.int32), np.zeros(0, np.float32)
-    return Depths(rows, rows, values, values)
+    return KeypointDepths(rows, rows, values, values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Orientations:
+class MapExtrinsics:
     """How p photos were held, and how far away is what they see.
 
     Attributes
@@ -80,8 +82,8 @@ class Orientations:
     rotation: NDArray[np.float64]
     height: NDArray[np.float64]
     trust: NDArray[np.float64]
-    depths: Depths
+    depths: KeypointDepths
 
-    def cameras(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    def centres(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Tell where the photos were taken in the world (p, 3), by their positions on the map (p, 2)."""
         return np.column_stack([position[:, 0], self.height, -position[:, 1]])

@@ -42,7 +42,7 @@ _DOUBT = 2.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Paths:
+class PathPrior:
     """Where the photos of a map were taken.
 
     Attributes
@@ -64,16 +64,16 @@ class Paths:
         return max(self.area_px2 / (math.pi * self.place_radius_px**2), 2.0)
 
 
-def paths_of(position: Array, *, place_radius_px: float) -> Paths:
+def fit_path_prior(position: Array, *, place_radius_px: float) -> PathPrior:
     """Describe where the photos at (p, 2) map pixels were taken."""
     # Squares of a place radius that hold photos: a map is a path more often than it is a rectangle.
     squares = np.unique(np.floor(position / place_radius_px), axis=0)
     area = max(len(squares), 1) * place_radius_px**2
-    return Paths(np.unique(position, axis=0), place_radius_px, area)
+    return PathPrior(np.unique(position, axis=0), place_radius_px, area)
 
 
-def drawn(
-    position: MapPixel, variance: float, *, paths: Paths, weight: Array | None = None
+def apply_path_prior(
+    position: MapPixel, variance: float, *, paths: PathPrior, weight: Array | None = None
 ) -> tuple[MapPixel, Array]:
     """Join a position with where cameras are.
 
@@ -119,7 +119,7 @@ def drawn(
     return MapPixel(*map(float, at + axes @ (left * precision * row))), np.sort(left)
 
 
-def on_paths(answer: Answer, paths: Paths, *, weight: Array | None = None) -> Answer:
+def apply_path_prior_to_answer(answer: Answer, paths: PathPrior, *, weight: Array | None = None) -> Answer:
     """Join each position that was computed with where cameras are, and state its radius anew.
 
     Parameters
@@ -133,8 +133,10 @@ def on_paths(answer: Answer, paths: Paths, *, weight: Array | None = None) -> An
     return replace(answer, hypotheses=hypotheses)
 
 
-def _on_paths(hypothesis: Hypothesis, paths: Paths, weight: Array | None) -> Hypothesis:
+def _on_paths(hypothesis: Hypothesis, paths: PathPrior, weight: Array | None) -> Hypothesis:
     if hypothesis.kind == "photo" or hypothesis.radius_px is None:
         return hypothesis
-    position, variance = drawn(hypothesis.position, hypothesis.radius_px**2, paths=paths, weight=weight)
+    position, variance = apply_path_prior(
+        hypothesis.position, hypothesis.radius_px**2, paths=paths, weight=weight
+    )
     return replace(hypothesis, position=position, radius_px=math.sqrt(variance[1]))
