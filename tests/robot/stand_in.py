@@ -1,4 +1,4 @@
-"""A server for the robot's client that keeps to the protocol, and does as badly as it is told to.
+"""A server for the robot's client that keeps to the protocol, and misbehaves on request.
 
 As a program, `python stand_in.py PORT FILE`, it keeps what it has stored in a file: it survives being killed.
 """
@@ -48,9 +48,9 @@ class StandIn:
 
     def reply(self, path: str, body: dict) -> Reply:
         self.requests.append((path, body))
-        told = self.script(path, body)
-        if told is not None:
-            return told
+        reply = self.script(path, body)
+        if reply is not None:
+            return reply
         with self._guard:
             return self._batch(body)
 
@@ -89,11 +89,11 @@ def _handler(server: StandIn) -> type[BaseHTTPRequestHandler]:
             is_json = self.headers["Content-Type"] == "application/json"
             body = json.loads(data) if is_json else {"form": data, "type": self.headers["Content-Type"]}
             body["token"] = self.headers["Authorization"]
-            status, told, headers = server.reply(self.path, body)
+            status, reply, headers = server.reply(self.path, body)
             if status == 0:
                 self.close_connection = True
                 return
-            text = json.dumps(told).encode()
+            text = json.dumps(reply).encode()
             self.send_response(status)
             for name, value in {**headers, "Content-Length": str(len(text))}.items():
                 self.send_header(name, value)

@@ -13,8 +13,8 @@ from tests.robot.damage import damage_record
 from tests.robot.stand_in import refused
 from webapp.errors import Conflict, DiskFull, InputError, NotSignedIn, UsageError
 from webapp.robot import RobotClient
-from webapp.robot.backoff import Backoff
 from webapp.robot.content import read_content
+from webapp.robot.uploader import Backoff
 
 
 @pytest.fixture
@@ -198,9 +198,9 @@ def test_a_bad_record_is_set_aside_with_a_report_and_holds_up_nothing(start, ser
     send(client, 5, begin=17)
     assert client.upload(wait_s=60)
     assert times(server) == [*range(10), *range(11, 16), *range(17, 22)]
-    told = read_content(tmp_path / "spool").aside
-    assert [(e["first"], e["count"], e["record"]["id"]) for e in told] == [(10, 1, "x"), (16, 1, "y")]
-    assert told[0]["reason"] == "records.0.class status 422"
+    aside = read_content(tmp_path / "spool").aside
+    assert [(e["first"], e["count"], e["record"]["id"]) for e in aside] == [(10, 1, "x"), (16, 1, "y")]
+    assert aside[0]["reason"] == "records.0.class status 422"
     client.close()
     client = start()
     send(client, 3, begin=22)
@@ -305,11 +305,11 @@ def test_photos_follow_the_records(start, server, tmp_path):
     client = start(every_s=None)
     path = tmp_path / 'left "door".jpg'
     path.write_bytes(photo)
-    told = client.photo(path, time_s=5.5, object_id="car 1")
-    client.object("car 1", "car", lat=50, lon=14, photo=told)
+    sha256 = client.photo(path, time_s=5.5, object_id="car 1")
+    client.object("car 1", "car", lat=50, lon=14, photo=sha256)
     assert client.status().photos == 1 and not client.upload()
     assert client.upload(wait_s=60) and client.status().photos == 0
-    assert told == hashlib.sha256(photo).hexdigest() == server.stored()[0]["photo"]
+    assert sha256 == hashlib.sha256(photo).hexdigest() == server.stored()[0]["photo"]
     form = seen[0]["form"]
     assert photo in form and b'filename="left _door_.jpg"' in form
     assert b'name="time"\r\n\r\n5.5\r\n' in form and b'name="object"\r\n\r\ncar 1\r\n' in form
@@ -331,9 +331,9 @@ def test_photos_wait_on_the_disk_and_refused_ones_go_aside(start, server, tmp_pa
     server.script = script
     client = start()
     assert client.upload(wait_s=60)
-    (told,) = read_content(tmp_path / "spool").aside
-    assert told["reason"] == "file status 422"
-    assert (tmp_path / "spool" / told["photo"]).read_bytes() == b"bad"
+    (entry,) = read_content(tmp_path / "spool").aside
+    assert entry["reason"] == "file status 422"
+    assert (tmp_path / "spool" / entry["photo"]).read_bytes() == b"bad"
 
 
 def test_photos_that_were_not_stored_whole_are_deleted_and_damaged_ones_set_aside(start, tmp_path):

@@ -71,7 +71,7 @@ def test_it_sends_from_an_environment_with_nothing_else(wheel, site, mission, tm
 def test_it_holds_the_client_and_shares_no_file_with_the_program(wheel):
     names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     modules = {f"expmap_robot/{path.name}" for path in (ROOT / "webapp" / "robot").glob("*.py")}
-    assert names == modules | {"expmap_robot/LICENSE"}
+    assert names == modules | {"expmap_robot/LICENSE", "expmap_robot/py.typed"}
     archive = zipfile.ZipFile(wheel)
     assert archive.read("expmap_robot/errors.py") == (ROOT / "webapp" / "errors.py").read_bytes()
     metadata = next(name for name in archive.namelist() if name.endswith("METADATA"))

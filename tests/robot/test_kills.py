@@ -70,20 +70,20 @@ def test_the_network_is_cut_ten_times(tmp_path, server, quick):
     with Wire(server.http.server_address) as wire:
         options = quick(batch_records=10, timeout_s=0.3)
         robot = RobotClient(wire.url, "token", mission=7, spool=tmp_path / "spool", options=options)
-        told = threading.Thread(target=lambda: [tell(robot, number) for number in range(300)])
-        told.start()
+        walk = threading.Thread(target=lambda: [send_pose(robot, number) for number in range(300)])
+        walk.start()
         rng = random.Random(2)
         for _ in range(10):
             time.sleep(rng.uniform(0.02, 0.08))
             wire.cut()
             time.sleep(rng.uniform(0.02, 0.08))
             wire.mend()
-        told.join()
+        walk.join()
         assert robot.close(wait_s=60)
     assert wire.cuts == 10 and wire.passed > 10
     assert [record["time"] for record in server.stored()] == list(range(300))
 
 
-def tell(robot, number):
+def send_pose(robot, number):
     robot.pose(50, 14, time_s=number)
     time.sleep(0.002)

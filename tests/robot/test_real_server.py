@@ -24,8 +24,8 @@ def expmap(capsys, monkeypatch, site):
         monkeypatch.setattr("sys.stdin", io.StringIO(stdin))
         with pytest.raises(SystemExit) as ended:
             program.main(["robot", *map(str, words)])
-        told = capsys.readouterr()
-        return ended.value.code, told.out, told.err
+        printed = capsys.readouterr()
+        return ended.value.code, printed.out, printed.err
 
     return call
 
@@ -61,8 +61,8 @@ def test_a_record_that_the_server_rejects_is_set_aside(site, mission, tmp_path, 
                 robot.object("", "", lat=1, lon=2, time_s=3)
         assert robot.upload(wait_s=60)
     assert site.poses().times_s.tolist() == list(range(20))
-    (told,) = read_content(tmp_path / "s").aside
-    assert told["first"] == 8 and told["reason"].startswith("records.0.type ")
+    (entry,) = read_content(tmp_path / "s").aside
+    assert entry["first"] == 8 and entry["reason"].startswith("records.0.type ")
 
 
 def test_damage_that_the_server_has_already_is_found_out_by_asking(site, mission, tmp_path, quick):
@@ -135,7 +135,7 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("send", "SPOOL"), "either --mission N or --new NAME"),
         (("send", "SPOOL", "--mission", "99"), None),
@@ -146,14 +146,14 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
         (("recover", "SPOOL"), "no spool"),
     ],
 )
-def test_usage_errors(site, expmap, tmp_path, words, told):
+def test_usage_errors(site, expmap, tmp_path, words, message):
     words = [tmp_path / "s" if word == "SPOOL" else word for word in words]
     words += ["--url", site.url] if words[0] == "send" else []
     code, _, err = expmap(*words)
-    if told is None:
+    if message is None:
         assert code == 0  # nothing was sent
     else:
-        assert code in (1, 2) and told in err
+        assert code in (1, 2) and message in err
 
 
 def test_a_missing_mission_is_reported_at_once(site, expmap, tmp_path):
@@ -167,6 +167,8 @@ def test_the_client_is_the_standard_library_and_one_module():
     program = (
         "import sys; import webapp.robot; print([m for m in sys.modules if m.partition('.')[0] == 'webapp'])"
     )
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    loaded = set(eval(told))
+    printed = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout
+    loaded = set(eval(printed))
     assert {m for m in loaded if not m.startswith("webapp.robot")} == {"webapp", "webapp.errors"}

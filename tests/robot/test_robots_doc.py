@@ -53,10 +53,10 @@ def test_every_field_is_explained():
 
 
 def test_every_option_is_explained_with_its_default():
-    told = dict(re.findall(r"^\| `([a-z_]+)` \| ([\d.]+) \|", PAGE, re.M))
-    assert told == {field.name: str(field.default) for field in dataclasses.fields(RobotOptions)}
+    explained = dict(re.findall(r"^\| `([a-z_]+)` \| ([\d.]+) \|", PAGE, re.M))
+    assert explained == {field.name: str(field.default) for field in dataclasses.fields(RobotOptions)}
 
 
 def test_every_call_is_explained():
-    told = set(re.findall(r"^\| `([a-z_]+)\(", PAGE, re.M))
-    assert told == {name for name in vars(RobotClient) if not name.startswith("_")}
+    explained = set(re.findall(r"^\| `([a-z_]+)\(", PAGE, re.M))
+    assert explained == {name for name in vars(RobotClient) if not name.startswith("_")}

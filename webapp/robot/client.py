@@ -11,7 +11,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
 
-from .backoff import Backoff
 from .errors import ExpMapError
 from .fixes import Fix, FixFields, request_fix
 from .motion_filter import MotionFilter
@@ -29,7 +28,7 @@ from .schema import Identity
 from .spool import Spool
 from .status import RobotStatus
 from .uplink import Uplink
-from .uploader import Step, Uploader
+from .uploader import Backoff, Step, Uploader
 
 _log = logging.getLogger(__name__)
 _PATIENCE_S = 5.0
@@ -47,10 +46,8 @@ class RobotClient:
         Of the server: `https://maps.example.org`.
     token : str
         `expmap account token` makes one.
-    mission : int
     spool : Path or str
         Folder for the records, of this mission alone; the next start continues it.
-    options : RobotOptions, optional
     about : str
         What fills the spool, where it must not be continued with something else.
 
@@ -220,7 +217,6 @@ class RobotClient:
 
         Parameters
         ----------
-        file : Path, str or binary file
         time_s : float, optional
             When it was taken: seconds since 1970, UTC; now where it is not given.
         **more : FixFields

@@ -18,7 +18,6 @@ class SpoolContent:
 
     Attributes
     ----------
-    identity : Identity
     written : int
         Records since it was begun.
     waiting : int

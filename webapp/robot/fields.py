@@ -29,7 +29,6 @@ class FieldError(ValueError):
 
     Parameters
     ----------
-    message : str
     name : str
         The field; empty where it is the record as a whole.
     """

@@ -27,7 +27,6 @@ class WaitingPhoto:
 
     Attributes
     ----------
-    path : Path
     name : str
         Of the file, for people.
     sha256 : str

@@ -15,7 +15,6 @@ class PoseFields(TypedDict, total=False):
 
     Attributes
     ----------
-    height_m : float
     heading_deg : float
         Degrees clockwise from north.
     covariance : sequence of 3 floats
@@ -44,7 +43,6 @@ class ObjectFields(TypedDict, total=False):
 
     Attributes
     ----------
-    height_m : float
     confidence : float
         0 to 1.
     photo : str
@@ -67,7 +65,6 @@ def pose_record(
         Degrees north, degrees east, WGS 84.
     time : float
         Seconds since 1970, UTC.
-    **more : PoseFields
 
     Raises
     ------
@@ -106,7 +103,6 @@ def object_record(
         Degrees north, degrees east, WGS 84.
     time : float
         Seconds since 1970, UTC.
-    **more : ObjectFields
 
     Raises
     ------
@@ -132,7 +128,6 @@ def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
 
     Parameters
     ----------
-    given : mapping
     now_s : float
         Seconds since 1970, for a record without `time`.
 

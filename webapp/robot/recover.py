@@ -5,12 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from .backoff import Backoff
 from .errors import NotReady
 from .options import RobotOptions
 from .spool import Spool
 from .uplink import Uplink
-from .uploader import Uploader
+from .uploader import Backoff, Uploader
 
 _LOOK_S = 0.2
 

@@ -34,7 +34,6 @@ class Identity:
     ----------
     id : str
         The sender's name at the server.
-    mission : int
     url : str
         Of the server.
     about : str

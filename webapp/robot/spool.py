@@ -81,7 +81,6 @@ class Spool:
     identity : Identity
         `id` is ignored. An existing spool has to be of the same mission and about the same; its `url` may
         differ.
-    options : RobotOptions, optional
 
     Raises
     ------
@@ -230,8 +229,6 @@ class Spool:
 
         Parameters
         ----------
-        count : int
-        reason : str
         text : bytes, optional
             The record itself.
         """

@@ -46,7 +46,6 @@ class Response:
 
     Attributes
     ----------
-    status : int
     body : dict
         Empty where it was not a JSON object.
     retry_after_s : float

@@ -57,13 +57,7 @@ min_move_option = click.option(
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where a spool is sent.
-
-    Attributes
-    ----------
-    url, token : str
-    mission : int
-    """
+    """Where a spool is sent."""
 
     url: str
     token: str
@@ -90,7 +84,6 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
 
     Parameters
     ----------
-    spool : Path
     chosen : dict
         The options of `mission_options`.
 

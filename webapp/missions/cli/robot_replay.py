@@ -76,7 +76,7 @@ def replay(
     ):
         _play(client, found, speed=speed, progress=progress)
         _wait(client, progress)
-    _tell(found, target)
+    _report(found, target)
     return SOME_FAILED if client.status().waiting else 0
 
 
@@ -111,7 +111,7 @@ def _look(client: RobotClient, progress: TerminalProgress) -> None:
         raise status.refused
 
 
-def _tell(found: Replay, target: Target) -> None:
+def _report(found: Replay, target: Target) -> None:
     records = len(found.events)
     click.echo(f"{records} records sent, {found.skipped} poses left out", err=True)
     click.echo(f"{target.url.rstrip('/')}/missions/{target.mission}")
