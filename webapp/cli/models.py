@@ -10,7 +10,7 @@ import click
 
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
-from webapp.files.localize.models import MODELS, ModelFile, how_to_get, models_folder
+from webapp.files.localize.models import MODELS, ModelFile, install_hint, models_folder
 from webapp.tasks.localize import models as task
 
 
@@ -45,7 +45,7 @@ def fetch(names: tuple[str, ...], source: Path | None) -> None:
     """
     settings = load_settings()
     missing = task.missing(names, settings=settings)
-    wanted = missing if names else [name for name in missing if task.offered(name, source)]
+    wanted = missing if names else [name for name in missing if task.is_available(name, source)]
     if not missing:
         click.echo("all are here", err=True)
     for name in missing[:1] if source and not wanted else wanted:
@@ -55,7 +55,7 @@ def fetch(names: tuple[str, ...], source: Path | None) -> None:
             click.echo(task.fetch(file, source, settings=settings, progress=progress))
     for name in missing:
         if name not in wanted:
-            click.echo(f"{name}: not fetched; {how_to_get(MODELS[name][0])}", err=True)
+            click.echo(f"{name}: not fetched; {install_hint(MODELS[name][0])}", err=True)
 
 
 def _line(file: ModelFile) -> str:

@@ -135,7 +135,7 @@ def test_the_published_network_takes_any_numbers_of_keypoints(published):
     size = (640, 480)
     for n, m in [(100, 100), (1, 1), (2, 90), (90, 2), (1000, 700), (100, 100)]:
         known = photo(scattered(m, size), size, rows=np.arange(m) % 200, width=64)
-        query = known.taken(np.arange(n, dtype=np.int64) % m)
+        query = known.subset(np.arange(n, dtype=np.int64) % m)
         found = published.match(query, known)
         assert found.shape[1] == 2
         assert len(found) <= min(n, m)

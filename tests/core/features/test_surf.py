@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from webapp.core.features.extract import extract
-from webapp.core.features.hessian import find_blobs
+from webapp.core.features.hessian import detect_blobs
 from webapp.core.features.table import choose
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 
@@ -17,7 +17,7 @@ CHOICE = choose("verified", features="surf")
 def test_a_blob_is_found_where_it_is_and_as_large_as_it_is(sigma, sign):
     y, x = np.mgrid[0:160, 0:200].astype(float)
     blob = 128 + sign * 100 * np.exp(-((x - 97.4) ** 2 + (y - 71.7) ** 2) / (2 * sigma**2))
-    found = find_blobs(cv2.integral(blob.round().astype(np.uint8)), 10, least=26.0)
+    found = detect_blobs(cv2.integral(blob.round().astype(np.uint8)), 10, least=26.0)
     assert found.xy[0] == pytest.approx((97.4, 71.7), abs=0.1 * sigma)
     # The box in the middle of the filter is then as wide as the blob's bright part, about 2 sigma.
     assert found.scale[0] == pytest.approx(0.74 * sigma, rel=0.08)
@@ -26,8 +26,8 @@ def test_a_blob_is_found_where_it_is_and_as_large_as_it_is(sigma, sign):
 def test_there_is_nothing_in_a_slope_or_along_an_edge():
     slope = np.tile(np.arange(0, 200, 1, np.uint8), (160, 1))
     edge = np.where(slope < 90, 40, 200).astype(np.uint8)
-    assert len(find_blobs(cv2.integral(slope), 10, least=0.26).xy) == 0
-    assert len(find_blobs(cv2.integral(edge), 10, least=0.26).xy) == 0
+    assert len(detect_blobs(cv2.integral(slope), 10, least=0.26).xy) == 0
+    assert len(detect_blobs(cv2.integral(edge), 10, least=0.26).xy) == 0
 
 
 def test_a_photo_that_is_turned_by_a_right_angle_has_the_same_features_turned(textured_photo):

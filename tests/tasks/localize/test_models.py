@@ -180,13 +180,13 @@ def test_a_file_of_ones_own_is_here_or_missing_and_never_fetched(file, settings,
 
 def test_a_published_file_without_an_address_comes_from_a_folder_only(file, settings, tmp_path):
     models = {"net": (replace(file, address=""),)}
-    assert not task.offered("net", None, models=models)
-    assert not task.offered("net", tmp_path, models=models)
+    assert not task.is_available("net", None, models=models)
+    assert not task.is_available("net", tmp_path, models=models)
     with pytest.raises(UsageError, match="address") as refused:
         task.choose_file("net", None, models=models)
     assert "--from" in refused.value.hint
     (tmp_path / "net.onnx").write_bytes(CONTENT)
-    assert task.offered("net", tmp_path, models=models)
+    assert task.is_available("net", tmp_path, models=models)
     task.fetch(
         task.choose_file("net", tmp_path, models=models), tmp_path, settings=settings, progress=Progress()
     )

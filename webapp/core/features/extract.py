@@ -1,4 +1,4 @@
-"""From a grey photo to its features."""
+"""Extraction of features from a grey photo."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from webapp.core.features.xfeatnet import XFeatNetwork
 FeatureNetwork = XFeatNetwork | AlikedNetwork | DiskNetwork
 """A network that extracts features, with its weights."""
 
-_ENLARGED_TO, _MOST_ENLARGED = 640, 4.0
+_UPSAMPLED_SIDE_PX, _MAX_FACTOR = 640, 4.0
 """XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos, which
 are enlarged until the longer side has so many pixels, but not by more than that factor. A large photo that
 was made small on purpose stays so."""
@@ -36,7 +36,6 @@ def extract(
     ----------
     gray : (h, w) uint8
         The upright photo, scaled by `scale`.
-    choice : FeatureChoice
     keypoints : int
         At most so many, the strongest.
     scale : float
@@ -60,9 +59,9 @@ def extract(
     """
     size = photo_size or (gray.shape[1], gray.shape[0])
     if choice.model == "xfeat" and scale >= 1.0:
-        gray, enlarged = _large_enough(gray)
+        gray, enlarged = _upsample_small(gray)
         scale *= enlarged
-    learned = _around(network) if network is not None and choice.model else None
+    learned = _wrap(network) if network is not None and choice.model else None
     extractor: Extractor = (
         learned if learned and choice.extractor == choice.model else EXTRACTORS[choice.extractor]()
     )
@@ -76,16 +75,16 @@ def extract(
     return features_from_keypoints(found, descriptors, scale=scale, photo_size=size)
 
 
-def _large_enough(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
-    """Enlarge a small photo; returns it and by which factor."""
-    factor = min(_ENLARGED_TO / max(gray.shape), _MOST_ENLARGED)
+def _upsample_small(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
+    """Upsample a small photo; returns it and the factor."""
+    factor = min(_UPSAMPLED_SIDE_PX / max(gray.shape), _MAX_FACTOR)
     if factor <= 1.0:
         return gray, 1.0
     large = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     return np.asarray(large, np.uint8), factor
 
 
-def _around(network: FeatureNetwork) -> XFeat | Aliked | Disk:
+def _wrap(network: FeatureNetwork) -> XFeat | Aliked | Disk:
     if isinstance(network, XFeatNetwork):
         return XFeat(network)
     return Aliked(network) if isinstance(network, AlikedNetwork) else Disk(network)

@@ -16,14 +16,14 @@ _OCTAVES = ((9, 15, 21, 27), (15, 27, 39, 51), (27, 51, 75, 99))
 finds few blobs, and places them badly."""
 
 _BALANCE = 0.9
-"""Makes up for boxes in place of Gaussians in the mixed derivative."""
+"""Weight of the mixed derivative: boxes approximate the Gaussians."""
 
 _FARTHEST = 1.0
-"""A maximum that lies farther from its sample, in samples, is none."""
+"""A maximum that is interpolated farther from its sample, in samples, is rejected."""
 
 
 class Blobs(NamedTuple):
-    """What was found, the strongest first.
+    """Detected blobs, the strongest first.
 
     Attributes
     ----------
@@ -39,8 +39,8 @@ class Blobs(NamedTuple):
     strength: NDArray[np.float32]
 
 
-def find_blobs(integral: NDArray[np.int32], most: int, *, least: float) -> Blobs:
-    """Find blobs of all scales.
+def detect_blobs(integral: NDArray[np.int32], most: int, *, least: float) -> Blobs:
+    """Detect blobs of all scales.
 
     Parameters
     ----------

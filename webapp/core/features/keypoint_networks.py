@@ -140,7 +140,7 @@ class NetworkFeatures:
             raise MissingPart(f"the model of {self.name} is not here", hint="see expmap models list")
         if cv2.meanStdDev(gray)[1].item() < LEAST_CONTRAST:
             return (), np.zeros((0, self.width), np.uint8)
-        image, shown = _placed(gray, self._network)
+        image, shown = _letterbox(gray, self._network)
         points = self._network.points(image)
         inside = ((points.xy > -0.5) & (points.xy < shown - 0.5)).all(axis=1)
         height, width = gray.shape
@@ -156,10 +156,10 @@ class NetworkFeatures:
         raise UsageError(f"{self.name} describes only its own keypoints", where="--extractor")
 
 
-def _placed(
+def _letterbox(
     gray: NDArray[np.uint8], network: KeypointNetwork
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """Bring an (h, w) photo to a size that the network takes, undistorted.
+    """Resize and pad an (h, w) photo to a size that the network takes, undistorted.
 
     Returns
     -------

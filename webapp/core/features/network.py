@@ -28,7 +28,6 @@ class Interface:
     ----------
     name : str
         Of the network, for messages.
-    inputs, outputs : tuple of str
     """
 
     name: str
@@ -54,7 +53,6 @@ class Network:
     ----------
     model : bytes
         Content of an ONNX file.
-    interface : Interface
     file : str
         Name of the file, for messages.
 

@@ -14,7 +14,7 @@ from webapp.core.features.types import Described, Kind, strongest
 _SCALE_FACTOR = 1.2
 _LEVELS = 8
 _PATCH = 31
-_DIFFERENCE, _FAINT_DIFFERENCE = 20, 3
+_DIFFERENCE, _WEAK_DIFFERENCE = 20, 3
 """How much brighter or darker a corner's surroundings are, grey values: as usual, and in dim photos."""
 
 _BORDER = 31
@@ -53,33 +53,33 @@ class Orb:
         """Find at most `keypoints` corners in an (h, w) uint8 image, the strongest first."""
         if _too_small(gray):
             return ()
-        found = self._with_faint(gray, self._orb(keypoints).detect(gray, None), keypoints)
+        found = self._with_weak(gray, self._orb(keypoints).detect(gray, None), keypoints)
         return sorted(found, key=lambda k: -k.response)[:keypoints]
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
-        """Find and describe the `keypoints` strongest corners; descriptors (n, 32) uint8."""
+        """Detect and describe the `keypoints` strongest corners; descriptors (n, 32) uint8."""
         if _too_small(gray):
             return (), self._or_none(None)
         orb = self._orb(keypoints)
         found, bits = orb.detectAndCompute(gray, None)
-        more = self._with_faint(gray, found, keypoints)
+        more = self._with_weak(gray, found, keypoints)
         if len(more) > len(found):
             found, bits = orb.compute(gray, more)
         return strongest((found, self._or_none(bits)), keypoints)
 
-    def _with_faint(
+    def _with_weak(
         self, gray: NDArray[np.uint8], found: Sequence[cv2.KeyPoint], keypoints: int
     ) -> Sequence[cv2.KeyPoint]:
-        """Add faint corners where fewer than half as many as wanted are found.
+        """Add weak corners where fewer than half as many as wanted are detected.
 
-        They are added to what is found: ORB looks for so many on each level, and would give others.
+        They are added to the others: ORB detects a number on each level, and would return different ones.
         """
         lacking = keypoints // 2 - len(found)
         if lacking <= 0:
             return found
-        faint = self._orb(keypoints, _FAINT_DIFFERENCE).detect(gray, None)
+        weak = self._orb(keypoints, _WEAK_DIFFERENCE).detect(gray, None)
         known = {(k.pt, k.octave) for k in found}
-        others = (k for k in sorted(faint, key=lambda k: -k.response) if (k.pt, k.octave) not in known)
+        others = (k for k in sorted(weak, key=lambda k: -k.response) if (k.pt, k.octave) not in known)
         return [*found, *islice(others, lacking)]
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
@@ -97,13 +97,13 @@ class Orb:
 
 
 def _too_small(gray: NDArray[np.uint8]) -> bool:
-    """Tell whether an image is all border; OpenCV fails on some of these."""
+    """Check whether an image is all border; OpenCV fails on some of these."""
     height, width = gray.shape
     return bool(min(height, width) <= 2 * _BORDER)
 
 
 def _in_orb_level(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
-    """Give another detector's keypoint the pyramid level whose patch has its size."""
+    """Assign another detector's keypoint the pyramid level whose patch has its size."""
     level = round(float(np.log(max(keypoint.size, 1.0) / _PATCH) / np.log(_SCALE_FACTOR)))
     angle = keypoint.angle if keypoint.angle >= 0 else 0.0
     octave = int(np.clip(level, 0, _LEVELS - 1))

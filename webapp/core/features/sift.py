@@ -39,7 +39,7 @@ class Sift:
         self._root = root
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
-        """Find the `keypoints` keypoints of highest contrast in an (h, w) uint8 image."""
+        """Detect the `keypoints` keypoints of highest contrast in an (h, w) uint8 image."""
         (found,) = detect_with_fallback_threshold(
             lambda most, contrast: (_sift(most, contrast).detect(gray, None),),
             keypoints,
@@ -51,7 +51,7 @@ class Sift:
         return sorted(found, key=lambda k: -k.response)[:keypoints]
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
-        """Find and describe the `keypoints` keypoints of highest contrast; descriptors (n, 128) uint8."""
+        """Detect and describe the `keypoints` keypoints of highest contrast; descriptors (n, 128) uint8."""
         found, raw = detect_with_fallback_threshold(
             lambda most, contrast: _sift(most, contrast).detectAndCompute(gray, None),
             keypoints,
@@ -85,7 +85,7 @@ def root_sift(raw: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _in_sift_octave(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
-    """Give another detector's keypoint the octave and layer that SIFT would describe its size in."""
+    """Assign another detector's keypoint the octave and layer that SIFT would describe its size in."""
     size = keypoint.size / _PATCH_OVER_SIZE
     level = float(np.log2(max(size, 1e-3) / (2.0 * _BASE_SIGMA)))
     octave = max(-1, int(np.floor(level)))

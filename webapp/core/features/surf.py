@@ -1,7 +1,7 @@
 """SURF (Bay et al. 2008): blobs found by box filters and described by Haar wavelets, all by integral images.
 
-The sign of the Laplacian, by which the paper tells bright blobs from dark ones, is not kept: the wavelets
-tell them apart as well.
+The sign of the Laplacian, by which the paper separates bright from dark blobs, is not kept: the wavelets
+separate them as well.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.hessian import find_blobs
+from webapp.core.features.hessian import detect_blobs
 from webapp.core.features.types import Described, Kind, detect_with_fallback_threshold, unit_as_bytes
 
 _PATCH = 20.0
@@ -43,22 +43,22 @@ class Surf:
     oriented = True
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
-        """Find the `keypoints` strongest blobs of an (h, w) uint8 image."""
-        return self._find(cv2.integral(gray), keypoints)
+        """Detect the `keypoints` strongest blobs of an (h, w) uint8 image."""
+        return self._detect(cv2.integral(gray), keypoints)
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
-        """Find and describe the `keypoints` strongest blobs; descriptors (n, 64) uint8."""
+        """Detect and describe the `keypoints` strongest blobs; descriptors (n, 64) uint8."""
         integral = cv2.integral(gray)
-        found = self._find(integral, keypoints)
+        found = self._detect(integral, keypoints)
         return found, self._described(integral, found)
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
         """Describe another detector's keypoints; descriptors (n, 64) uint8."""
         return keypoints, self._described(cv2.integral(gray), keypoints)
 
-    def _find(self, integral: NDArray[np.int32], keypoints: int) -> list[cv2.KeyPoint]:
+    def _detect(self, integral: NDArray[np.int32], keypoints: int) -> list[cv2.KeyPoint]:
         blobs = detect_with_fallback_threshold(
-            lambda most, least: find_blobs(integral, most, least=least), keypoints, thresholds=_DETERMINANT
+            lambda most, least: detect_blobs(integral, most, least=least), keypoints, thresholds=_DETERMINANT
         )
         angle = np.degrees(_orientation(integral, blobs.xy, blobs.scale)) % 360.0
         return [

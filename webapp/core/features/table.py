@@ -1,4 +1,4 @@
-"""What can be chosen: detectors, extractors, matchers, and which of them work together."""
+"""Registry of detectors, extractors and matchers, and which of them work together."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ METHODS: tuple[Method, ...] = ("vote", "verified", "thorough")
 _VERIFY: tuple[Method, ...] = ("verified", "thorough")
 
 PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
-"""Features that `thorough` can work with, and the model that matches them in two photos; the usual first."""
+"""Features that `thorough` works with, and the model that matches them; the default first."""
 
 DETECTORS: dict[str, Callable[[], Detector]] = {
     "sift": Sift,
@@ -45,7 +45,7 @@ EXTRACTORS: dict[str, Callable[[], Extractor]] = {
 }
 
 _LEARNED = ("xfeat", "aliked", "disk")
-"""What needs a model of its name."""
+"""Features that need a model of the same name."""
 
 _OWN_KEYPOINTS = frozenset({"aliked", "disk"})
 """Extractors that describe no keypoints but their own."""
@@ -95,14 +95,14 @@ BUNDLES: dict[str, tuple[str, str]] = {
 }
 """`--features NAME`: detector and extractor; the matcher follows from the method."""
 
-_USUAL_FIRST = ("ivf", "hamming", "flann", "hamming2")
-"""The matcher where none was asked for: the first that works."""
+_DEFAULT_MATCHERS = ("ivf", "hamming", "flann", "hamming2")
+"""The default matcher is the first of these that works."""
 
 _PAIRS_OF_BITS = frozenset({"orb-wta4"})
 """Extractors whose descriptors only Hamming2 compares."""
 
 BEST_FIRST = ("sift",)
-"""What `auto` takes: the first that is available here."""
+"""`auto` takes the first of these that is available."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ class FeatureChoice:
 
     @property
     def engine(self) -> Engine | None:
-        """What the index must hold; None for matchers that go by the descriptors themselves."""
+        """Search engine that the index must have; None for matchers that read the descriptors themselves."""
         if self.matcher == "ivf":
             return "ivf"
         return "vlad" if self.matcher == "vlad" else None
@@ -149,7 +149,7 @@ class FeatureChoice:
 
     @property
     def oriented(self) -> bool:
-        """Whether keypoints turn with the photo; else all their angles are 0."""
+        """Whether keypoints have an orientation; else all their angles are 0."""
         return DETECTORS[self.detector]().oriented
 
     @property
@@ -166,7 +166,7 @@ def choose(
     extractor: str | None = None,
     matcher: str | None = None,
 ) -> FeatureChoice:
-    """Resolve what the user asked for into a combination that works.
+    """Resolve a request into a combination that works.
 
     Parameters
     ----------
@@ -189,13 +189,13 @@ def choose(
         chosen_extractor = chosen_detector
     if extractor and not detector and bundle == "auto":
         chosen_detector = chosen_extractor.split("-")[0]
-    usual = next(m for m in _USUAL_FIRST if _fits(m, chosen_extractor, method))
-    chosen_matcher = _known(matcher, MATCHERS, "matcher") if matcher else usual
+    default = next(m for m in _DEFAULT_MATCHERS if _fits(m, chosen_extractor, method))
+    chosen_matcher = _known(matcher, MATCHERS, "matcher") if matcher else default
     if chosen_matcher == "hamming2" and chosen_extractor == "orb":
         chosen_extractor = "orb-wta4"  # Hamming2 counts pairs of bits, which only these tests produce.
     choice = FeatureChoice(chosen_detector, chosen_extractor, chosen_matcher)
-    _refuse_strangers(choice)
-    _refuse_what_cannot_work(choice, method)
+    _reject_foreign_keypoints(choice)
+    _reject_combination(choice, method)
     return choice
 
 
@@ -210,12 +210,12 @@ def _fits(matcher: str, extractor: str, method: Method) -> bool:
     return EXTRACTORS[extractor]().kind in entry.kinds and method in entry.methods
 
 
-def _refuse_strangers(choice: FeatureChoice) -> None:
+def _reject_foreign_keypoints(choice: FeatureChoice) -> None:
     detector, extractor = choice.detector, choice.extractor
     if detector == extractor:
         return
     if extractor in _OWN_KEYPOINTS:
-        message = f"{extractor} describes its own keypoints only, not those of {detector}"
+        message = f"{extractor} describes only its own keypoints, not those of {detector}"
         raise UsageError(message, where="--extractor", hint=f"take --features {extractor}")
     if detector in _LEARNED and extractor in _LEARNED:
         message = f"{detector} and {extractor} have a model each, and only one can be used"
@@ -223,7 +223,7 @@ def _refuse_strangers(choice: FeatureChoice) -> None:
         raise UsageError(message, where="--extractor", hint=hint)
 
 
-def _refuse_what_cannot_work(choice: FeatureChoice, method: Method) -> None:
+def _reject_combination(choice: FeatureChoice, method: Method) -> None:
     if method == "thorough" and choice.name not in PAIR_MATCHERS:
         fitting = " or ".join(PAIR_MATCHERS)
         message = f"method thorough has no network for features {choice.name}"
@@ -241,7 +241,7 @@ def _refuse_what_cannot_work(choice: FeatureChoice, method: Method) -> None:
         others = [b for b, (_, extractor) in BUNDLES.items() if _fits(choice.matcher, extractor, method)]
         hint = f"take --features {' or '.join(others)}; {hint}"
     else:
-        message = f"the bits of {choice.extractor} come in pairs, which {choice.matcher} would tear apart"
+        message = f"the bits of {choice.extractor} come in pairs, which {choice.matcher} would split"
     raise UsageError(message, where="--matcher", hint=hint)
 
 

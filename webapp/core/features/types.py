@@ -1,4 +1,4 @@
-"""Features of one photo, and what an extractor must be able to do."""
+"""Features of one photo, and the interfaces of detectors and extractors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Features:
     size : (n,) float32
         Diameter of the described neighbourhood, pixels of the photo at full size.
     angle : (n,) float32
-        Orientation in degrees, clockwise in the image; 0 everywhere where the detector knows none.
+        Orientation in degrees, clockwise in the image; 0 everywhere where the detector has none.
     descriptors : (n, d) uint8
         Numbers 0 to 255 ("float" kind) or packed bits ("binary" kind).
     photo_size : (int, int)
@@ -45,8 +45,8 @@ class Features:
         """Count the keypoints."""
         return len(self.xy)
 
-    def taken(self, rows: NDArray[np.int64]) -> Features:
-        """Take out some keypoints, by their rows."""
+    def subset(self, rows: NDArray[np.int64]) -> Features:
+        """Select keypoints by their rows."""
         return Features(
             xy=self.xy[rows],
             size=self.size[rows],
@@ -57,23 +57,23 @@ class Features:
 
 
 LEAST_CONTRAST = 1.0
-"""Standard deviation of the grey values (0 to 255) below which a photo shows a network nothing."""
+"""Standard deviation of the grey values (0 to 255) below which a photo has no texture for a network."""
 
 ONE_SIZE = 32.0
-"""Stated as the described neighbourhood by networks with one scale only, pixels."""
+"""Size of the described neighbourhood for networks with one scale only, pixels."""
 
 Described = tuple[Sequence[cv2.KeyPoint], NDArray[np.uint8]]
 """n keypoints and their (n, width) uint8 descriptors."""
 
 
 class Detector(Protocol):
-    """Finds keypoints."""
+    """Detects keypoints."""
 
     oriented: bool
-    """Whether keypoints turn with the photo; else their angle is always 0 and says nothing."""
+    """Whether keypoints have an orientation; else their angle is always 0."""
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
-        """Find at most `keypoints` keypoints in an (h, w) uint8 image, for another one to describe.
+        """Detect at most `keypoints` keypoints in an (h, w) uint8 image, for another one to describe.
 
         Their size is that of the patch that this one would describe.
         """
@@ -87,7 +87,7 @@ class Extractor(Protocol):
     """Bytes of one descriptor."""
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
-        """Find and describe at most `keypoints` own keypoints in an (h, w) uint8 image, strongest first."""
+        """Detect and describe at most `keypoints` own keypoints in an (h, w) uint8 image, strongest first."""
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
         """Describe another detector's keypoints; those that cannot be described are left out."""
@@ -100,7 +100,7 @@ def features_from_keypoints(
     scale: float,
     photo_size: tuple[int, int],
 ) -> Features:
-    """Bring OpenCV's keypoints of a scaled image to the photo at full size.
+    """Convert OpenCV's keypoints of a scaled image to features of the photo at full size.
 
     Parameters
     ----------
@@ -164,9 +164,9 @@ def detect_with_fallback_threshold(
 
 
 def unit_as_bytes(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Turn (n, d) descriptors of length 1 into bytes, in steps of 1/254.
+    """Quantize (n, d) descriptors of length 1 to bytes, in steps of 1/254.
 
-    A component is rarely over 0.5; what is larger is cut off.
+    A component is rarely over 0.5; larger ones are clipped.
     """
     steps: NDArray[np.float32] = np.clip(np.rint(128.0 + 254.0 * values), 0.0, 255.0)
     return steps.astype(np.uint8)

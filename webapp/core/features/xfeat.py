@@ -12,11 +12,11 @@ from webapp.core.features.types import LEAST_CONTRAST, ONE_SIZE, Described, Kind
 from webapp.core.features.xfeatnet import CELL, MULTIPLE, Maps, XFeatNetwork
 from webapp.errors import MissingPart
 
-_LEAST_HEAT = 0.05
-"""Probability of a keypoint at its pixel, at least."""
+_MIN_PROBABILITY = 0.05
+"""Least probability of a keypoint at its pixel."""
 
-_APART = np.ones((5, 5), np.uint8)
-"""Keypoints are the hottest of so many pixels around them."""
+_NMS_WINDOW = np.ones((5, 5), np.uint8)
+"""Window of the non-maximum suppression."""
 
 
 class XFeat:
@@ -25,7 +25,7 @@ class XFeat:
     Parameters
     ----------
     network : XFeatNetwork, optional
-        Without it nothing can be described.
+        Without it nothing can be detected or described.
     """
 
     kind: Kind = "float"
@@ -36,12 +36,12 @@ class XFeat:
         self._network = network
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
-        """Find the `keypoints` best keypoints of an (h, w) uint8 image."""
+        """Detect the `keypoints` best keypoints of an (h, w) uint8 image."""
         maps = self._maps(gray)
         return () if maps is None else _as_keypoints(*_peaks(maps, gray.shape, keypoints))
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
-        """Find and describe the `keypoints` best keypoints; descriptors (n, 64) uint8."""
+        """Detect and describe the `keypoints` best keypoints; descriptors (n, 64) uint8."""
         maps = self._maps(gray)
         if maps is None:
             return (), np.zeros((0, self.width), np.uint8)
@@ -56,7 +56,7 @@ class XFeat:
         return keypoints, _descriptors(maps, np.array([k.pt for k in keypoints], np.float32))
 
     def _maps(self, gray: NDArray[np.uint8]) -> Maps | None:
-        """Run the network on a photo; None where there is nothing to see."""
+        """Run the network on a photo; None where it has no texture."""
         if self._network is None:
             raise MissingPart("the weights of XFeat are not here", hint="get them with expmap models fetch")
         mean, contrast = (float(v.item()) for v in cv2.meanStdDev(gray))
@@ -71,18 +71,18 @@ class XFeat:
 def _peaks(
     maps: Maps, shape: tuple[int, int], keypoints: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Find the keypoints of a photo of `shape`: (n, 2) pixels and (n,) scores, the best first."""
+    """Extract the keypoints of a photo of `shape`: (n, 2) pixels and (n,) scores, the best first."""
     heat = _heat(maps.logits)
-    hottest = (heat == cv2.dilate(heat, _APART)) & (heat > _LEAST_HEAT)
-    y, x = np.nonzero(hottest[: shape[0], : shape[1]])
+    maximum = (heat == cv2.dilate(heat, _NMS_WINDOW)) & (heat > _MIN_PROBABILITY)
+    y, x = np.nonzero(maximum[: shape[0], : shape[1]])
     pixel = np.column_stack([x, y]).astype(np.float32)
     score = heat[y, x] * _sampled(maps.reliability, pixel, cv2.INTER_LINEAR)
     best = np.argsort(-score, kind="stable")[:keypoints]
-    return pixel[best] + _offset(heat, x[best], y[best]), score[best]
+    return pixel[best] + _subpixel_offset(heat, x[best], y[best]), score[best]
 
 
 def _heat(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Turn (65, h, w) logits into the probability of a keypoint at each pixel, (8 h, 8 w)."""
+    """Convert (65, h, w) logits to the probability of a keypoint at each pixel, (8 h, 8 w)."""
     likely = np.exp(logits - logits.max(axis=0))
     likely = likely[:-1] / likely.sum(axis=0)
     height, width = likely.shape[1:]
@@ -90,10 +90,12 @@ def _heat(logits: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.ascontiguousarray(pixels).reshape(CELL * height, CELL * width)
 
 
-def _offset(heat: NDArray[np.float32], x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Measure how far the centroid of the 3 x 3 pixels around a peak is from it, (n, 2).
+def _subpixel_offset(
+    heat: NDArray[np.float32], x: NDArray[np.int64], y: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """Refine peaks to sub-pixels: offset of the centroid of the 3 x 3 pixels around each, (n, 2).
 
-    Against known homographies it is nearer to the truth than the vertex of a parabola.
+    Against known homographies it is more exact than the vertex of a parabola.
     """
     padded = np.pad(heat, 1)
     around = np.stack([padded[y + row, x + column] for row in range(3) for column in range(3)], axis=1)

@@ -1,4 +1,4 @@
-"""Weights of networks: which files there are, where they are kept, and whether they are the right ones.
+"""Weights of networks: their files, where they are kept, and their hashes.
 
 Published files are known by their hash. Others the user supplies: of those only the name is known, and their
 hash becomes part of what an index is named by.
@@ -36,7 +36,6 @@ class ModelFile:
         0 for a file that the user supplies.
     sha256 : str
         Empty for a file that the user supplies: any file of this name is taken.
-    licence : str
     source : str
         Who made it, in words.
     address : str
@@ -101,19 +100,19 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
 
 
 def models_folder(chosen: Path | None) -> Path:
-    """Tell where weights are kept: in what was chosen, else in the user's cache."""
+    """Return the folder of the weights: the chosen one, else one in the user's cache."""
     return chosen or user_cache_path("experience-map") / "models"
 
 
-def is_that(data: bytes, file: ModelFile) -> bool:
-    """Tell whether bytes are those of a published file; a file that the user supplies may be any."""
+def matches_hash(data: bytes, file: ModelFile) -> bool:
+    """Check whether bytes are those of a published file; a file that the user supplies may be any."""
     if not file.published:
         return True
     return len(data) == file.bytes and hashlib.sha256(data).hexdigest() == file.sha256
 
 
-def how_to_get(file: ModelFile) -> str:
-    """Say how a file comes here, without the folder: that of a server is nobody's business."""
+def install_hint(file: ModelFile) -> str:
+    """Return the instruction to get a file; without the folder, which is private on a server."""
     if file.address:
         return _FETCH
     if file.published:
@@ -125,7 +124,7 @@ def how_to_get(file: ModelFile) -> str:
 
 
 def installed(model: str, chosen: Path | None) -> ModelFile | None:
-    """Look for a file of a model that has the right size; its content is checked when it is opened."""
+    """Find a file of a model that has the right size; its content is checked when it is opened."""
     folder = models_folder(chosen)
     for file in MODELS[model]:
         size = _size(folder / file.name)
@@ -135,29 +134,28 @@ def installed(model: str, chosen: Path | None) -> ModelFile | None:
 
 
 def is_usable(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> bool:
-    """Tell whether the models are here that a method needs with these features, or none is needed."""
+    """Check whether all models are installed that a method needs with these features."""
     models = [choice.model, PAIR_MATCHERS[choice.name] if method == "thorough" else None]
     needed = [model for model in models if model]
     return not needed or (is_installed("learned") and all(installed(model, chosen) for model in needed))
 
 
 def usable_features(chosen: Path | None, *, method: Method = "verified") -> list[str]:
-    """List the bundles of features that fit a method and need no models, or ones that are here."""
+    """List the bundles of features that fit a method and can be used here."""
     fitting = PAIR_MATCHERS if method == "thorough" else BUNDLES
     return [name for name in fitting if is_usable(choose(method, features=name), chosen, method=method)]
 
 
 def usable_methods(chosen: Path | None) -> list[Method]:
-    """List the methods that need no model, or one that is here for their usual features."""
+    """List the methods that can be used here with their default features."""
     return [method for method in METHODS if is_usable(choose(method), chosen, method=method)]
 
 
 def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> FeatureChoice:
-    """Open the models that a method needs with features, and note the features' if the user supplied it.
+    """Open the models that a method needs, and record the hash of one that the user supplied.
 
     Parameters
     ----------
-    choice : FeatureChoice
     chosen : Path or None
         Folder with the weights, instead of the user's cache.
     method : {"vote", "verified", "thorough"}
@@ -175,7 +173,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
         pair_matcher(choice.name, chosen)
     if choice.model is None:
         return choice
-    path, file = _there(choice.model, chosen)
+    path, file = _find(choice.model, chosen)
     if not file.published:
         choice = replace(choice, weights=hashlib.sha256(_read(path)).hexdigest())
     network(choice.model, chosen, weights=choice.weights)
@@ -183,7 +181,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
 
 
 def network(model: str | None, chosen: Path | None, *, weights: str = "") -> FeatureNetwork | None:
-    """Open a model of features, or take it as it was opened before in this process.
+    """Open a model of features, once in this process.
 
     Parameters
     ----------
@@ -210,12 +208,12 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Fea
     """
     if model is None:
         return None
-    path, file = _there(model, chosen)
+    path, file = _find(model, chosen)
     return _network(model, path, file.sha256 or weights or hashlib.sha256(_read(path)).hexdigest())
 
 
 def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
-    """Open the network that matches features of two photos, or take it as it was opened before.
+    """Open the network that matches features of two photos, once in this process.
 
     Parameters
     ----------
@@ -237,14 +235,14 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
         raise UsageError(
             f"no network matches features {features}", where="--features", hint=f"take --features {fitting}"
         )
-    path, file = _there(model, chosen)
+    path, file = _find(model, chosen)
     return _matcher(model, path, file.sha256 or hashlib.sha256(_read(path)).hexdigest())
 
 
-def _there(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
+def _find(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     file = installed(model, chosen)
     if file is None:
-        hint = how_to_get(MODELS[model][0])
+        hint = install_hint(MODELS[model][0])
         raise MissingPart(f"the weights of {model} are not here", where="models", hint=hint)
     return models_folder(chosen) / file.name, file
 
@@ -269,7 +267,7 @@ def _checked(model: str, path: Path, *, sha256: str) -> bytes:
         return data
     published = next((file for file in MODELS[model] if file.sha256 == sha256), None)
     if published is not None:
-        raise MissingPart("the file is not the published one", where=path.name, hint=how_to_get(published))
+        raise MissingPart("the file is not the published one", where=path.name, hint=install_hint(published))
     raise MissingPart(
         "the file is another one than when the map was opened",
         where=path.name,

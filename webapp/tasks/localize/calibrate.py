@@ -177,7 +177,7 @@ def _try(
     if features is None:
         return None
     if other_day:
-        features = features.taken(np.arange(photo % _LEFT_ON_OTHER_DAY, len(features), _LEFT_ON_OTHER_DAY))
+        features = features.subset(np.arange(photo % _LEFT_ON_OTHER_DAY, len(features), _LEFT_ON_OTHER_DAY))
     truth = indexed.position[photo]
     apart = np.hypot(*(indexed.position - truth).T)
     spacing = spacing_px(indexed.position) or indexed.place_radius_px

@@ -1,4 +1,4 @@
-"""Weights of networks: what is here, and how the others come here."""
+"""Weights of networks: which are installed, and fetching the others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from webapp.errors import InputError, NotFound, StorageError, UsageError
 from webapp.files import atomic
-from webapp.files.localize.models import MODELS, ModelFile, how_to_get, is_that, models_folder
+from webapp.files.localize.models import MODELS, ModelFile, install_hint, matches_hash, models_folder
 from webapp.net.download import download
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -18,13 +18,12 @@ Models = Mapping[str, tuple[ModelFile, ...]]
 
 @dataclass(frozen=True, slots=True)
 class ModelState:
-    """A file with weights, and whether it is here.
+    """A file with weights, and whether it is installed.
 
     Attributes
     ----------
     model : str
-        What it is for: the name of features, or of a network that matches them.
-    file : ModelFile
+        Name of features, or of a network that matches them.
     state : {"here", "missing", "damaged"}
     """
 
@@ -34,20 +33,18 @@ class ModelState:
 
 
 def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
-    """Look which weights are here; the contents are compared."""
+    """Check which weights are installed, by their hashes."""
     folder = models_folder(settings.models)
     return [ModelState(name, f, _state(folder / f.name, f)) for name, files in models.items() for f in files]
 
 
 def missing(names: Collection[str], *, settings: Settings, models: Models = MODELS) -> list[str]:
-    """Tell which models with published files have no file here.
+    """List the models with published files that are not installed.
 
     Parameters
     ----------
     names : collection of str
         Models; all with published files when empty.
-    settings : Settings
-    models : mapping, optional
 
     Raises
     ------
@@ -60,28 +57,26 @@ def missing(names: Collection[str], *, settings: Settings, models: Models = MODE
     wanted = [name for name in models if name in names or (not names and models[name][0].published)]
     own = next((models[name][0] for name in wanted if not models[name][0].published), None)
     if own is not None:
-        hint = how_to_get(own)
+        hint = install_hint(own)
         raise UsageError("no published file is pinned, so none is fetched", where=own.name, hint=hint)
     here = {state.model for state in states(settings, models=models) if state.state == "here"}
     return [name for name in wanted if name not in here]
 
 
-def offered(name: str, source: Path | None, *, models: Models = MODELS) -> bool:
-    """Tell whether a file of a model is in a folder, or without one has an address."""
+def is_available(name: str, source: Path | None, *, models: Models = MODELS) -> bool:
+    """Check whether a file of a model is in a folder, or without one has an address."""
     if source is None:
         return bool(models[name][0].address)
     return any((source / file.name).is_file() for file in models[name])
 
 
 def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> ModelFile:
-    """Choose which of a model's files is to come, for its licence to be read before.
+    """Choose which of a model's files to fetch, so that its licence can be shown before.
 
     Parameters
     ----------
-    name : str
     source : Path or None
         Folder to take it from; None for its own address.
-    models : mapping, optional
 
     Raises
     ------
@@ -93,7 +88,7 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
     files = models[name]
     if source is None:
         if not files[0].address:
-            hint = how_to_get(files[0])
+            hint = install_hint(files[0])
             raise UsageError("there is no sure address to fetch it from", where=files[0].name, hint=hint)
         return files[0]
     found = next((file for file in files if (source / file.name).is_file()), None)
@@ -104,25 +99,22 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
 
 
 def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress: Progress) -> Path:
-    """Bring a file here: downloaded, or copied from a folder; it is kept only if it is the published one.
+    """Download a file, or copy it from a folder; it is kept only if it is the published one.
 
     Parameters
     ----------
-    file : ModelFile
     source : Path or None
         Folder that holds it; None downloads it.
-    settings : Settings
-    progress : Progress
 
     Returns
     -------
     Path
-        Where it is now.
+        The file.
 
     Raises
     ------
     InputError
-        What came is something else than the published file.
+        The content is not that of the published file.
     StorageError, Cancelled
     """
     if source is not None:
@@ -131,7 +123,7 @@ def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress:
     else:
         came_from = file.address
         data = download(file.address, size=file.bytes, progress=progress)
-    if not is_that(data, file):
+    if not matches_hash(data, file):
         raise InputError(
             "this is not the published file, and was not kept",
             where=came_from,
@@ -155,6 +147,6 @@ def _read(path: Path) -> bytes:
 
 def _state(path: Path, file: ModelFile) -> str:
     try:
-        return "here" if is_that(path.read_bytes(), file) else "damaged"
+        return "here" if matches_hash(path.read_bytes(), file) else "damaged"
     except OSError:
         return "missing"
