@@ -9,6 +9,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
 
+import webapp.missions.store.schema  # noqa: F401  (its tables are part of the database)
 import webapp.store
 from webapp.store.database import Database
 from webapp.store.library import open_library
