@@ -146,7 +146,7 @@ class JobSettings:
     """Long work in the background."""
 
     lease_s: float = 12.0
-    """After so many seconds without a sign of life of its worker, another one takes a job over."""
+    """After so many seconds in which its worker did not renew the lease, another one takes a job over."""
 
     attempts: int = 5
     """After so many workers that died on it one after the other, without a step done, a job has failed."""
@@ -154,8 +154,8 @@ class JobSettings:
     stop_s: float = 4.0
     """A job has so many seconds to come to a good place when its worker has to stop."""
 
-    sweep_s: float = 5.0
-    """Seconds between two looks for maps whose files are older than their records, and the like."""
+    sweep_s: float = 0.5
+    """Seconds between two looks for maps whose files are older than their records."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,9 @@ from webapp.app.jobs import DUTIES
 from webapp.errors import StorageError
 from webapp.jobs import sweep
 from webapp.jobs.worker import Worker
-from webapp.store.maps import maps
+from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps import export
 
 
 @pytest.fixture
@@ -40,11 +41,46 @@ def test_the_worker_writes_what_a_killed_request_has_not(library, settings, late
         assert session.get(MapRecord, 1).exported_revision == 3
 
 
+def test_files_follow_while_a_long_job_runs_and_after_a_kill(library, late, queue, seen, start, wait_for):
+    def move(x):
+        with library.changing(1) as change:
+            edits.apply(
+                change.session, change.record, changes={"photo/0": {"x_px": x}}, kind="move", account_id=1
+            )
+
+    def written(x):
+        return lambda: late.exists() and late.read_text().endswith(f"\n0;photos/a.jpg;{x};6\n")
+
+    worker = start()
+    id = queue("count", arguments={"steps": 4000, "seconds": 0.05})
+    wait_for(lambda: seen(id)["state"] == "running")
+    for x in (7.0, 8.0, 9.0):
+        move(x)
+    wait_for(written(9), seconds=20.0)
+    worker.kill()
+    worker.wait()
+    move(10.0)
+    assert written(9)()
+    start()
+    wait_for(written(10), seconds=20.0)
+
+
+def test_many_quick_edits_cost_few_exports(library, settings, late, monkeypatch):
+    exports = []
+    monkeypatch.setattr(export, "write_map", lambda _cfg, map_: exports.append(map_.revision))
+    for x in range(20):
+        with library.changing(1) as change:
+            at = {"photo/0": {"x_px": float(x)}}
+            edits.apply(change.session, change.record, changes=at, kind="move", account_id=1)
+    Worker(library, settings, duties=DUTIES).run(once=True)
+    assert exports == [change.record.revision]
+
+
 def test_what_cannot_be_written_is_told_and_stops_nothing(library, settings, late, monkeypatch, caplog):
     def refuse(_library, _id):
         raise StorageError("the disk is full")
 
-    monkeypatch.setattr(sweep.export, "run", refuse)
+    monkeypatch.setattr(export, "export_map", refuse)
     with caplog.at_level(logging.WARNING):
         Worker(library, settings, duties=DUTIES).run(once=True)
     assert "the disk is full" in caplog.text

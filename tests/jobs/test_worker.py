@@ -37,7 +37,7 @@ def test_a_job_that_cannot_be_done_says_why(work, queue, seen, caplog):
         "where": "here",
         "hint": "free some space",
     }
-    assert seen(wrong)["error"]["message"] == "the program made a mistake, and could not do this"
+    assert seen(wrong)["error"]["message"] == f"internal error in job {wrong}"
     assert "ZeroDivisionError" in caplog.text
     assert "unheard-of" in seen(unknown)["error"]["message"]
     for id in (refused, wrong, unknown):

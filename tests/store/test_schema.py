@@ -1,20 +1,21 @@
-"""The migrations make just the tables that the program has, from any point on."""
+"""The migrations make just the tables that the program has, from nothing and from version 0.7.0."""
 
 import sqlite3
 from pathlib import Path
 
 import pytest
-from alembic import command
 from alembic.autogenerate import compare_metadata
-from alembic.config import Config
 from alembic.migration import MigrationContext
+from sqlalchemy import text
 
 import webapp.missions.store.schema  # noqa: F401  (its tables are part of the database)
-import webapp.store
+from webapp.errors import StorageError
 from webapp.store.database import Database
-from webapp.store.library import open_library
+from webapp.store.library import Library, open_library
+from webapp.store.maps import edits
 from webapp.store.migrate import migrate
-from webapp.store.schema import Base
+from webapp.store.operate import jobs
+from webapp.store.schema import Account, Base, Job, Photo
 
 
 def test_the_migrations_make_the_tables(library):
@@ -31,44 +32,52 @@ def test_opening_again_changes_nothing(library, new_account):
 
 
 @pytest.fixture
-def older(tmp_path):
-    """Make a database as it was at a revision; gives it open."""
-    made = []
-
-    def make(revision):
-        path = tmp_path / "older.db"
-        database = Database(f"sqlite:///{path.as_posix()}")
-        made.append(database)
-        config = Config()
-        folder = Path(webapp.store.__file__).with_name("migrations")
-        config.set_main_option("script_location", str(folder))
-        with database.engine.connect() as connection:
-            config.attributes["connection"] = connection
-            command.upgrade(config, revision)
-        return database, path
-
-    yield make
-    for database in made:
-        database.close()
-
-
-def test_jobs_of_an_older_library_stay_and_their_ids_are_not_used_again(older):
-    database, path = older("0005")
-    add = (
-        "INSERT INTO job (kind, key, arguments, state, done, total, note, attempts, cancel_wanted, fence,"
-        " created_at) VALUES ('index', ?, '{}', 'queued', 0, 0, '', 0, 0, 0, '2024-05-18 15:00:00')"
-    )
+def released(tmp_path):
+    """A database as version 0.7.0 has made it, with a map and a mission that are shared; gives it open."""
+    path = tmp_path / "library.db"
     with sqlite3.connect(path) as raw:
-        raw.executemany(add, [("a",), ("b",)])
+        raw.executescript(Path(__file__).with_name("library_0_7_0.sql").read_text("utf-8"))
     raw.close()
-    migrate(database)
-    with database.engine.connect() as connection:
+    database = Database(f"sqlite:///{path.as_posix()}")
+    yield database
+    database.close()
+
+
+def test_a_library_of_0_7_0_opens_with_all_that_is_in_it(released):
+    migrate(released)
+    with released.engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
-    with sqlite3.connect(path) as raw:
-        assert raw.execute("SELECT id, key FROM job ORDER BY id").fetchall() == [(1, "a"), (2, "b")]
-        raw.execute("DELETE FROM job")
-        raw.execute(add, ("c",))
-        assert raw.execute("SELECT id FROM job").fetchall() == [(3,)]
-        told = raw.execute("SELECT sql FROM sqlite_master WHERE name = 'uq_job_waiting'").fetchone()[0]
-        assert "UNIQUE" in told and "WHERE state = 'queued'" in told
-    raw.close()
+    with released.read() as session:
+        photo = session.get_one(Photo, (1, 0))
+        assert (photo.x_px, photo.revision, photo.is_placed) == (10.0, 4, True)
+        assert session.get_one(Account, 1).name == "ana"
+    edited = Library(Path(), released)
+    with edited.changing(1) as change:
+        edits.undo(change.session, change.record, account_id=1)
+    assert change.job is not None
+    with released.read() as session:
+        assert not session.get_one(Photo, (1, 0)).is_placed
+
+
+def test_ids_of_its_deleted_jobs_are_not_used_again(released):
+    migrate(released)
+    with released.write() as session:
+        assert [job.id for job in jobs.listed(session)] == [1]
+        session.delete(session.get_one(Job, 1))
+        session.flush()
+        assert jobs.enqueue(session, "index").id == 2
+        waiting = "SELECT sql FROM sqlite_master WHERE name = 'uq_job_waiting'"
+        index = session.connection().exec_driver_sql(waiting).scalar_one()
+        assert "UNIQUE" in index and "WHERE state = 'queued'" in index
+
+
+@pytest.mark.parametrize(
+    ("revision", "way"),
+    [("0006", "open the library once with version 0.7.0"), ("9999", "update the program")],
+)
+def test_other_schemas_are_refused_with_the_way_out(released, revision, way):
+    with released.write() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = :it"), {"it": revision})
+    with pytest.raises(StorageError, match="version") as refused:
+        migrate(released)
+    assert way in refused.value.hint

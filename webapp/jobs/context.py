@@ -13,6 +13,7 @@ from webapp.errors import NotFound
 from webapp.jobs.progress import JobProgress
 from webapp.settings import Settings
 from webapp.store.library import Library
+from webapp.store.maps.changing import MapChange, change_map
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease
 from webapp.store.schema import MapRecord
@@ -55,6 +56,18 @@ class Context:
         with self.library.database.write() as session:
             jobs.guard(session, self.lease)
             yield session
+
+    @contextmanager
+    def changing(self, map_id: int) -> Iterator[MapChange]:
+        """Change a map as `Library.changing` does, if the job's lease has not been lost.
+
+        Raises
+        ------
+        Conflict
+            It has.
+        """
+        with self.write() as session, change_map(session, map_id) as change:
+            yield change
 
     def map(self) -> MapRecord:
         """Read the map's record.

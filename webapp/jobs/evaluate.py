@@ -20,7 +20,7 @@ def run(context: Context) -> dict[str, Any]:
     The argument `limit` takes so many photos, evenly spread over the map.
     """
     library, record = context.library, context.map()
-    export.run(library, record.id)
+    export.export_map(library, record.id)
     cfg = library.cfg(record.slug)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)

@@ -14,7 +14,7 @@ from webapp.tasks.maps import export, health
 def run(context: Context) -> dict[str, Any]:
     """Find it out, keep it beside the index, and count the states."""
     library, record = context.library, context.map()
-    export.run(library, record.id)
+    export.export_map(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
     context.progress.plan(0, min(placed, MOST_PHOTOS), 2 * min(placed, health.LIMIT))

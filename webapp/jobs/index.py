@@ -27,7 +27,7 @@ def run(context: Context) -> dict[str, Any]:
     )
     method, features = way.resolved()
     library, record = context.library, context.map()
-    export.run(library, record.id)
+    export.export_map(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
     by_network = [placed] if method == "thorough" else []

@@ -6,7 +6,6 @@ from typing import Any
 
 from webapp.core.geo.tilegrid import Box
 from webapp.jobs.context import Context
-from webapp.tasks.maps import export
 from webapp.tasks.satellite import tiles
 from webapp.tasks.satellite.apply import Choice, set_image
 from webapp.tasks.satellite.tiles import TileWish
@@ -27,8 +26,7 @@ def run(context: Context) -> dict[str, Any]:
     )
     choice = Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
     with taken_back_if_refused(context.library, record.id, name=fetched.new.path):
-        applied = set_image(context.write, record.id, new=fetched.new, choice=choice)
-    export.run(context.library, record.id)
+        applied = set_image(context.changing, record.id, new=fetched.new, choice=choice)
     return {
         "width": fetched.new.image.width,
         "height": fetched.new.image.height,

@@ -1,4 +1,4 @@
-"""Sets right what a process that was killed has left behind."""
+"""Deletes what a process that was killed has left behind."""
 
 from __future__ import annotations
 
@@ -14,23 +14,10 @@ from webapp.jobs.kinds import Sweep
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps import export
 from webapp.tasks.operate import sweep_uploads
 from webapp.tasks.satellite import unused
 
 _log = logging.getLogger(__name__)
-
-
-def export_late(library: Library) -> None:
-    """Write the files of maps whose records are newer."""
-    with library.database.read() as session:
-        late = (MapRecord.exported_revision < MapRecord.revision, MapRecord.satellite_path.is_not(None))
-        ids = session.scalars(select(MapRecord.id).where(*late)).all()
-    for id in ids:
-        try:
-            export.run(library, id)
-        except ExpMapError as error:
-            _log.warning("the files of map %d are not current: %s", id, error)
 
 
 def clean(library: Library, settings: Settings, *, more: Sequence[Sweep] = ()) -> None:

@@ -1,6 +1,6 @@
 """The background worker: takes jobs from the queue, one after the other, and does them.
 
-The work is done in a thread of its own, so that the main thread can show a sign of life and hear signals also
+The work is done in a thread of its own, so that the main thread can renew the lease and handle signals also
 while a library computes for seconds.
 """
 
@@ -22,13 +22,14 @@ from webapp.files.atomic import is_full, storage_error
 from webapp.jobs import sweep
 from webapp.jobs.context import Context
 from webapp.jobs.kinds import Duties
-from webapp.jobs.lifesign import LifeSign
+from webapp.jobs.process_lock import ProcessLock
 from webapp.jobs.progress import JobProgress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job
+from webapp.tasks.maps.export import export_late_maps
 
 _log = logging.getLogger(__name__)
 
@@ -37,6 +38,8 @@ _TICK_S = 0.25
 
 _IDLE_S = 0.5
 _CLEAN_S = 3600.0
+_EXPORT_PAUSE_S = 5.0
+"""After a disk has refused a map's files, they are tried again so much later."""
 
 Work = Future[Mapping[str, Any] | None]
 
@@ -60,10 +63,11 @@ class Worker:
         self._duties = duties
         self._settings = settings
         self._parent = parent
-        self._sign = LifeSign(library.inner / "workers")
+        self._lock = ProcessLock(library.inner / "workers")
         self._stopping = threading.Event()
         self._stop_by = float("inf")
-        self._sweep_at = self._clean_at = 0.0
+        self._clean_at = 0.0
+        self._ended = threading.Event()
 
     def run(self, *, once: bool = False) -> None:
         """Work until told to stop.
@@ -73,9 +77,14 @@ class Worker:
         once : bool
             End when there is nothing left to do.
         """
+        exporter = threading.Thread(target=self._export, name="export", daemon=True)
+        if not once:
+            exporter.start()
         try:
             while not self._stops():
-                self._sweep()
+                self._clean()
+                if once:
+                    export_late_maps(self._library)
                 job = self._next()
                 if job is not None:
                     self._do(job)
@@ -84,7 +93,10 @@ class Worker:
                 else:
                     self._stopping.wait(_IDLE_S)
         finally:
-            self._sign.end()
+            self._ended.set()
+            if not once:
+                exporter.join(self._settings.jobs.stop_s)
+            self._lock.release()
 
     def stop_on_signals(self) -> None:
         """Have Ctrl-C and SIGTERM give the current job back and end the worker."""
@@ -105,13 +117,19 @@ class Worker:
             self.stop()
         return self._stopping.is_set()
 
-    def _sweep(self) -> None:
-        """Look after the maps' files now and then."""
-        now = time.monotonic()
-        if now >= self._sweep_at:
-            sweep.export_late(self._library)
-            self._sweep_at = time.monotonic() + self._settings.jobs.sweep_s
-        if now >= self._clean_at:
+    def _export(self) -> None:
+        """Keep the maps' files current while jobs are done, also long ones; a full disk gets a pause."""
+        written = True
+        while not self._ended.wait(self._settings.jobs.sweep_s if written else _EXPORT_PAUSE_S):
+            try:
+                written = export_late_maps(self._library)
+            except Exception:  # noqa: BLE001 - the thread must outlive a mistake in one export
+                _log.exception("the maps' files could not be brought up to date")
+                written = False
+
+    def _clean(self) -> None:
+        """Delete every now and then what interrupted work has left behind."""
+        if time.monotonic() >= self._clean_at:
             sweep.clean(self._library, self._settings, more=self._duties.sweeps)
             self._clean_at = time.monotonic() + _CLEAN_S
 
@@ -121,7 +139,7 @@ class Worker:
                 return None
         limits = Limits(self._settings.jobs.lease_s, self._settings.jobs.attempts)
         with self._library.database.write() as session:
-            return jobs.lease(session, self._sign.name, limits=limits, is_gone=self._sign.is_gone)
+            return jobs.lease(session, self._lock.name, limits=limits, is_gone=self._lock.is_gone)
 
     def _do(self, job: Job) -> None:
         """Do a job in a thread, and say every now and then that it is being done."""
@@ -207,7 +225,7 @@ class _Heart:
                 job = jobs.beat(session, self._context.lease, seconds=self._seconds, progress=progress)
         except StorageError as error:
             # Work goes on: either the next beat comes in time, or the lease is lost and nothing is written.
-            _log.warning("no sign of life of job %d: %s", self._context.lease.job_id, error)
+            _log.warning("the lease of job %d was not renewed: %s", self._context.lease.job_id, error)
             return
         if job is None or job.cancel_wanted:
             self._context.progress.stop()
@@ -221,9 +239,9 @@ def _told(error: BaseException, job: Job) -> dict[str, str | None]:
     if isinstance(error, ExpMapError):
         _log.warning("job %d (%s) failed: %s", job.id, job.kind, error)
         return {"message": error.message, "where": error.where, "hint": error.hint}
-    _log.error("job %d (%s) failed by a mistake of the program", job.id, job.kind, exc_info=error)
+    _log.error("job %d (%s) failed: internal error", job.id, job.kind, exc_info=error)
     return {
-        "message": "the program made a mistake, and could not do this",
+        "message": f"internal error in job {job.id}",
         "where": None,
-        "hint": "the log of the server tells more; please report it",
+        "hint": "the server's log has the details; please report it",
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
@@ -13,6 +13,9 @@ from sqlalchemy.exc import DataError, NoResultFound, OperationalError
 from sqlalchemy.orm import Session
 
 from webapp.errors import DiskFull, NotFound, StorageError
+
+Writes = Callable[[], AbstractContextManager[Session]]
+"""Opens a session that writes: `Database.write`, or that of a job that holds its lease."""
 
 _WAIT_S = 30
 """How long a writer waits for the others."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from filelock import FileLock, Timeout
 
 from webapp.errors import StorageError
 from webapp.store.database import Database
+from webapp.store.maps.changing import MapChange, change_map
 from webapp.store.migrate import migrate
 
 INNER = ".library"
@@ -51,6 +54,25 @@ class Library:
     def cfg(self, slug: str) -> Path:
         """The map file of a map."""
         return self.map_folder(slug) / "map.cfg"
+
+    @contextmanager
+    def changing(self, map_id: int) -> Iterator[MapChange]:
+        """Change a map as one transaction: the unit of work of every edit.
+
+        At the end of the block the change is on disk, in the database, together with the job that updates
+        the index where photos came onto the map or left it. The files of the map follow: the worker writes
+        them within `settings.jobs.sweep_s` seconds, after a restart too, and who gives them out calls
+        `tasks.maps.export.export_map` before.
+
+        Raises
+        ------
+        NotFound
+            There is no such map.
+        StorageError
+            The database cannot be written; nothing has changed.
+        """
+        with self.database.write() as session, change_map(session, map_id) as change:
+            yield change
 
 
 def open_library(folder: Path, *, url: str | None = None) -> Library:

@@ -100,6 +100,8 @@ class MapRecord(Base):
     """As in `map.json`."""
     satellite_revision: Mapped[int] = mapped_column(default=0)
     """Revision that last changed the image or its georeference."""
+    photos_revision: Mapped[int] = mapped_column(default=0)
+    """Revision that last changed which photos are placed on the map, or one of their files."""
 
     exported_revision: Mapped[int] = mapped_column(default=-1)
     """That `map.cfg` and `map.json` on disk hold."""
@@ -160,6 +162,11 @@ class Photo(Base):
     """Taken out of the map; kept, so that it can be undone."""
     revision: Mapped[int] = mapped_column(default=0)
     """Of the map, when this photo last changed."""
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether it is on the map: the files and the index hold it."""
+        return self.x_px is not None and not self.removed
 
 
 class PlacedElsewhere(Base):

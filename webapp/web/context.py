@@ -6,11 +6,10 @@ from webapp.errors import NotFound, NotSignedIn
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
-from webapp.tasks.maps import export
 from webapp.web.accounts import sessions
 from webapp.web.state import library, settings
 
-__all__ = ["account", "after_change", "library", "open_map", "settings"]
+__all__ = ["account", "library", "open_map", "settings"]
 
 
 def account() -> Account:
@@ -53,8 +52,3 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
     if record.binned_at is not None and not binned:
         raise NotFound("this map is in the bin", where=slug, hint="restore it from the bin first")
     return record
-
-
-def after_change(record: MapRecord) -> None:
-    """Bring the files of a map to what was written to the database, now or when the disk allows."""
-    export.follow(library(), record.id)

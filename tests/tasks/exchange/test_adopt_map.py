@@ -60,7 +60,7 @@ def test_no_file_is_touched(adopt, library):
         )
 
     map_id = adopt(change=remember)
-    assert export.run(library, map_id)
+    assert export.export_map(library, map_id)
     assert {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in before} == before
 
 

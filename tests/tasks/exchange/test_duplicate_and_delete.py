@@ -25,8 +25,9 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     map_id = adopt()
     edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}, "photo/0": {"x_px": None, "y_px": None}})
     edit(map_id, {"photo/2": {"removed": True}})
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     slug = duplicate_map.run(library, map_id, account_id=owner, name="Park copy")
+    export.export_late_maps(library)
     first, second = read_map(library.cfg("park")), read_map(library.cfg(slug))
     assert (second.experiences, second.placements, second.next_id) == (
         first.experiences,
@@ -61,7 +62,7 @@ def test_a_copy_goes_its_own_way(adopt, library, edit, owner, id_of):
     assert slug == "park-2"
     before = library.cfg("park").read_bytes()
     edit(id_of(slug), {"photo/1": {"x_px": 1.0, "y_px": 2.0}})
-    export.run(library, id_of(slug))
+    export.export_map(library, id_of(slug))
     assert library.cfg("park").read_bytes() == before != library.cfg(slug).read_bytes()
 
 

@@ -42,7 +42,7 @@ def undo(library, owner):
     def run(map_id):
         with library.database.write() as session:
             assert edits.undo(session, session.get(MapRecord, map_id), account_id=owner).clash is None
-        export.run(library, map_id)
+        export.export_map(library, map_id)
 
     return run
 

@@ -64,7 +64,7 @@ def test_what_was_exported_comes_back_as_it_was(adopt, library, bring, edit, tmp
         files = {name: archive.read(name) for name in archive.namelist()}
     done = bring(files, name="Park again")
     assert (done.slug, done.findings, done.left_out) == ("park-again", (), ())
-    assert export.run(library, done.map_id)
+    assert export.export_map(library, done.map_id)
     for name in ("map.cfg", "map.json", "clusters.cfg", "plan.png", "photos/0.jpg"):
         assert (library.map_folder(done.slug) / name).read_bytes() == files[name]
     assert read_map(library.cfg(done.slug)) == read_map(library.cfg("park"))
@@ -270,7 +270,7 @@ def archive(park, tmp_path):
 
 
 def test_an_empty_map_is_filled_once(library, empty, archive, rows):
-    export.run(library, empty)
+    export.export_map(library, empty)
     done = [import_map.run_into(library, archive, map_id=empty, settings=Settings()) for _ in range(2)]
     assert done[0] == done[1] and done[0].slug == "later"
     assert len(rows(empty)) == 2 and len(read_map(library.cfg("later")).experiences) == 2

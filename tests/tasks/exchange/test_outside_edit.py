@@ -40,7 +40,7 @@ def undo(library, owner, map_id):
     def run():
         with library.database.write() as session:
             step = edits.undo(session, session.get(MapRecord, map_id), account_id=owner)
-        export.run(library, map_id)
+        export.export_map(library, map_id)
         return step
 
     return run
@@ -56,7 +56,7 @@ def show(library, map_id):
 def test_our_own_file_is_no_edit_from_outside(library, map_id, edit):
     assert show(library, map_id) is None
     edit(map_id, {"photo/1": {"x_px": 5.0, "y_px": 6.0}})
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     assert show(library, map_id) is None
 
 
@@ -70,7 +70,7 @@ def test_everything_that_differs_is_shown_and_nothing_is_changed(library, map_id
     assert shown["removed"] == [{"id": 1, "name": "1.jpg"}]
     assert shown["left_out"] == ["photos/none.jpg: there is no such file"]
     assert (shown["problem"], shown["kept"], shown["turned"]) == (None, [], [])
-    assert not export.run(library, map_id)
+    assert not export.export_map(library, map_id)
     assert library.cfg("park").read_bytes() == before
     assert set(rows(map_id)) == {0, 1, 2}
 
@@ -111,7 +111,7 @@ def test_other_words_for_the_same_are_no_edit(library, map_id, take, record):
 
 def test_sub_pixels_and_headings_survive_an_edit_of_other_lines(library, map_id, write, take, edit, rows):
     edit(map_id, {"photo/1": {"x_px": 50.25, "y_px": 60.5, "heading_deg": 12.5}})
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     (library.map_folder("park") / "map.json").unlink()
     write("0;photos/0.jpg;7;8", "1;photos/1.jpg;50;61", SAME[2])
     take()
@@ -137,6 +137,7 @@ def test_what_was_changed_here_since_then_stays(library, map_id, write, take, ed
     assert [photo["id"] for photo in shown["moved"]] == [1]
     take()
     assert [row.x_px for row in rows(map_id).values()] == [55, 9, 77]
+    export.export_map(library, map_id)
     assert library.cfg("park").read_text().splitlines()[1:] == [
         "0;photos/0.jpg;55;66",
         "1;photos/1.jpg;9;9",
@@ -170,7 +171,7 @@ def test_a_photo_at_two_places(map_id, write, take, rows):
 
 def test_placements_are_taken(library, map_id, write, take, undo, edit, rows):
     edit(map_id, {"placed/rough/0": {"x_px": 1.0, "y_px": 1.0}, "placed/rough/1": {"x_px": 1.0, "y_px": 1.0}})
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     write("0;photos/0.jpg;100;101", *SAME[1:])
     (library.map_folder("park") / "rough.cfg").write_text("plan.png;400;200\n0;photos/0.jpg;50;60\n")
     assert show(library, map_id)["placements"] == ["rough"]

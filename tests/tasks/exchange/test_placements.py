@@ -18,6 +18,7 @@ def put(library, owner, adopt):
 
     def run(name, **wanted):
         placements.put(library, map_id, name=name, account_id=owner, **wanted)
+        export.export_map(library, map_id)
         return {p.name: dict(p.positions) for p in read_map(library.cfg("park")).placements}
 
     run.map_id = map_id
@@ -37,13 +38,14 @@ def test_replaced_as_a_whole_and_undone(put, library, owner):
     assert put("rough", positions={1: MapPixel(5.5, 6)}) == {"rough": {1: (5.5, 6)}}
     with library.database.write() as session:
         edits.undo(session, session.get(MapRecord, put.map_id), account_id=owner)
-    export.run(library, put.map_id)
+    export.export_map(library, put.map_id)
     assert len(read_map(library.cfg("park")).placements[0].positions) == 3
 
 
 def test_deleted(put, library, owner):
     put("rough")
     placements.delete(library, put.map_id, name="rough", account_id=owner)
+    export.export_map(library, put.map_id)
     assert read_map(library.cfg("park")).placements == ()
     assert not (library.map_folder("park") / "rough.cfg").exists()
     with pytest.raises(NotFound):

@@ -75,7 +75,7 @@ def test_a_copy_is_made_before(adopt, library, owner, monkeypatch, others_write)
     monkeypatch.setattr(duplicate_map.os, "link", slow_link)
     slug = duplicate_map.run(library, map_id, account_id=owner, name="Copy")
     assert len(others_write.done) >= 4  # an image and three photos
-    assert library.cfg(slug).is_file()
+    assert (library.map_folder(slug) / "plan.png").is_file()
 
 
 def test_what_came_into_the_map_meanwhile_is_not_adopted_twice(
@@ -112,4 +112,4 @@ def test_a_copy_that_cannot_be_registered_leaves_nothing(adopt, library, owner, 
     assert list((library.inner / "imports").iterdir()) == []
     with library.database.read() as session:
         assert session.query(MapRecord).count() == 1
-    export.run(library, map_id)
+    export.export_map(library, map_id)

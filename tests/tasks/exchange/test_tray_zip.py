@@ -85,14 +85,14 @@ def test_its_ids_are_new_ones(park, exported, bring, library, rows):
     assert ids == {5, 6}, "0 to 4 have been used"
     with library.database.read() as session:
         assert session.get_one(MapRecord, done.map_id).next_id == 7
-    assert export.run(library, done.map_id)
+    assert export.export_map(library, done.map_id)
     assert read_map(library.cfg(done.slug)).next_id == 7
 
 
 def test_a_photo_of_it_can_be_placed(park, exported, bring, edit, library):
     done = bring(exported(park))
     edit(done.map_id, {"photo/5": {"x_px": 10.0, "y_px": 20.0}})
-    assert export.run(library, done.map_id)
+    assert export.export_map(library, done.map_id)
     assert [e.photo for e in read_map(library.cfg(done.slug)).experiences][-1] == "photos/1.jpg"
 
 

@@ -6,10 +6,8 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.files.maps import folder
-from webapp.jobs import sweep
 from webapp.store.library import open_library
 from webapp.store.maps import edits, maps
-from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord, Photo
 from webapp.tasks.maps import export
 
@@ -54,7 +52,7 @@ def on_disk(library):
 
 def test_placed_photos_and_everything_known_of_them(library, map_id):
     place(library, map_id)
-    assert export.run(library, map_id)
+    assert export.export_map(library, map_id)
     there = on_disk(library)
     assert [(e.id, e.photo, e.position, e.fov_deg) for e in there.experiences] == [
         (0, "photos/0.jpg", MapPixel(10.0, 5.25), 60.0)
@@ -66,25 +64,25 @@ def test_placed_photos_and_everything_known_of_them(library, map_id):
 def test_without_an_image_nothing_is_written(library):
     with library.database.write() as session:
         record = maps.create(session, "Empty", account_id=session.merge(Account(id=9, name="x")).id)
-    assert export.run(library, record.id)
+    assert export.export_map(library, record.id)
     assert not library.cfg("empty").exists()
 
 
 def test_an_edit_from_outside_is_left_alone(library, map_id):
     place(library, map_id)
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     library.cfg("park").write_text("plan.png;100;80\n0;photos/0.jpg;77;5\n")
     place(library, map_id, x=20.0)
-    assert not export.run(library, map_id)
+    assert not export.export_map(library, map_id)
     assert on_disk(library).experiences[0].position.x == 77.0
-    assert export.run(library, map_id, overwrite=True)
+    assert export.export_map(library, map_id, overwrite=True)
     assert on_disk(library).experiences[0].position.x == 20.0
 
 
 @pytest.mark.parametrize("stopped_before", ["the placements", "the .cfg", "nothing"])
 def test_a_killed_writer_is_no_edit_from_outside(library, map_id, monkeypatch, stopped_before):
     place(library, map_id)
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     place(library, map_id, x=30.0)
 
     class Killed(BaseException):
@@ -99,9 +97,9 @@ def test_a_killed_writer_is_no_edit_from_outside(library, map_id, monkeypatch, s
     if stopped_before != "nothing":
         monkeypatch.setattr(folder, "write_bytes", killed)
         with pytest.raises(Killed):
-            export.run(library, map_id)
+            export.export_map(library, map_id)
         monkeypatch.undo()
-    assert export.run(library, map_id)
+    assert export.export_map(library, map_id)
     assert on_disk(library).experiences[0].position.x == 30.0
 
 
@@ -110,7 +108,7 @@ def test_a_killed_writer_is_no_edit_from_outside(library, map_id, monkeypatch, s
 )
 def test_what_a_killed_writer_has_not_written_is_known_to_be_late(library, map_id, monkeypatch, change):
     place(library, map_id)
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         edits.apply(session, record, changes={"photo/0": change}, kind="edit", account_id=1)
@@ -123,8 +121,8 @@ def test_what_a_killed_writer_has_not_written_is_known_to_be_late(library, map_i
 
     with monkeypatch.context() as patched, pytest.raises(Killed):
         patched.setattr(export, "write_map", killed)
-        export.run(library, map_id)
-    sweep.export_late(library)
+        export.export_map(library, map_id)
+    export.export_late_maps(library)
     there = on_disk(library).experiences[0]
     assert {"heading_deg": there.heading_deg, "x_px": there.position.x}.items() >= {
         name: value for name, value in change.items() if name != "y_px"
@@ -134,7 +132,7 @@ def test_what_a_killed_writer_has_not_written_is_known_to_be_late(library, map_i
 def test_many_at_once_end_with_the_newest(library, map_id):
     def one(n):
         place(library, map_id, photo=n % 3, x=float(n))
-        export.run(library, map_id)
+        export.export_map(library, map_id)
 
     threads = [threading.Thread(target=one, args=(n,)) for n in range(12)]
     for thread in threads:
@@ -150,28 +148,7 @@ def test_many_at_once_end_with_the_newest(library, map_id):
 
 def test_a_file_that_went_missing_is_written_again(library, map_id):
     place(library, map_id)
-    export.run(library, map_id)
+    export.export_map(library, map_id)
     library.cfg("park").unlink()
-    assert export.run(library, map_id)
+    assert export.export_map(library, map_id)
     assert len(on_disk(library).experiences) == 1
-
-
-def test_the_index_follows_where_photos_come_or_go(library, map_id):
-    def waiting():
-        with library.database.write() as session:
-            found = [job for job in jobs.listed(session, map_id=map_id) if job.state == "queued"]
-            for job in found:
-                session.delete(job)
-        return [job.kind for job in found]
-
-    place(library, map_id)
-    export.run(library, map_id)
-    assert waiting() == ["index"]
-    place(library, map_id, x=40.0)
-    export.run(library, map_id)
-    assert waiting() == []
-    with library.database.write() as session:
-        record = session.get(MapRecord, map_id)
-        edits.apply(session, record, changes={"photo/0": {"removed": True}}, kind="remove", account_id=1)
-    export.run(library, map_id)
-    assert waiting() == ["index"]

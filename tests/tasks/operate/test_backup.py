@@ -16,7 +16,7 @@ from webapp.app.library import PARTS
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
 from webapp.files.operate import backup
 from webapp.files.operate.backup import MANIFEST
-from webapp.jobs.lifesign import LifeSign
+from webapp.jobs.process_lock import ProcessLock
 from webapp.progress import Progress
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
@@ -45,7 +45,7 @@ def library(tmp_path, make_map):
         edits.apply(session, record, changes=placed, kind="placement", account_id=owner.id)
     queries.folder(library, record.id).mkdir(parents=True)
     (queries.folder(library, record.id) / "q.jpg").write_bytes(b"a photo")
-    export.run(library, record.id)
+    export.export_map(library, record.id)
     (library.map_folder("park") / "derived" / "large.bin").write_bytes(b"computed")
     yield library
     library.database.close()
@@ -121,7 +121,7 @@ def move(library, x):
     with library.database.write() as session:
         record = session.query(MapRecord).filter_by(slug="park").one()
         edits.apply(session, record, changes={"photo/0": {"x_px": x, "y_px": 1.0}}, kind="move", account_id=1)
-    export.run(library, record.id)
+    export.export_map(library, record.id)
 
 
 def is_current(library, slug="park"):
@@ -341,10 +341,10 @@ def test_by_force_what_was_there_is_kept(library, back_up, archive):
 
 def test_not_under_a_running_worker(library, back_up, archive):
     back_up()
-    sign = LifeSign(library.inner / "workers")
+    sign = ProcessLock(library.inner / "workers")
     with pytest.raises(Conflict, match="running"):
         restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
-    sign.end()
+    sign.release()
     restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
 
 
@@ -374,7 +374,7 @@ def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
         record = session.query(MapRecord).filter_by(slug="park").one()
     assert export.file_sha256(restored.cfg("park")) == record.exported_sha256
     assert record.revision - record.exported_revision in (0, 1)  # the last edit may not be in the file yet
-    export.run(restored, record.id)  # as the first sweep of a server does
+    export.export_map(restored, record.id)  # as the first sweep of a server does
     assert is_current(restored)
     assert [line for line in restored.cfg("park").read_text().splitlines() if line.startswith("1;")] == [
         line for line in library.cfg("park").read_text().splitlines() if line.startswith("1;")

@@ -10,6 +10,7 @@ from webapp.store.schema import Job, Photo
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.open_maps import ReadyMaps, Way
+from webapp.tasks.maps.export import export_late_maps
 
 
 def photos(library, map_id):
@@ -42,6 +43,7 @@ def test_adopting_makes_one_experience_and_one_index_job(client, library, quiet,
     assert done["heading_deg"] == pytest.approx(first["heading_deg"])
     assert (photos(library, quiet), index_jobs(library, quiet)) == (before + 1, 1)
     assert client.get(address).get_json()["adopted"] == done["id"]
+    export_late_maps(library)
     assert f"\n{done['id']};" in library.cfg("sample").read_text()
     assert client.post(f"{address}/adopt", json={}).status_code == 409
     assert photos(library, quiet) == before + 1
@@ -86,6 +88,7 @@ def test_a_new_photo_is_told_of_until_it_is_indexed(client, library, settings, q
     assert ask(client, queries / "query_01.jpg").get_json()["not_indexed"] == 1
     assert index_jobs(library, quiet) == 1
     options = OpenOptions(features="sift", jobs=1)
+    export_late_maps(library)
     report = build_map.run(library.cfg("sample"), options, settings=settings, progress=Progress())
     assert report.index.extracted == 1
     answer = ask(client, queries / "query_01.jpg").get_json()

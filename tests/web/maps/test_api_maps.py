@@ -5,6 +5,7 @@ import pytest
 from webapp.store.accounts import accounts
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.export import export_late_maps
 
 API = "/api/v1/maps"
 
@@ -78,12 +79,14 @@ def test_place_turn_undo_and_redo(client, library, park):
     assert answer.status_code == 200
     assert [(p["id"], p["x_px"]) for p in answer.json["photos"]] == [(1, 10.5), (2, 3.0)]
     assert answer.json["undo"] == {"kind": "place", "count": 2}
+    export_late_maps(library)
     assert library.cfg(park).read_text() == "plan.png;100;80\n1;photos/1.jpg;11;20\n2;photos/2.jpg;3;4\n"
     edit(client, park, {"id": 1, "heading_deg": -90.0}, kind="turn")
     assert state(client, park)["photos"][1]["heading_deg"] == 270.0
     client.post(f"{API}/{park}/undo")
     undone = client.post(f"{API}/{park}/undo").json
     assert [(p["id"], p["x_px"]) for p in undone["photos"]] == [(1, None), (2, None)]
+    export_late_maps(library)
     assert library.cfg(park).read_text() == "plan.png;100;80\n"
     assert client.post(f"{API}/{park}/undo").status_code == 409
     assert client.post(f"{API}/{park}/redo").json["redo"] == {"kind": "turn", "count": 1}
@@ -129,6 +132,7 @@ def test_further_placements(client, library, park):
     edit(client, park, {"id": 0, "x_px": 5, "y_px": 6})
     edit(client, park, {"id": 0, "x_px": 50, "y_px": 60}, placement="clusters")
     assert state(client, park)["placements"] == [{"name": "clusters", "positions": {"0": [50.0, 60.0]}}]
+    export_late_maps(library)
     assert (
         library.map_folder(park) / "clusters.cfg"
     ).read_text() == "plan.png;100;80\n0;photos/0.jpg;50;60\n"

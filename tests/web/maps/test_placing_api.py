@@ -13,6 +13,7 @@ from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.store.accounts import members
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord
+from webapp.tasks.maps.export import export_late_maps
 
 HERE = LatLon(50.08, 14.42)
 NOON = datetime(2026, 5, 1, 12, 0, 0)
@@ -92,6 +93,7 @@ def test_photos_are_placed_by_gps_at_once_or_later(map_, owner):
     assert [o["name"] for o in answer.json["outside"]] == ["far.jpg"]
     assert answer.json["job"] == second["job"]
     assert map_.places() == {"a.jpg": (510, 380, None), "b.jpg": (400, 400, None), "far.jpg": None}
+    export_late_maps(map_.library)
     assert (
         "a.jpg" not in (map_.library.cfg("park").read_text())
         and ";510;380" in map_.library.cfg("park").read_text()

@@ -6,7 +6,7 @@ from collections import namedtuple
 
 import pytest
 
-from webapp.jobs.lifesign import LifeSign
+from webapp.jobs.process_lock import ProcessLock
 
 Usage = namedtuple("Usage", "total used free")
 
@@ -14,9 +14,9 @@ Usage = namedtuple("Usage", "total used free")
 @pytest.fixture
 def worker(library):
     """A worker that lives."""
-    sign = LifeSign(library.inner / "workers")
+    sign = ProcessLock(library.inner / "workers")
     yield sign
-    sign.end()
+    sign.release()
 
 
 def test_all_is_well(stranger, worker):
@@ -26,7 +26,7 @@ def test_all_is_well(stranger, worker):
 
 
 def test_the_worker_is_missing(stranger, worker):
-    worker.end()
+    worker.release()
     answer = stranger.get("/healthz")
     assert answer.status_code == 503
     assert answer.json == {"status": "failing", "database": "ok", "disk": "ok", "worker": "failing"}
@@ -41,7 +41,7 @@ def test_a_worker_that_was_killed_counts_as_missing(stranger, library):
 def test_looking_does_not_disturb_the_worker(stranger, worker, library):
     for _ in range(3):
         assert stranger.get("/healthz").json["worker"] == "ok"
-    assert not LifeSign(library.inner / "workers").is_gone(worker.name)
+    assert not ProcessLock(library.inner / "workers").is_gone(worker.name)
 
 
 def test_the_disk_is_nearly_full(stranger, worker, monkeypatch):

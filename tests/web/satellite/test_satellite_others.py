@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from typing import ClassVar
 
 import pytest
@@ -45,8 +46,8 @@ class TestTiles:
             one = {"name": "Local", "url": tiles.url, "attribution": "© me", "max_zoom": 19, "max_tiles": 30}
             file.write_text(json.dumps([one]))
             state = app.extensions["expmap"]
-            app.extensions["expmap"] = type(state)(
-                library, Settings(library=settings.library, tile_services=file)
+            app.extensions["expmap"] = replace(
+                state, settings=Settings(library=settings.library, tile_services=file)
             )
             yield tiles
 

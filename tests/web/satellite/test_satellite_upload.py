@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 
 import pytest
 from PIL import Image
@@ -11,6 +12,7 @@ from webapp.files.maps.map_json import parse_georeference
 from webapp.progress import Progress
 from webapp.settings import SatelliteLimits, Settings
 from webapp.store.schema import Job
+from webapp.tasks.maps.export import export_late_maps
 from webapp.tasks.satellite import display
 
 
@@ -25,6 +27,7 @@ class TestUpload:
         name = record().satellite_path
         assert name.startswith("satellite-")
         assert (library.map_folder(park) / name).read_bytes() == png(300, 200)
+        export_late_maps(library)
         assert library.cfg(park).read_text().startswith(f"{name};300;200")
         assert not [p for p in library.uploads.iterdir() if p.suffix != ".lock"]
 
@@ -134,7 +137,8 @@ class TestLargeImages:
         assert client.get(tiles["url"].format(z=5, x=17, y=0), buffered=True).status_code == 404
 
     def test_the_limits_count(self, put, app, library, settings):
-        app.extensions["expmap"] = type(app.extensions["expmap"])(
-            library, Settings(library=settings.library, satellite=SatelliteLimits(max_megapixels=0.05))
+        app.extensions["expmap"] = replace(
+            app.extensions["expmap"],
+            settings=Settings(library=settings.library, satellite=SatelliteLimits(max_megapixels=0.05)),
         )
         assert "megapixels, more than the limit" in message(put(png(300, 200)), 422)

@@ -29,8 +29,8 @@ from webapp.missions.tasks import read_track
 from webapp.missions.tasks.read_track import TrackPart, Wishes
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.store.database import Writes
 from webapp.store.library import Library
-from webapp.tasks.satellite.apply import Writes
 
 _AT_ONCE = 8192
 """Poses and objects in one transaction, and some."""

@@ -190,8 +190,11 @@ def _set(session: Session, record: MapRecord, *, target: str, fields: Fields | N
             record.satellite_revision = record.revision
         case ["photo", number]:
             photo = _photo(session, record, number)
+            placed = photo.is_placed
             _assign(photo, fields)
             photo.revision = record.revision
+            if photo.is_placed != placed:
+                record.photos_revision = record.revision
         case [_, placement, number]:
             key = (record.id, placement, int(number))
             there = session.get(PlacedElsewhere, key)

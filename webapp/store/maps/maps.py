@@ -151,12 +151,19 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
     record.changed_at = now()
     if there is not None:
         there.removed, there.revision = False, record.revision
+        _note_placed(record, there)
         return there
     row.map_id, row.id, row.revision = record.id, record.next_id, record.revision
     record.next_id += 1
     session.add(row)
     session.flush()
+    _note_placed(record, row)
     return row
+
+
+def _note_placed(record: MapRecord, photo: Photo) -> None:
+    if photo.is_placed:
+        record.photos_revision = record.revision
 
 
 def counts(session: Session, record: MapRecord) -> tuple[int, int]:

@@ -1,6 +1,7 @@
 """Runs the migrations on the connection that `webapp.store.migrate` gives.
 
-A new migration: change `schema.py`, then write `versions/000N_what_it_does.py`; a test compares the two.
+The first one makes the tables of 0.7.0. A new migration: change `schema.py`, then write
+`versions/000N_what_it_does.py`; a test compares the two.
 """
 
 from alembic import context

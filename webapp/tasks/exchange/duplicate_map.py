@@ -20,7 +20,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks import staging
 from webapp.tasks.localize import stored_evaluation
-from webapp.tasks.maps import adopt_map, export
+from webapp.tasks.maps import adopt_map
 
 _RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
 _NOT_COPIED = frozenset({"exports", "health.json", stored_evaluation.FILE})
@@ -68,7 +68,6 @@ def run(
         copy = _register(library, original, place / "map", name=name, account_id=account_id)
     finally:
         shutil.rmtree(place, ignore_errors=True)
-    export.follow(library, copy.id)
     return copy.slug
 
 

@@ -54,7 +54,7 @@ def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, byt
     dict of str to bytes
         By name: `map.cfg`, `map.json` where the map needs one, `NAME.cfg`.
     """
-    if not export.run(library, map_id):
+    if not export.export_map(library, map_id):
         return texts_of(source.map)
     with FileLock(source.cfg.parent / "derived" / export.LOCK):
         paths = [source.cfg, json_path(source.cfg)]

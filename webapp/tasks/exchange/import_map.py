@@ -13,6 +13,7 @@ from webapp.errors import Conflict, MapError, NotFound
 from webapp.files.exchange.map_zip import unpack
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.store.database import Writes
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
@@ -20,7 +21,6 @@ from webapp.tasks import staging
 from webapp.tasks.exchange import import_tray
 from webapp.tasks.exchange.import_choice import add_placements, choose_map
 from webapp.tasks.maps import adopt_map, check_map
-from webapp.tasks.satellite.apply import Writes
 from webapp.tasks.told_below import finding_below, told_below
 
 _BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})

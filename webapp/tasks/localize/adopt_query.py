@@ -20,7 +20,7 @@ from webapp.store.localize import queries
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.localize import show_query
-from webapp.tasks.maps import add_photo, export
+from webapp.tasks.maps import add_photo
 from webapp.tasks.maps.placing import Wanted, find_spots, needed_image, place_spots
 
 
@@ -88,17 +88,16 @@ def run(
         intake = add_photo.run(library, map_id, source=part, name=query.name, settings=settings, by_gps=False)
     finally:
         discard(part)
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         photo = maps.photo(session, record, intake.id)
         if intake.duplicate and photo.x_px is not None:
             raise Conflict(
                 "this photo is on the map already", where=f"photo/{photo.id}", hint="move it in the editor"
             )
-        job = _place(session, record, photo=photo, at=Spot(position, heading), account_id=account_id)
+        _place(session, record, photo=photo, at=Spot(position, heading), account_id=account_id)
         queries.find(session, record, query_id).adopted_id = photo.id
-    export.follow(library, map_id)
-    return Adopted(photo.id, position, heading, job)
+    return Adopted(photo.id, position, heading, change.job)
 
 
 def link_or_copy(source: Path, target: Path) -> None:
@@ -140,8 +139,8 @@ def _check_inside(record: MapRecord, position: MapPixel) -> None:
         )
 
 
-def _place(session: Session, record: MapRecord, *, photo: Photo, at: Spot, account_id: int) -> int | None:
+def _place(session: Session, record: MapRecord, *, photo: Photo, at: Spot, account_id: int) -> None:
     assert at.position is not None
     image = needed_image(record, with_georeference=False)
     spots = find_spots(image, [Wanted(photo, at.position, at.heading_deg)])
-    return place_spots(session, record, spots=spots, kind="place", account_id=account_id).job
+    place_spots(session, record, spots=spots, kind="place", account_id=account_id)

@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from sqlalchemy.orm import Session
-
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound
 from webapp.files.part_file import move_in, told_as
@@ -22,7 +20,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.place_photos import place
-from webapp.tasks.maps.placing import image_of, queue_index
+from webapp.tasks.maps.placing import image_of
 from webapp.tasks.maps.survey_photos import State, Surveyed
 
 PHOTOS = "photos"
@@ -113,8 +111,10 @@ def run(
         facts = read_facts(source, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
     sha256 = _sha256(source)
-    with library.database.write() as session:
-        record = _record(session, map_id)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
+        if record.binned_at is not None:
+            raise NotFound("the map is gone, or in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
         row.path = _free_path(folder, row, suffix=suffix_of(facts))
@@ -123,11 +123,9 @@ def run(
         kept = maps.add_photo(session, record, row=row)
         _keep(source, folder / kept.path)
         duplicate, placed = record.revision == before, kept.x_px is not None
-        job = queue_index(session, record) if placed and not duplicate and image_of(record) else None
-        intake = Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, job)
     if kept is row:
-        preview.write_previews(folder, intake.id, previews=previews)
-    return intake
+        preview.write_previews(folder, kept.id, previews=previews)
+    return Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
 
 
 def suffix_of(facts: PhotoFacts) -> str:
@@ -169,13 +167,6 @@ def why_no_gps(facts: PhotoFacts) -> str | None:
         f"{reason}: was the location switched on in the camera? Android leaves it out of photos that are "
         "chosen in the gallery of a browser; choose them as files, or copy them by cable"
     )
-
-
-def _record(session: Session, map_id: int) -> MapRecord:
-    record = session.get(MapRecord, map_id, with_for_update=True)
-    if record is None or record.binned_at is not None:
-        raise NotFound("the map is gone, or in the bin")
-    return record
 
 
 def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo:

@@ -22,10 +22,10 @@ from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
+from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
 from webapp.tasks.maps.export import file_sha256
-from webapp.tasks.maps.placing import queue_index
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, PYRAMID_JOB
 
 _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
@@ -174,7 +174,7 @@ def fill(session: Session, record: MapRecord, contents: Contents) -> None:
 def queue_derived(session: Session, record: MapRecord) -> None:
     """Have the worker make what is derived from a map that came as a whole: its index, tiles of its image."""
     if record.photos:
-        queue_index(session, record)
+        jobs.enqueue(session, INDEX_JOB, map_id=record.id)
     if max(record.satellite_width or 0, record.satellite_height or 0) > DISPLAY_SIDE_PX:
         jobs.enqueue(session, PYRAMID_JOB, map_id=record.id, key=record.satellite_path or "")
 

@@ -14,7 +14,7 @@ from webapp.store.library import Library
 from webapp.store.maps import edits
 from webapp.store.maps.edits import Step
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps import export, placements
+from webapp.tasks.maps import placements
 
 KINDS = ("place", "move", "turn", "unplace", "remove")
 """Words for a step."""
@@ -44,7 +44,7 @@ class Edit:
 
 
 def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | None:
-    """Make an edit, and bring the files of the map up to date.
+    """Make an edit.
 
     Returns
     -------
@@ -61,8 +61,8 @@ def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | 
     """
     if edit.kind not in KINDS:
         raise UsageError(f"{edit.kind!r} is no kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         if edit.placement is not None:
             placements.check_name(session, record, edit.placement)
         changes: dict[str, Mapping[str, Any] | None] = {}
@@ -72,17 +72,14 @@ def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | 
         done = edits.apply(
             session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
         )
-    export.follow(library, map_id)
     return None if done is None else done.turn
 
 
 def turn(library: Library, map_id: int, *, way: Literal["undo", "redo"], account_id: int) -> Step | None:
     """Undo or redo the account's last edit; None when there is none."""
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
-        step = (edits.undo if way == "undo" else edits.redo)(session, record, account_id=account_id)
-    export.follow(library, map_id)
-    return step
+    step_back_or_on = edits.undo if way == "undo" else edits.redo
+    with library.changing(map_id) as change:
+        return step_back_or_on(change.session, change.record, account_id=account_id)
 
 
 def _check_there(session: Session, record: MapRecord, id: int) -> None:

@@ -1,21 +1,28 @@
-"""Keeps `map.cfg` and `map.json` of a library map as the database has it."""
+"""Writes `map.cfg` and `map.json` of library maps from the database.
+
+The database is the truth, and an edit is acknowledged once it is in there (`Library.changing`). The files
+follow: the worker calls `export_late_maps` twice a second, so that many quick edits cost one export; after a
+kill it goes on where it was. Whoever reads the files, or gives them out, calls `export_map` before.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
 from pathlib import Path
 
 from filelock import FileLock
+from sqlalchemy import select
 
 from webapp.core.mapmodel.model import Map
-from webapp.errors import MapError, StorageError
+from webapp.errors import ExpMapError, MapError
 from webapp.files.atomic import storage_error
 from webapp.files.listing import DERIVED
-from webapp.files.maps.cfg import format_cfg, read_cfg
-from webapp.files.maps.folder import placement_path, read_map_json, write_map
+from webapp.files.maps.cfg import format_cfg, read_bytes
+from webapp.files.maps.folder import json_path, placement_path, write_map
+from webapp.files.maps.map_json import check_placement_name
 from webapp.store.library import Library
-from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.library_map import as_map
 
@@ -23,17 +30,14 @@ _log = logging.getLogger(__name__)
 
 LOCK = "export.lock"
 _POLL_S = 0.005
-"""An export takes about 20 ms, and people wait for it with every edit."""
-
-INDEX_JOB = "index"
+"""An export takes a few hundredths of a second."""
 
 
-def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
-    """Write the files of a map where they are older than its records.
+def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
+    """Write the files of a map if they are older than its records.
 
-    Several at once take turns, and who finds the newest revision written already has nothing to do. A
-    `map.cfg` that somebody else has changed is left as it is. Where photos came or went, the index is to be
-    brought up to date: a job is put into the queue.
+    Several at once take turns, and the next one finds the newest revision written already. A `map.cfg` that
+    was changed from outside is left as it is.
 
     Parameters
     ----------
@@ -50,7 +54,7 @@ def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
     Raises
     ------
     StorageError
-        The disk refused; the records are safe, and the next run writes them.
+        The disk refused; the records are safe, and a later export writes them.
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
@@ -66,20 +70,29 @@ def run(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
         raise storage_error(error, where=slug) from error
 
 
-def follow(library: Library, map_id: int) -> None:
-    """Write the files of a map after a change that is safe in the database.
+def export_late_maps(library: Library) -> bool:
+    """Write the files of all maps that are older than their records.
 
-    A disk that refuses is no reason to tell that the change failed: the background worker writes the files
-    when it can.
+    Returns
+    -------
+    bool
+        False where the disk refused for one of them; the log says why.
     """
-    try:
-        run(library, map_id)
-    except StorageError as error:
-        _log.warning("the files of map %d are not current: %s", map_id, error)
+    with library.database.read() as session:
+        late = (MapRecord.exported_revision < MapRecord.revision, MapRecord.satellite_path.is_not(None))
+        ids = session.scalars(select(MapRecord.id).where(*late)).all()
+    all_written = True
+    for id in ids:
+        try:
+            export_map(library, id)
+        except ExpMapError as error:
+            _log.warning("the files of map %d are not current: %s", id, error)
+            all_written = False
+    return all_written
 
 
 def changed_outside(record: MapRecord, cfg: Path) -> bool:
-    """Tell whether `map.cfg` is neither what was written last nor what was there before."""
+    """Check whether `map.cfg` is neither what was written last nor what was there before."""
     return file_sha256(cfg) not in (None, record.exported_sha256, record.previous_sha256)
 
 
@@ -102,7 +115,7 @@ def _export(library: Library, map_id: int, *, cfg: Path, overwrite: bool) -> boo
     if map_ is None:
         return True
     _announce(library, map_id, map_, cfg=cfg)
-    old = _placements(cfg) - {placement.name for placement in map_.placements} - {cfg.stem}
+    old = _exported_placements(cfg) - {placement.name for placement in map_.placements} - {cfg.stem}
     write_map(cfg, map_)
     for name in old:
         placement_path(cfg, name).unlink(missing_ok=True)
@@ -116,26 +129,20 @@ def _announce(library: Library, map_id: int, map_: Map, *, cfg: Path) -> None:
 
     The revision is noted only after the files are written, so that the next run finishes what was begun.
     """
-    there, other_photos = file_sha256(cfg), _photos(cfg) != {(e.id, e.photo) for e in map_.experiences}
+    there = file_sha256(cfg)
     with library.database.write() as session:
         record = session.get_one(MapRecord, map_id)
         record.exported_sha256 = hashlib.sha256(format_cfg(map_)).hexdigest()
         record.previous_sha256 = there
-        if other_photos:
-            jobs.enqueue(session, INDEX_JOB, map_id=map_id)
 
 
-def _photos(cfg: Path) -> set[tuple[int, str]]:
-    """Ids and photos in a `.cfg`; none where there is no readable one."""
+def _exported_placements(cfg: Path) -> set[str]:
+    """Names of the placements in `map.json`, without a check of all else in it; only their files are ours."""
     try:
-        return {(e.id, e.photo) for e in read_cfg(cfg).map.experiences}
-    except MapError:
+        placements = json.loads(read_bytes(json_path(cfg)))["placements"]
+        names = {str(placement["name"]) for placement in placements}
+        for name in names:
+            check_placement_name(name)
+    except (MapError, ValueError, LookupError, TypeError):
         return set()
-
-
-def _placements(cfg: Path) -> set[str]:
-    """Names of the placements that are there; only their files are ours to delete."""
-    try:
-        return set(read_map_json(cfg).placements)
-    except MapError:
-        return set()
+    return names

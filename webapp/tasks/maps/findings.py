@@ -97,7 +97,7 @@ def run(
     """
     outside = outside_edit.show(library, map_id, settings=settings)
     if outside is None:
-        export.run(library, map_id)
+        export.export_map(library, map_id)
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
         cfg, map_ = library.cfg(record.slug), as_map(session, record)

@@ -18,7 +18,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps import export, outside_edit
+from webapp.tasks.maps import outside_edit
 from webapp.tasks.maps.adopt_map import photo_row
 from webapp.tasks.maps.findings import FIX_NAMES, orphans
 from webapp.tasks.maps.new_rows import add_removed
@@ -68,8 +68,8 @@ def run(
         take = fix == "outside-take"
         return _outside(library, map_id, take=take, account_id=account_id, settings=settings)
     strangers = _strangers(library, map_id, settings=settings) if fix == "adopt" else []
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         cfg = library.cfg(record.slug)
         with told_below(cfg.parent):
             if fix == "adopt":
@@ -83,7 +83,6 @@ def run(
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
         if edit is None:
             raise Conflict("there is nothing to put right any more", hint="check the map again")
-    export.follow(library, map_id)
     return edit.turn
 
 

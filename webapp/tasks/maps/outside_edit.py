@@ -96,8 +96,8 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
         _check_same(record, cfg, sha256=sha256)
         with told_below(cfg.parent):
             plan(session, record, cfg, files=files)  # reads the photos, while others may write
-    with library.database.write() as session:
-        record = _record(session.get(MapRecord, map_id))
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         _check_same(record, cfg, sha256=sha256)
         with told_below(cfg.parent):
             found = plan(session, record, cfg, files=files)
@@ -106,7 +106,8 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
             next(photo for photo in record.photos if photo.id == id).path = path
         edit = edits.apply(session, record, changes=found.changes, kind=KIND, account_id=account_id)
         record.exported_sha256 = sha256
-    export.follow(library, map_id)
+        if found.renamed:
+            record.photos_revision = record.revision
     return Taken(None if edit is None else edit.turn, tuple(found.left_out))
 
 
@@ -123,7 +124,7 @@ def discard(library: Library, map_id: int, *, sha256: str) -> None:
         cfg = library.cfg(_record(session.get(MapRecord, map_id)).slug)
     if file_sha256(cfg) != sha256:
         raise Conflict("the file is another one than was shown", hint="look at it again")
-    export.run(library, map_id, overwrite=True)
+    export.export_map(library, map_id, overwrite=True)
 
 
 def _check_same(record: MapRecord, cfg: Path, *, sha256: str) -> None:

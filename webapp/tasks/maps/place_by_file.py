@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.core.mapmodel.samename import match_names
@@ -11,7 +11,6 @@ from webapp.files.maps.positions import Positions, read_positions
 from webapp.files.part_file import told_as
 from webapp.store.library import Library
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import Placing, Wanted, find_spots, needed_image, place_spots
 
@@ -65,8 +64,8 @@ def run(library: Library, map_id: int, *, source: Path, name: str, account_id: i
     """
     with told_as(name, source):
         positions = read_positions(source)
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id, with_for_update=True)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         image = needed_image(record, with_georeference=bool(positions.by_name) and not positions.in_pixels)
         _check_same_image(positions, image)
         photos = {photo.id: photo for photo in maps.photos(session, record) if not photo.removed}
@@ -80,7 +79,7 @@ def run(library: Library, map_id: int, *, source: Path, name: str, account_id: i
         placing = place_spots(session, record, spots=spots, kind="place-file", account_id=account_id)
         named = set(matched.photo.values())
         missing = sum(photo.x_px is None and id not in named for id, photo in photos.items())
-    return Listed(placing, matched.unknown, matched.ambiguous, missing)
+    return Listed(replace(placing, job=change.job), matched.unknown, matched.ambiguous, missing)
 
 
 def _check_same_image(positions: Positions, image: MapImage) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from webapp.core.geo.types import LatLon
 from webapp.store.library import Library
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
 from webapp.tasks.maps.placing import Placing, Wanted, find_spots, needed_image, place_spots
 
 
@@ -28,8 +29,8 @@ def run(library: Library, map_id: int, *, account_id: int) -> Placing:
     UsageError
         The map has no satellite image, or that no georeference.
     """
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id, with_for_update=True)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         image = needed_image(record, with_georeference=True)
         wanted = [
             Wanted(photo, LatLon(photo.gps_lat, photo.gps_lon))
@@ -40,4 +41,5 @@ def run(library: Library, map_id: int, *, account_id: int) -> Placing:
             and photo.gps_lon is not None
         ]
         spots = find_spots(image, wanted)
-        return place_spots(session, record, spots=spots, kind="place-gps", account_id=account_id)
+        placing = place_spots(session, record, spots=spots, kind="place-gps", account_id=account_id)
+    return replace(placing, job=change.job)

@@ -6,7 +6,7 @@ import math
 import re
 import zoneinfo
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 
 from sqlalchemy.orm import Session
@@ -154,11 +154,12 @@ def run(
     UsageError
         The map has no satellite image, or that no georeference.
     """
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id, with_for_update=True)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         seen = _match(session, record, track=track, clock=clock)
         spots = [found.spot for found in seen.found]
-        return place_spots(session, record, spots=spots, kind="place-gpx", account_id=account_id), seen
+        placing = place_spots(session, record, spots=spots, kind="place-gpx", account_id=account_id)
+    return replace(placing, job=change.job), seen
 
 
 def _match(session: Session, record: MapRecord, *, track: Track, clock: Clock) -> Preview:

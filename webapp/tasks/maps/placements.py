@@ -17,7 +17,6 @@ from webapp.files.maps.map_json import check_placement_name
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, PlacedElsewhere
-from webapp.tasks.maps import export
 
 KIND = "placement"
 """Of the edit."""
@@ -59,8 +58,8 @@ def put(
     NotFound
         A photo that is not placed on the map.
     """
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         check_name(session, record, name)
         there = {
             photo.id: MapPixel(photo.x_px, photo.y_px)
@@ -78,7 +77,6 @@ def put(
         }
         changes |= {f"placed/{name}/{id}": {"x_px": at.x, "y_px": at.y} for id, at in wanted.items()}
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
-    export.follow(library, map_id)
     return None if edit is None else edit.turn
 
 
@@ -90,14 +88,13 @@ def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int 
     NotFound
         There is none of that name.
     """
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
         ids = _placed(session, record, name)
         if not ids:
             raise NotFound(f"the map has no placement {name[:80]!r}", hint="reload the page")
         changes = {f"placed/{name}/{id}": None for id in ids}
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
-    export.follow(library, map_id)
     return None if edit is None else edit.turn
 
 

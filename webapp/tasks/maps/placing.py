@@ -12,7 +12,6 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.positions import inside
 from webapp.errors import UsageError
 from webapp.store.maps import edits
-from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.place_photos import MapImage, how_far
@@ -66,7 +65,7 @@ class Placing:
         Ids of the photos, also of those that were there already.
     outside : tuple of Outside
     job : int or None
-        That brings the index up to date.
+        That updates the index, where other photos are on the map now.
     """
 
     placed: tuple[int, ...]
@@ -137,16 +136,5 @@ def place_spots(
         turned = {} if spot.heading_deg is None else {"heading_deg": spot.heading_deg}
         changes[f"photo/{spot.photo.id}"] = {"x_px": spot.pixel.x, "y_px": spot.pixel.y, **turned}
         placed.append(spot.photo.id)
-    edit = edits.apply(session, record, changes=changes, kind=kind, account_id=account_id)
-    job = None if edit is None else queue_index(session, record)
-    return Placing(tuple(placed), tuple(outside), job)
-
-
-def queue_index(session: Session, record: MapRecord) -> int:
-    """Have the worker bring the index of a map with placed photos up to date; gives the job's id.
-
-    It comes with the change or not at all: both are kept in one step.
-    """
-    job = jobs.enqueue(session, "index", map_id=record.id)
-    session.flush()
-    return job.id
+    edits.apply(session, record, changes=changes, kind=kind, account_id=account_id)
+    return Placing(tuple(placed), tuple(outside))

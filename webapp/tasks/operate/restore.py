@@ -20,10 +20,10 @@ from webapp.files.operate.backup import read_manifest, unpack
 from webapp.progress import Progress
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, INNER, open_library
+from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs, snapshot
 from webapp.store.operate.snapshot import Contents
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.export import INDEX_JOB
 from webapp.tasks.operate.backup import MAPS, QUERIES
 from webapp.tasks.operate.parts import LibraryPart, readers
 

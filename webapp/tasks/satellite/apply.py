@@ -15,18 +15,19 @@ from webapp.core.geo.types import MapPixel
 from webapp.errors import Conflict, UsageError
 from webapp.files.maps.map_json import georeference_fields
 from webapp.store.maps import edits, maps
+from webapp.store.maps.changing import MapChange
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, PlacedElsewhere
 from webapp.tasks.maps.place_photos import MapImage
-from webapp.tasks.maps.placing import image_of, queue_index
+from webapp.tasks.maps.placing import image_of
 from webapp.tasks.satellite.moves import TRAY, ImageChange
 
 PYRAMID_JOB = "satellite-pyramid"
 DISPLAY_SIDE_PX = 4096
 """An image with a longer side is shown by tiles."""
 
-Writes = Callable[[], AbstractContextManager[Session]]
-"""Opens a session that writes: the database's own, or that of a job that holds its lease."""
+Changing = Callable[[int], AbstractContextManager[MapChange]]
+"""Opens a change of a map: `library.changing`, or that of a job that holds its lease."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +86,7 @@ class Applied:
     from_tray: int
 
 
-def set_image(writes: Writes, map_id: int, *, new: NewImage, choice: Choice) -> Applied:
+def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: Choice) -> Applied:
     """Give a map an image.
 
     Photos in the tray that have a GPS position are placed when the map had no georeference before. The same
@@ -93,7 +94,7 @@ def set_image(writes: Writes, map_id: int, *, new: NewImage, choice: Choice) -> 
 
     Parameters
     ----------
-    writes : callable
+    changing : callable
     map_id : int
     new : NewImage
     choice : Choice
@@ -104,8 +105,8 @@ def set_image(writes: Writes, map_id: int, *, new: NewImage, choice: Choice) -> 
         Placed photos would not lie on it; nothing was changed.
     Conflict
     """
-    with writes() as session:
-        record = session.get_one(MapRecord, map_id, with_for_update=True)
+    with changing(map_id) as change:
+        session, record = change.session, change.record
         old, image = image_of(record), new.image
         same_file = new.path == record.satellite_path
         if same_file and old is not None and image.georeference is None:
@@ -116,15 +117,15 @@ def set_image(writes: Writes, map_id: int, *, new: NewImage, choice: Choice) -> 
             "satellite_height": image.height,
             "georeference": georeference_fields(image.georeference),
         }
-        change = ImageChange(old, image, same_file=same_file, scale=choice.scale)
-        applied = _apply(session, record, change, fields=fields, choice=choice)
+        moves = ImageChange(old, image, same_file=same_file, scale=choice.scale)
+        applied = _apply(session, record, moves, fields=fields, choice=choice)
         if max(image.width, image.height) > DISPLAY_SIDE_PX:
             jobs.enqueue(session, PYRAMID_JOB, map_id=map_id, account_id=choice.account_id, key=new.path)
     return applied
 
 
 def set_georeference(
-    writes: Writes, map_id: int, *, georeference: Georeference | None, choice: Choice
+    changing: Changing, map_id: int, *, georeference: Georeference | None, choice: Choice
 ) -> Applied:
     """Say where the present image is on the Earth; None takes that away.
 
@@ -134,14 +135,14 @@ def set_georeference(
         The map has no image.
     Conflict
     """
-    with writes() as session:
-        record = session.get_one(MapRecord, map_id, with_for_update=True)
+    with changing(map_id) as change:
+        session, record = change.session, change.record
         old = image_of(record)
         if old is None:
             raise UsageError("the map has no satellite image yet", hint="add one, or start from a blank plan")
-        change = ImageChange(old, MapImage(old.width, old.height, georeference), same_file=True)
+        moves = ImageChange(old, MapImage(old.width, old.height, georeference), same_file=True)
         fields = {"georeference": georeference_fields(georeference)}
-        return _apply(session, record, change, fields=fields, choice=choice)
+        return _apply(session, record, moves, fields=fields, choice=choice)
 
 
 def _apply(
@@ -176,8 +177,6 @@ def _apply(
         kind="satellite" if "satellite_path" in fields else "georeference",
         account_id=choice.account_id,
     )
-    if from_tray:
-        queue_index(session, record)
     done = [] if edit is None else [step["target"] for step in edit.changes]
     ids = sorted({int(target.rsplit("/", 1)[1]) for target in done if target != "map"})
     return Applied(tuple(ids), outside, from_tray)

@@ -62,7 +62,7 @@ def run(library: Library, map_id: int, *, sheet: Sheet | None, choice: Choice) -
     large = max(image.width, image.height) > DISPLAY_SIDE_PX
     display.write_small(folder, name, small=rgb, large=large)
     with taken_back_if_refused(library, map_id, name=name):
-        return set_image(library.database.write, map_id, new=NewImage(name, image), choice=choice)
+        return set_image(library.changing, map_id, new=NewImage(name, image), choice=choice)
 
 
 def _sheet(sheet: Sheet) -> tuple[NDArray[np.uint8], MapImage]:

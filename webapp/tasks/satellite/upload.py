@@ -88,7 +88,7 @@ def run(
     display.write_small(folder, name, small=small, large=max(width, height) > DISPLAY_SIDE_PX)
     new = NewImage(name, MapImage(width, height, georeference))
     with taken_back_if_refused(library, map_id, name=name):
-        return Uploaded(set_image(library.database.write, map_id, new=new, choice=choice), warnings)
+        return Uploaded(set_image(library.changing, map_id, new=new, choice=choice), warnings)
 
 
 def _own(file: Path) -> tuple[Georeference | None, tuple[str, ...]]:

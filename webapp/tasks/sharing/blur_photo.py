@@ -51,9 +51,9 @@ def run(
     source = show_photo.original(library, record.slug, photo=photo)
     with told_as(photo.name, source):
         previews = make_previews(source, limits=settings.photo, blurred=wanted)
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
-        photo = maps.photo(session, record, photo_id)
+    with library.changing(map_id) as change:
+        record = change.record
+        photo = maps.photo(change.session, record, photo_id)
         write_previews(library.map_folder(record.slug), photo_id, previews=previews)
         photo.blurred = [box._asdict() for box in wanted] or None
         record.revision += 1

@@ -26,6 +26,7 @@ from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
 from webapp.store.localize import queries
 from webapp.store.maps import maps
+from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.localize import follow_sequence, show_query, upload
@@ -33,7 +34,6 @@ from webapp.tasks.localize.adopt_query import link_or_copy
 from webapp.tasks.localize.open_maps import ReadyMaps, Way
 from webapp.tasks.localize.upload import MOST_PHOTOS, Asked, Question, Sent
 from webapp.tasks.maps.add_photo import tidy_name
-from webapp.tasks.maps.export import INDEX_JOB
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.localize.answer_schemas import AnswerOut

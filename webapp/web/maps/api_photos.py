@@ -19,7 +19,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import Intake
-from webapp.web.context import after_change, library, open_map, settings
+from webapp.web.context import library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.openapi import file_answer
 
@@ -93,10 +93,7 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
             where="file",
             hint=f"send 1 to {most}, or one by one",
         )
-    results = [_take_in(record, file) for file in given["file"]]
-    if any(result["placed"] for result in results):  # the files of a map hold no other photos
-        after_change(record)
-    return results
+    return [_take_in(record, file) for file in given["file"]]
 
 
 @blueprint.get("/<int(max=2147483647):id>/thumb")

@@ -18,7 +18,7 @@ from webapp.tasks.maps import place_by_file, place_by_gps, place_by_track
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
 from webapp.tasks.maps.placing import Placing
-from webapp.web.context import account, after_change, library, open_map
+from webapp.web.context import account, library, open_map
 
 blueprint = APIBlueprint("api_placing", __name__, url_prefix="/api/v1/maps/<slug>", tag="Placing")
 
@@ -118,7 +118,6 @@ def by_gps(slug: str) -> dict[str, Any]:
     """Place the photos in the tray that know where they were taken."""
     record = open_map(slug, "editor")
     placing = place_by_gps.run(library(), record.id, account_id=account().id)
-    after_change(record)
     return _placing_json(placing)
 
 
@@ -136,7 +135,6 @@ def by_file(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
         listed = place_by_file.run(library(), record.id, source=part, name=name, account_id=account().id)
     finally:
         discard(part)
-    after_change(record)
     return {
         **_placing_json(listed.placing),
         "unknown": listed.unknown,
@@ -162,7 +160,6 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
         placing, seen = place_by_track.run(
             library(), record.id, track=track, clock=clock, account_id=account().id
         )
-        after_change(record)
     span = {"fixes": len(track), "begins_s": float(track.times_s[0]), "ends_s": float(track.times_s[-1])}
     return {**_placing_json(placing), **_preview_json(seen), **span}
 

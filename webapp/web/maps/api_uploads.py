@@ -19,7 +19,7 @@ from webapp.files.part_file import WrongOffset, append, arrived, check_space, di
 from webapp.store.maps import uploads
 from webapp.store.schema import MapRecord, Upload
 from webapp.tasks.maps import add_photo
-from webapp.web.context import account, after_change, library, open_map, settings
+from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps.api_photos import IntakeOut, intake_json
 
@@ -117,8 +117,6 @@ def send(slug: str, id: str) -> dict[str, Any]:
             _give_up(upload)
             raise
         _give_up(upload)
-    if intake.placed:  # the files of a map hold no other photos
-        after_change(record)
     return {"offset": there, **intake_json(intake)}
 
 

@@ -19,7 +19,7 @@ from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite import georeference as satellite_georeference
 from webapp.tasks.satellite.apply import Choice, set_georeference
 from webapp.tasks.satellite.georeference import GeoWish
-from webapp.web.context import account, after_change, library, open_map
+from webapp.web.context import account, library, open_map
 from webapp.web.satellite.image_answer import ImageAnswer, answer
 
 blueprint = APIBlueprint(
@@ -85,10 +85,7 @@ def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     record = open_map(slug, "editor")
     _, _, found = _fitted(record, given)
     choice = Choice(account().id, seen=given["seen"])
-    applied = set_georeference(
-        library().database.write, record.id, georeference=found.georeference, choice=choice
-    )
-    after_change(record)
+    applied = set_georeference(library().changing, record.id, georeference=found.georeference, choice=choice)
     return answer(record, applied, warnings=found.warnings)
 
 
@@ -97,10 +94,7 @@ def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 def delete(slug: str) -> dict[str, Any]:
     """Take the georeference away; photos stay where they are on the image."""
     record = open_map(slug, "editor")
-    applied = set_georeference(
-        library().database.write, record.id, georeference=None, choice=Choice(account().id)
-    )
-    after_change(record)
+    applied = set_georeference(library().changing, record.id, georeference=None, choice=Choice(account().id))
     return answer(record, applied)
 
 

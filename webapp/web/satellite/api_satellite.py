@@ -26,7 +26,7 @@ from webapp.tasks.satellite.blank import Sheet
 from webapp.tasks.satellite.display import Shown
 from webapp.tasks.satellite.georeference import GeoWish
 from webapp.tasks.satellite.tiles import TILES_JOB, TileWish
-from webapp.web.context import account, after_change, library, open_map, settings
+from webapp.web.context import account, library, open_map, settings
 from webapp.web.openapi import file_answer
 from webapp.web.satellite.image_answer import ImageAnswer, answer
 
@@ -148,7 +148,6 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
         uploaded = upload.run(
             library(), record.id, file=part, wish=wish, choice=_choice(given), settings=settings()
         )
-    after_change(record)
     return answer(record, uploaded.applied, warnings=uploaded.warnings)
 
 
@@ -163,7 +162,6 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
         raise UsageError("width and height come together", hint="give both, or neither")
     sheet = None if width is None else Sheet(width, height)
     applied = blank.run(library(), record.id, sheet=sheet, choice=_choice(given))
-    after_change(record)
     return answer(record, applied)
 
 

@@ -1,22 +1,22 @@
-"""A worker's sign of life ends with its process."""
+"""A lock ends with its process."""
 
 import subprocess
 import sys
 
-from webapp.jobs.lifesign import LifeSign
+from webapp.jobs.process_lock import ProcessLock
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from webapp.jobs.lifesign import LifeSign
-sign = LifeSign(Path(sys.argv[1]))
+from webapp.jobs.process_lock import ProcessLock
+sign = ProcessLock(Path(sys.argv[1]))
 print(sign.name, flush=True)
 time.sleep(600)
 """
 
 
 def test_a_killed_process_is_gone_and_a_living_one_is_not(tmp_path):
-    own = LifeSign(tmp_path)
+    own = ProcessLock(tmp_path)
     with subprocess.Popen([sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True) as other:
         name = other.stdout.readline().strip()
         assert not own.is_gone(name)
@@ -29,11 +29,11 @@ def test_a_killed_process_is_gone_and_a_living_one_is_not(tmp_path):
 
 
 def test_of_other_machines_nothing_is_known(tmp_path):
-    assert not LifeSign(tmp_path).is_gone("elsewhere:77:abc")
+    assert not ProcessLock(tmp_path).is_gone("elsewhere:77:abc")
 
 
 def test_it_is_taken_away_in_the_end(tmp_path):
-    first, second = LifeSign(tmp_path), LifeSign(tmp_path)
+    first, second = ProcessLock(tmp_path), ProcessLock(tmp_path)
     assert first.name != second.name
-    first.end()
+    first.release()
     assert second.is_gone(first.name)

@@ -1,4 +1,4 @@
-"""By what a worker tells whether another one of its machine still lives: a lock that dies with its holder."""
+"""A lock that dies with its process: by it workers know which others of their machine still live."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 
-class LifeSign:
+class ProcessLock:
     """A worker's name, with a locked file of that name as long as its process lives.
 
     The system frees the lock however the process ends; unlike a process id, a name never comes back.
@@ -30,7 +30,7 @@ class LifeSign:
         self._lock.acquire()
 
     def is_gone(self, name: str) -> bool:
-        """Tell whether a worker of this machine lives no more; of other machines nothing is known."""
+        """Check whether a worker of this machine has ended; False for other machines, which is unknown."""
         if name == self.name or not name.startswith(self._host):
             return False
         path = self._path(name)
@@ -43,8 +43,8 @@ class LifeSign:
         path.unlink(missing_ok=True)
         return True
 
-    def end(self) -> None:
-        """Take the sign away."""
+    def release(self) -> None:
+        """Free the lock and delete its file."""
         self._lock.release()
         self._path(self.name).unlink(missing_ok=True)
 
