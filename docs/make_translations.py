@@ -25,7 +25,11 @@ ROOT = Path(__file__).resolve().parents[1]
 TRANSLATIONS = ROOT / "webapp" / "web" / "translations"
 DOMAINS = ("messages", "scripts")
 
-_PAGES = {"webapp/web": [("**.py", "python")], "templates": [("**.html", "jinja2")]}
+_PAGES = {
+    "webapp/web": [("**.py", "python")],
+    "webapp/missions/web": [("**.py", "python")],
+    "templates": [("**.html", "jinja2")],
+}
 _SCRIPTS = {"static/js": [("**.js", "javascript")]}
 _KEYWORDS: dict[str, tuple[int, ...] | None] = {"_": None, "gettext": None, "ngettext": (1, 2)}
 _SCRIPT_KEYWORDS: dict[str, tuple[int, ...] | None] = {"t": None, "tn": (1, 2)}
@@ -35,8 +39,8 @@ _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last
 
 _NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
-_WITH_ERRORS = ("store", "web")
-"""Layers whose errors have texts that are translated when they are shown."""
+_WITH_ERRORS = {"store", "web"}
+"""Layers, here and in the missions wing, whose errors have texts that are translated when they are shown."""
 
 
 def gathered(domain: str) -> Catalog:
@@ -99,15 +103,16 @@ def untranslated(catalog: Catalog) -> list[str]:
 def _of_errors() -> Iterator[tuple[str, str]]:
     """Find what errors are raised with: constant messages and hints."""
     kinds = {name for name, kind in vars(errors).items() if isinstance(kind, type)}
-    for layer in _WITH_ERRORS:
-        for path in sorted((ROOT / "webapp" / layer).rglob("*.py")):
-            place = path.relative_to(ROOT).as_posix()
-            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in kinds:
-                    told = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "hint")]
-                    for part in told:
-                        if isinstance(part, ast.Constant) and isinstance(part.value, str):
-                            yield part.value, place
+    for path in sorted((ROOT / "webapp").rglob("*.py")):
+        place = path.relative_to(ROOT)
+        if not _WITH_ERRORS & set(place.parts[1:3]):
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in kinds:
+                texts = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "hint")]
+                for part in texts:
+                    if isinstance(part, ast.Constant) and isinstance(part.value, str):
+                        yield part.value, place.as_posix()
 
 
 def _path(domain: str, language: str) -> Path:

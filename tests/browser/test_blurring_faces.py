@@ -28,5 +28,5 @@ def test_boxes_are_drawn_and_kept(make_page, page):
     expect(page.locator("#current-image")).to_have_attribute("src", re.compile("look="))
     page.locator("#current-blur").click()
     expect(page.locator(".blur-box")).to_have_count(2)
-    page.get_by_role("button", name="Take this box away").first.click()
+    page.get_by_role("button", name="Remove this box").first.click()
     expect(page.locator(".blur-box")).to_have_count(1)

@@ -124,13 +124,13 @@ def test_corners_and_taking_them_away(image_page, context):
         group = page.get_by_role("group", name=label)
         group.get_by_label("Latitude").fill(str(lat))
         group.get_by_label("Longitude").fill(str(lon))
-    expect(by_id(page, "verdict")).to_contain_text("m a pixel")
+    expect(by_id(page, "verdict")).to_contain_text("m per pixel")
     reloads(page, by_id(page, "georeference-apply").click)
     assert state()["georeference"]["method"] == "corners"
     page.locator("#where > summary").click()
-    page.get_by_role("button", name="Take the georeference away").click()
-    page.get_by_role("button", name="Take it away").click()
-    expect(page.get_by_text("The georeference is gone.")).to_be_visible()
+    page.get_by_role("button", name="Remove the georeference").click()
+    page.get_by_role("button", name="Remove it").click()
+    expect(page.get_by_text("The georeference was removed.")).to_be_visible()
     assert state()["georeference"] is None
 
 

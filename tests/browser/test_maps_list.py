@@ -39,8 +39,8 @@ def test_a_map_without_a_name_is_not_made(page):
 def test_a_map_goes_to_the_bin_and_comes_back(page, api, sample_folder):
     slug = api.make_map("Goes and comes", satellite=sample_folder / "satellite.png")
     page.goto("/")
-    choose(page, "Goes and comes", "Put into the bin")
-    page.get_by_role("dialog").get_by_role("button", name="Put into the bin").click()
+    choose(page, "Goes and comes", "Move to the bin")
+    page.get_by_role("dialog").get_by_role("button", name="Move to the bin").click()
     expect(card(page, "Goes and comes")).to_have_count(0)
     page.goto("/bin")
     card(page, "Goes and comes").get_by_role("button", name="Restore").click()
@@ -54,8 +54,8 @@ def test_a_map_is_deleted_for_good(page, api, app):
     slug = api.make_map("Goes for good", satellite=None)
     api.ask("DELETE", f"/maps/{slug}")
     page.goto("/bin")
-    card(page, "Goes for good").get_by_role("button", name="Delete for good").click()
-    page.get_by_role("dialog").get_by_role("button", name="Delete for good").click()
+    card(page, "Goes for good").get_by_role("button", name="Delete permanently").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete permanently").click()
     expect(card(page, "Goes for good")).to_have_count(0)
     assert not (app.library / slug).exists()
 

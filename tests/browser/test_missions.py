@@ -185,7 +185,7 @@ def test_two_missions_over_each_other(page, api, mission, send):
     records = [{**pose(n), "time": BEGIN + 86_400 * 30 + n} for n in range(90)]
     api.ask("POST", f"/missions/{other}/batches", data={"sender": "x", "first": 0, "records": records})
     page.goto(f"/missions/{mission}")
-    page.get_by_role("button", name="Lay another mission over it").click()
+    page.get_by_role("button", name="Overlay another mission").click()
     page.get_by_role("dialog").get_by_role("button", name="the other round").click()
     expect(by_id(page, "track")).to_have_count(2)
     expect(page).to_have_url(re.compile(f"with={other}"))
@@ -267,7 +267,7 @@ def test_on_the_image_of_a_map(page, api, sample_map):
     page.goto(f"/missions/{made}")
     wait_for_pixels(page, lambda count: count >= 100)
     assert page.locator("#map-canvas .leaflet-image-layer, #map-canvas .leaflet-tile").count() > 0
-    page.get_by_label("Ground").select_option("plain")
+    page.get_by_label("Background").select_option("plain")
     wait_for_pixels(page, lambda count: count >= 100)
     assert page.locator("#map-canvas .leaflet-image-layer, #map-canvas .leaflet-tile").count() == 0
 
@@ -285,13 +285,13 @@ def test_new_mission_renamed_and_into_the_bin(page):
         page.get_by_role("dialog").get_by_role("button", name="Rename").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("Second try")
     page.get_by_label("More", exact=True).click()
-    page.get_by_role("button", name="Put into the bin").click()
-    page.get_by_role("dialog").get_by_role("button", name="Put into the bin").click()
+    page.get_by_role("button", name="Move to the bin").click()
+    page.get_by_role("dialog").get_by_role("button", name="Move to the bin").click()
     page.wait_for_url("**/missions")
     page.goto("/missions/bin")
     expect(by_id(page, "mission").filter(has_text="Second try")).to_be_visible()
     page.get_by_role("button", name="Delete Second try for good").click()
-    page.get_by_role("dialog").get_by_role("button", name="Delete for good").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete permanently").click()
     expect(by_id(page, "mission").filter(has_text="Second try")).to_have_count(0)
 
 

@@ -10,13 +10,13 @@ def test_it_is_tried_and_shown(make_page, api):
     api.wait_for_jobs(edit.slug)
     page = edit.page
     page.goto(f"/maps/{edit.slug}/quality")
-    expect(page.get_by_text("Not tried yet")).to_be_visible()
+    expect(page.get_by_text("Not evaluated yet")).to_be_visible()
     page.get_by_test_id("evaluate").click()
     expect(page.get_by_test_id("job-progress")).to_be_visible()
     shown = page.get_by_test_id("quality")
     expect(shown).to_have_count(2, timeout=180_000)
     expect(shown.first.locator("svg.chart")).to_have_count(2)
-    expect(shown.first.get_by_role("row", name="Photos tried")).to_contain_text("6")
+    expect(shown.first.get_by_role("row", name="Photos evaluated")).to_contain_text("6")
     assert axe.findings(page) == []
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
@@ -24,4 +24,4 @@ def test_it_is_tried_and_shown(make_page, api):
     edit.drag((100, 60), (300, 300))
     edit.saved()
     page.goto(f"/maps/{edit.slug}/quality")
-    expect(page.get_by_text("The map was changed since.")).to_be_visible()
+    expect(page.get_by_text("The map has changed since.")).to_be_visible()

@@ -23,7 +23,7 @@ def make_link(page, sample_map):
         page.get_by_test_id("share-new").click()
         for wish in wishes:
             page.get_by_label(wish).check()
-        page.get_by_role("dialog").get_by_role("button", name="Make the link").click()
+        page.get_by_role("dialog").get_by_role("button", name="Create the link").click()
         address = page.get_by_test_id("share-url").input_value()
         assert "/embed/" in page.get_by_test_id("share-embed").input_value()
         page.keyboard.press("Escape")
@@ -43,8 +43,8 @@ def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_
     expect(visitor.get_by_test_id("hypothesis").first).to_be_visible()
     expect(visitor.get_by_test_id("off-map")).to_be_visible()
     assert axe.findings(visitor) == []
-    page.get_by_role("button", name="Take the link back").first.click()
-    page.get_by_role("button", name="Take it back").click()
+    page.get_by_role("button", name="Revoke the link").first.click()
+    page.get_by_role("button", name="Revoke it").click()
     expect(page.get_by_test_id("share")).to_have_count(0)
     visitor.context.watch.expect(404)
     visitor.goto(address)
@@ -63,7 +63,7 @@ def test_another_site_shows_it_in_a_frame(visitor, make_link, elsewhere):
 
 
 def test_a_public_map_is_found_without_an_account(make_link, open_context, page, sample_map):
-    make_link("Everybody")
+    make_link("Everyone")
     phone = open_context(**PHONE).new_page()
     phone.goto("/sign-in")
     phone.get_by_role("link", name="Public maps").click()

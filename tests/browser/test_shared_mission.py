@@ -64,7 +64,7 @@ def test_visitors_follow_a_mission_until_the_link_is_taken_back(visitor, shared)
     expect(visitor.get_by_test_id("live-state")).to_have_text("Ended")
     visitor.context.watch.expect(404)
     revoke()
-    expect(visitor.locator("#failed")).to_contain_text("This link leads to nothing any more.")
+    expect(visitor.locator("#failed")).to_contain_text("This link is no longer valid.")
 
 
 def test_an_embedded_mission_opens_as_a_page(visitor, shared):
@@ -104,5 +104,5 @@ def test_the_export_menu_gives_files(visitor, shared):
     visitor.goto(share["url"])
     visitor.get_by_text("Export", exact=True).click()
     with visitor.expect_download() as got:
-        visitor.get_by_role("link", name="KML link that keeps up to date").click()
+        visitor.get_by_role("link", name="Live KML link").click()
     assert got.value.suggested_filename == "Round-the-yard-live.kml"

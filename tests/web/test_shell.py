@@ -193,7 +193,7 @@ def test_the_secret_key_is_made_once_and_for_nobody_else(library):
 def test_a_damaged_secret_key_is_told(library):
     secret_key(library.inner)
     (library.inner / "secret-key").write_text("short")
-    with pytest.raises(own_errors.StorageError, match="no secret key"):
+    with pytest.raises(own_errors.StorageError, match="not a valid secret key"):
         secret_key(library.inner)
 
 

@@ -106,7 +106,9 @@ def _errors_of_ours(url: str) -> Iterator[None]:
         yield
     except (OverflowError, DataError) as error:
         # Clients send ids of any size; one that no column can hold is one that nothing has.
-        raise NotFound("there is no such thing: a number is too large", hint="check the address") from error
+        raise NotFound(
+            "there is nothing with this number: it is too large", hint="check the address"
+        ) from error
     except NoResultFound as error:
         # What an earlier session has found: its map was deleted, or its account, before this one began.
         raise NotFound(

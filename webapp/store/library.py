@@ -97,6 +97,8 @@ def open_library(folder: Path, *, url: str | None = None) -> Library:
             migrate(library.database)
     except (OSError, Timeout) as error:
         raise StorageError(
-            f"the library cannot be opened: {error}", where=str(folder), hint="may you write there?"
+            f"the library cannot be opened: {error}",
+            where=str(folder),
+            hint="check the permissions of the folder",
         ) from error
     return library

@@ -131,7 +131,7 @@ def _first(detail: Any, path: tuple[str, ...] = ()) -> tuple[str | None, str | N
 
 
 def _csrf(_error: CSRFError) -> Response:
-    told = _shape("csrf", _("this page is too old to be sent"), hint=_("reload the page and try again"))
+    told = _shape("csrf", _("this page has expired"), hint=_("reload the page and try again"))
     return _answer(told, HTTPStatus.BAD_REQUEST)
 
 
@@ -162,7 +162,7 @@ def _in_words(status: HTTPStatus) -> dict[str, Any]:
         405: (_("this cannot be done here"), None),
         413: (_("this is too large"), _("send a smaller file")),
         415: (_("the request is of the wrong type"), None),
-        500: (_("something went wrong on the server"), _("try again; the details are in the server's log")),
+        500: (_("internal error"), _("try again; the details are in the server's log")),
     }
     message, hint = words.get(status.value, (status.phrase.lower(), None))
     return _shape(_code(status.phrase), message, hint=hint)

@@ -8,10 +8,10 @@ import { sentence, toastError } from "../shared/toast.js";
 import { canGoAgain } from "./uploads.js";
 
 const JOBS = {
-  index: () => t("Preparing the photos for finding places"),
-  evaluate: () => t("Testing how well places are found"),
-  health: () => t("Finding places that look alike"),
-  sample: () => t("Making the sample map"),
+  index: () => t("Indexing the photos"),
+  evaluate: () => t("Evaluating the map"),
+  health: () => t("Finding places that look similar"),
+  sample: () => t("Creating the sample map"),
   "satellite-pyramid": () => t("Preparing the image for display"),
   "satellite-tiles": () => t("Fetching the satellite image"),
   import: () => t("Importing"),
@@ -99,7 +99,7 @@ export class Activity {
     return [
       placed && tn("{n} photo placed by its GPS.", "{n} photos placed by their GPS.", placed),
       waiting && tn("{n} photo waits in the tray.", "{n} photos wait in the tray.", waiting),
-      known && tn("{n} photo was here already.", "{n} photos were here already.", known),
+      known && tn("{n} photo was already here.", "{n} photos were already here.", known),
       failed && tn("{n} file failed.", "{n} files failed.", failed),
       cancelled && tn("{n} file was not sent.", "{n} files were not sent.", cancelled),
     ].filter(Boolean);

@@ -21,7 +21,7 @@ export function blurDialog(photo, save) {
   const error = errorLine();
   const add = h("button", { class: "button", type: "button", onclick: () => boxes.add({ ...NEW }) }, icon("plus"), t("Add a box"));
   const send = h("button", { class: "button button--primary", type: "button" }, t("Save"));
-  const text = t("Drag a box over each face and each number plate. They are blurred in every picture that is shown; the file itself stays as it came.");
+  const text = t("Draw a box over each face and number plate. They are blurred in every picture that is shown; the original file is not changed.");
   const body = [h("p", { class: "soft small" }, text), frame, h("div", { class: "row" }, add, boxes.count), error];
   const dialog = openDialog(t("Blur faces and plates"), body, { actions: [send] });
   dialog.classList.add("dialog--wide");
@@ -62,8 +62,8 @@ class Boxes {
       this.all.splice(this.all.indexOf(box), 1);
       this._show();
     };
-    const button = h("button", { class: "blur-box__remove", type: "button", "aria-label": t("Take this box away"), onclick: remove }, icon("close"));
-    const words = t("Box: the arrow keys move it, with Shift they change its size");
+    const button = h("button", { class: "blur-box__remove", type: "button", "aria-label": t("Remove this box"), onclick: remove }, icon("close"));
+    const words = t("Box: move it with the arrow keys, resize it with Shift and the arrow keys");
     const made = h("div", { class: "blur-box", tabindex: "0", role: "group", "aria-label": words }, button);
     made.addEventListener("keydown", (event) => this._key(event, made, box));
     lay(made, box);

@@ -53,14 +53,14 @@ function choose(accept, take) {
 function report(told, title) {
   const placed = tn("{n} photo placed.", "{n} photos placed.", told.placed.length);
   const parts = [
-    names(t("Beside the image"), (told.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    names(t("Outside the image"), (told.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
     names(t("Not found on the track"), (told.unmatched || []).map(({ name, reason }) => `${name}: ${reason}`)),
-    names(t("In the list, but not among the photos"), told.unknown || []),
-    names(t("Not clear which photo is meant"), told.ambiguous || []),
+    names(t("Listed, but no photo has this name"), told.unknown || []),
+    names(t("Ambiguous name"), told.ambiguous || []),
     told.missing ? h("p", {}, tn("{n} photo in the tray is not in the list.", "{n} photos in the tray are not in the list.", told.missing)) : null,
   ].filter(Boolean);
   if (!parts.length) {
-    toast(told.placed.length ? placed : t("There was nothing to place."));
+    toast(told.placed.length ? placed : t("Nothing to place."));
     return;
   }
   openDialog(title, [h("p", { class: "row" }, icon("pin"), placed), ...parts]);

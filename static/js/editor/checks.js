@@ -49,7 +49,7 @@ export class ChecksPanel {
   }
 
   _nothing() {
-    return h("div", { class: "ed-findings__none" }, icon("check"), h("p", {}, t("Nothing is wrong with this map.")));
+    return h("div", { class: "ed-findings__none" }, icon("check"), h("p", {}, t("No problems found.")));
   }
 
   _finding(finding) {

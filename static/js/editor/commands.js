@@ -119,7 +119,7 @@ export class Commands {
     this._told?.();
     const step = item.action === "undo" ? answer.redo : answer.undo;
     const what = step ? stepName(step) : t("the last change");
-    this._told = toast(item.action === "undo" ? t("Undone: {what}", { what }) : t("Done again: {what}", { what }));
+    this._told = toast(item.action === "undo" ? t("Undone: {what}", { what }) : t("Redone: {what}", { what }));
   }
 
   _nextUnplaced(after) {

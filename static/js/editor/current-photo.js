@@ -111,7 +111,7 @@ export class CurrentPhoto {
   }
 
   _gps({ gps, gps_problem: problem }) {
-    if (!gps) return problem || t("no position in this file");
+    if (!gps) return problem || t("none in this file");
     const accuracy = gps.accuracy_m ? ` ± ${gps.accuracy_m < 10 ? gps.accuracy_m.toFixed(1) : Math.round(gps.accuracy_m)} m` : "";
     const { satellite } = this.store;
     const known = satellite && Number.isFinite(gps.x_px);
@@ -141,7 +141,7 @@ export class CurrentPhoto {
     const words = {
       none: "",
       place: t("Click on the image where this photo was taken."),
-      select: store.isPlaced(store.currentId) ? t("Drag its dot to move it, its arrow to turn it.") : t("Choose the photo again to place it."),
+      select: store.isPlaced(store.currentId) ? t("Drag its dot to move it, its arrow to turn it.") : t("Select the photo again to place it."),
     };
     const line = byId("instruction");
     line.hidden = !words[state];

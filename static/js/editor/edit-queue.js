@@ -218,7 +218,7 @@ export class EditQueue extends EventTarget {
     this.items = this.items.filter((other) => !lost.includes(other));
     this._show();
     const count = Math.max(lost.length, 1);
-    const told = hint || tn("Your change was not made: the photo is shown as it is now", "{n} of your changes were not made: the photos are shown as they are now", count);
+    const told = hint || tn("Your change was not saved: the photo is shown as it is now", "{n} of your changes were not saved: the photos are shown as they are now", count);
     this.dispatchEvent(new CustomEvent("refused", { detail: { message, hint: told } }));
   }
 

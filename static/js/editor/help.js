@@ -10,7 +10,7 @@ export function showHelp() {
   const single = h("input", { type: "checkbox", checked: singleKeys.on });
   single.addEventListener("change", () => (singleKeys.on = single.checked));
   openDialog(t("Help"), [
-    h("p", {}, t("Click on the image where the current photo was taken; the next one comes by itself. Drag a dot to move it, and its arrow to say where the camera looked.")),
+    h("p", {}, t("Click on the image where the current photo was taken; the next photo follows automatically. Drag a dot to move it, and its arrow to set the direction of view.")),
     group(t("Anywhere"), [
       ["N, P", t("next, previous photo")],
       ["[, ]", t("turn the current photo by 5°")],
@@ -21,11 +21,11 @@ export function showHelp() {
       ["Backspace", t("back to the tray")],
       ["Ctrl + Z", t("undo")],
       ["Ctrl + Shift + Z, Ctrl + Y", t("redo")],
-      ["Esc", t("select nothing; stop placing")],
+      ["Esc", t("clear the selection; stop placing")],
     ]),
     group(t("On the image"), [
-      ["← ↑ → ↓", t("move the crosshair; with Shift faster")],
-      ["Enter", t("place the current photo, or choose the dot")],
+      ["← ↑ → ↓", t("move the crosshair; faster with Shift")],
+      ["Enter", t("place the current photo, or select the dot")],
       [t("Space"), t("select the dot")],
       [t("Shift + click, Shift + drag"), t("select one, select a box")],
       [t("Long press"), t("select, on a touch screen")],
@@ -36,7 +36,7 @@ export function showHelp() {
       [t("Space"), t("select it")],
       ["Ctrl + A", t("select all")],
     ]),
-    h("label", { class: "check" }, single, t("Single letters are keys")),
+    h("label", { class: "check" }, single, t("Single-letter shortcuts")),
   ]);
 }
 

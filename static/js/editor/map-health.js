@@ -6,9 +6,9 @@ import { toastError } from "../shared/toast.js";
 
 const STATES = {
   confusable: { colour: "#e8503a", words: () => t("looks like another place") },
-  lonely: { colour: "#8a5cf6", words: () => t("alone: nothing near confirms it") },
+  lonely: { colour: "#8a5cf6", words: () => t("isolated: no photo nearby confirms it") },
   "one-direction": { colour: "#f2a900", words: () => t("seen in one direction only") },
-  good: { colour: "#2fa866", words: () => t("found again well") },
+  good: { colour: "#2fa866", words: () => t("recognised reliably") },
 };
 
 /** The switch for the colours, and their legend. */
@@ -69,9 +69,9 @@ export class MapHealth {
     });
     if (photos.length) {
       const unknown = this.store.order.filter((id) => this.store.isPlaced(id)).length - photos.length;
-      if (unknown > 0) rows.push(h("li", { class: "soft" }, tn("{n} photo was not tried", "{n} photos were not tried", unknown)));
+      if (unknown > 0) rows.push(h("li", { class: "soft" }, tn("{n} photo was not evaluated", "{n} photos were not evaluated", unknown)));
     }
-    if (job !== null) rows.push(h("li", {}, t("This is being found out; it takes some minutes.")));
+    if (job !== null) rows.push(h("li", {}, t("This is being computed; it takes a few minutes.")));
     else if (revision !== null && !current) rows.push(this._again());
     this.dots.setColours(photos.length === 0 ? null : new Map(photos.filter(({ state }) => STATES[state]).map(({ id, state }) => [id, STATES[state].colour])));
     const legend = byId("health-legend");
@@ -81,7 +81,7 @@ export class MapHealth {
 
   _again() {
     const find = () => this._ask("findHealth").then(() => this.refresh()).catch(toastError);
-    return h("li", {}, t("The map was changed since."),
-      h("button", { class: "button", type: "button", onclick: find }, t("Find out again")));
+    return h("li", {}, t("The map has changed since."),
+      h("button", { class: "button", type: "button", onclick: find }, t("Run again")));
   }
 }

@@ -34,23 +34,23 @@ export function choosePlacement(page) {
 function ask({ store, server, refresh }) {
   const name = h("input", { class: "input", value: "clusters", maxlength: 60, pattern: "[A-Za-z0-9_\\-]+", required: true, autocomplete: "off" });
   const from = h("select", { class: "select" },
-    h("option", { value: "clusters" }, t("photos that are near each other, gathered")),
+    h("option", { value: "clusters" }, t("clusters of nearby photos")),
     h("option", { value: "exact" }, t("the exact positions")));
   const { width = 1000, height = 1000 } = store.satellite || {};
   const radius = h("input", { class: "input", type: "number", min: 1, value: Math.round(Math.max(width, height) / 20), inputmode: "numeric", required: true });
-  const reach = field(t("Gathered within, in pixels"), radius);
+  const reach = field(t("Cluster radius, in pixels"), radius);
   from.addEventListener("change", () => (reach.hidden = from.value !== "clusters"));
   const error = errorLine();
   const make = h("button", { class: "button button--primary", type: "button" }, t("Create"));
   const dialog = openDialog(t("New placement"), [
-    h("p", { class: "soft" }, t("The same photos at other positions. Each placement gives a map file of its own.")),
+    h("p", { class: "soft" }, t("The same photos at other positions. Each placement has its own map file.")),
     field(t("Name"), name, t("Letters, digits, - and _")),
     field(t("Start from"), from),
     reach,
     error,
   ], { actions: [make] });
   make.addEventListener("click", async () => {
-    name.setCustomValidity(store.placements.has(name.value) ? t("There is a placement of this name already.") : "");
+    name.setCustomValidity(store.placements.has(name.value) ? t("A placement with this name already exists.") : "");
     if (!name.reportValidity() || !radius.reportValidity()) return;
     make.disabled = true;
     try {

@@ -20,11 +20,11 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
   const error = errorLine();
   const place = h("button", { class: "button button--primary", type: "button", disabled: true }, t("Place"));
   const dialog = openDialog(t("Place by a GPX track"), [
-    h("p", { class: "soft" }, t("Photos in the tray get the place where the track was when they were taken.")),
+    h("p", { class: "soft" }, t("Each photo in the tray is placed where the track was when the photo was taken.")),
     given ? h("p", {}, given.name) : field(t("Track"), file),
-    field(t("Seconds to add to the camera's time"), offset, t("When the camera's clock was slow, add; when it was fast, take away.")),
+    field(t("Seconds to add to the camera's time"), offset, t("Positive if the camera's clock was slow, negative if it was fast.")),
     field(t("Time zone of the camera"), zone),
-    field(t("Longest gap in the track that is bridged, in seconds"), gap),
+    field(t("Longest gap to bridge, in seconds"), gap),
     outcome,
     error,
   ], { actions: [place], beside: true });
@@ -55,7 +55,7 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
     const beside = seen.photos.length - inside.length;
     outcome.replaceChildren(...[
       h("p", {}, tn("{n} photo would be placed: see the rings on the image.", "{n} photos would be placed: see the rings on the image.", inside.length)),
-      beside > 0 && h("p", {}, tn("{n} lies beside the image.", "{n} lie beside the image.", beside)),
+      beside > 0 && h("p", {}, tn("{n} is outside the image.", "{n} are outside the image.", beside)),
       seen.unmatched.length > 0 && h("p", {}, tn("{n} is not on the track", "{n} are not on the track", seen.unmatched.length), `: ${seen.unmatched[0].reason}`),
       suggestion(seen.suggested),
     ].filter(Boolean));
@@ -68,7 +68,7 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
       look();
     };
     return h("p", { class: "note" },
-      h("span", {}, t("Photos that know their place fit best with {seconds} seconds.", { seconds })),
+      h("span", {}, t("Photos with known positions fit best with {seconds} seconds.", { seconds })),
       h("button", { class: "button", type: "button", onclick: use }, t("Use it")));
   };
   const later = debounce(look, 400);

@@ -161,9 +161,9 @@ export class Tray {
   }
 
   _emptyWords({ all, placed }) {
-    if (this.search) return [h("p", {}, t("No photo here is named like “{search}”.", { search: this.search }))];
+    if (this.search) return [h("p", {}, t("No photo name matches “{search}”.", { search: this.search }))];
     if (!all) return [h("p", {}, t("No photos yet. Drop a folder anywhere on this page, or choose files."))];
-    if (this.filter === "placed") return [h("p", {}, t("No photo is placed yet. Click on the image where the current one was taken."))];
+    if (this.filter === "placed") return [h("p", {}, t("No photo is placed yet. Click on the image where the current photo was taken."))];
     const show = () => this.setFilter("placed");
     return [
       h("p", {}, tn("The {n} photo is placed.", "All {n} photos are placed.", placed)),

@@ -31,7 +31,7 @@ byId("insecure").hidden = isSecureContext;
 navigator.storage?.persist?.(); // so that the browser does not make room by throwing photos away
 await render();
 sender.start().catch(toastError);
-const mapShown = chooseMap().catch((error) => (error.code === "offline" ? nothing(t("Open this page once with a network: then the map is kept.")) : toastError(error)));
+const mapShown = chooseMap().catch((error) => (error.code === "offline" ? nothing(t("Open this page once while online: then the map is available offline.")) : toastError(error)));
 
 /** Keep what was taken, before anything else can go wrong. */
 async function take(event) {
@@ -60,13 +60,13 @@ async function status(told) {
   const entries = Array.isArray(told) ? told : await outbox.all();
   const waiting = entries.filter(({ state }) => state === "waiting").length;
   const line = byId("waiting");
-  line.textContent = waiting ? tn("waiting: {n} photo", "waiting: {n} photos", waiting) : t("Nothing waits");
+  line.textContent = waiting ? tn("waiting: {n} photo", "waiting: {n} photos", waiting) : t("Nothing waiting");
   line.dataset.count = String(waiting);
   line.classList.toggle("is-waiting", waiting > 0);
   byId("send").hidden = !waiting || sender.busy;
   const { problem } = sender;
   byId("problem").hidden = !waiting || !problem;
-  if (problem) byId("problem").textContent = problem.code === "offline" ? t("There is no network. They are sent as soon as there is one.") : problem.message;
+  if (problem) byId("problem").textContent = problem.code === "offline" ? t("You are offline. They are sent as soon as you are online.") : problem.message;
 }
 
 async function clear() {
@@ -92,7 +92,7 @@ async function chooseMap() {
   const wanted = [new URLSearchParams(location.search).get("map"), localStorage.getItem(LAST)];
   const slug = wanted.find((one) => maps.some((map) => map.slug === one)) || maps[0]?.slug;
   choice.addEventListener("change", () => location.assign(`/field?map=${encodeURIComponent(choice.value)}`));
-  if (!slug) return nothing(t("There is no map yet."));
+  if (!slug) return nothing(t("No maps yet."));
   choice.value = slug;
   localStorage.setItem(LAST, slug);
   shown.slug = slug;

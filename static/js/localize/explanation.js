@@ -26,7 +26,7 @@ function rows(session, { options, askAgain }) {
   facts.push([t("Matches"), t("{n}, {left} left after pruning", { n: numberText(counts.matches), left: numberText(counts.matches_pruned) })]);
   if (hypothesis) {
     const { inliers, matches } = hypothesis;
-    facts.push([t("Of this place"), inliers === null ? t("{n} matches", { n: matches }) : t("{inliers} inliers of {n} matches", { inliers, n: matches })]);
+    facts.push([t("For this place"), inliers === null ? t("{n} matches", { n: matches }) : t("{inliers} inliers of {n} matches", { inliers, n: matches })]);
     facts.push([t("Photos"), hypothesis.experiences.join(", ")]);
   }
   if (counts.distance_mean !== null) {
@@ -39,7 +39,7 @@ function rows(session, { options, askAgain }) {
 }
 
 function times(seconds) {
-  const names = { read: t("reading"), extract: t("describing"), retrieve: t("searching"), verify: t("checking"), position: t("position") };
+  const names = { read: t("reading"), extract: t("extracting"), retrieve: t("searching"), verify: t("verifying"), position: t("positioning") };
   const parts = Object.entries(names).filter(([stage]) => seconds[stage] !== null && seconds[stage] !== undefined);
   const told = parts.map(([stage, name]) => `${name} ${numberText(seconds[stage], 2)}`).join(", ");
   return t("{total} s ({parts})", { total: numberText(seconds.total, 2), parts: told });
@@ -60,6 +60,6 @@ function fieldOfView({ fov_deg, fov_source }, options, askAgain) {
     askAgain();
   };
   return h("form", { class: "lo-fov", onsubmit: give },
-    h("span", {}, t("{n}°, guessed. Better:", told)), input, "°",
+    h("span", {}, t("{n}°, assumed. Known value:", told)), input, "°",
     h("button", { class: "button", type: "submit" }, t("Ask again")));
 }

@@ -123,7 +123,7 @@ export class AnswerGestures {
 export function instructions(session) {
   const box = byId("instruction");
   const words = {
-    hint: () => t("Draw a circle around where it may have been: press in the middle and drag"),
+    hint: () => t("Draw a circle around the likely area: press in the middle and drag"),
     correct: () => t("Click where the photo was taken"),
   };
   session.on("mode", () => {

@@ -114,7 +114,7 @@ export class LiveCamera {
 }
 
 function refusal({ name }) {
-  if (name === "NotAllowedError") return t("Allow this page to use it, in the settings of the browser.");
-  if (name === "NotFoundError") return t("This device has none.");
-  return t("Does another program use it?");
+  if (name === "NotAllowedError") return t("Allow camera access for this page in the browser settings.");
+  if (name === "NotFoundError") return t("This device has no camera.");
+  return t("Is another program using it?");
 }

@@ -93,7 +93,7 @@ export class Localizer extends EventTarget {
     }
     if (session.query !== query) return; // something else was asked meanwhile
     const all = [...first, ...files];
-    if (all.length > MOST_OF_ONE_SPOT) toast(tn("{n} photo of one spot is enough.", "{n} photos of one spot are enough.", MOST_OF_ONE_SPOT));
+    if (all.length > MOST_OF_ONE_SPOT) toast(tn("At most {n} photo from one spot is used.", "At most {n} photos from one spot are used.", MOST_OF_ONE_SPOT));
     const asked = this.ask(all.slice(0, MOST_OF_ONE_SPOT));
     const ours = session.query;
     if ((await asked) || this.waiting || session.query !== ours) return;
@@ -140,8 +140,8 @@ export class Localizer extends EventTarget {
   /** What limits the answer. */
   _notes(answer) {
     const notes = [];
-    if (answer.calibrated === false) notes.push(t("The probabilities are those of most maps: this map's own are still being worked out."));
-    if (answer.not_indexed) notes.push(tn("{n} new photo of the map cannot be found yet.", "{n} new photos of the map cannot be found yet.", answer.not_indexed));
+    if (answer.calibrated === false) notes.push(t("The probabilities are those of a typical map: the calibration of this map is still running."));
+    if (answer.not_indexed) notes.push(tn("{n} new photo of the map is not indexed yet.", "{n} new photos of the map are not indexed yet.", answer.not_indexed));
     for (const text of notes) byId("notes").append(note("info", text));
     this._offerMore(answer);
   }
@@ -161,7 +161,7 @@ export class Localizer extends EventTarget {
       }));
     }
     if (isSure(answer) || !buttons.length) return;
-    const text = t("Not sure yet. Photos from the same spot in other directions make the answer surer.");
+    const text = t("Not certain yet. More photos from the same spot, in other directions, make the answer more certain.");
     byId("further").replaceChildren(note("info", text), h("div", { class: "lo-more" }, ...buttons));
   }
 
@@ -182,10 +182,10 @@ export class Localizer extends EventTarget {
 
   _building() {
     const job = this.store.jobs.find(({ kind, state }) => kind === "index" && (state === "running" || state === "queued"));
-    const bar = h("progress", { class: "progress", max: 1, "aria-label": t("Progress of the index") });
+    const bar = h("progress", { class: "progress", max: 1, "aria-label": t("Indexing progress") });
     if (job?.total) bar.value = job.done / job.total;
     byId("notes").replaceChildren(
-      note("info", t("The map is being made ready; then the photo is localized by itself."), null, bar),
+      note("info", t("The map is being indexed; the photo is localized as soon as that is done."), null, bar),
     );
   }
 
@@ -214,9 +214,9 @@ export class Localizer extends EventTarget {
       let answer = null;
       const button = (label, value, kind) =>
         h("button", { class: `button ${kind}`, type: "button", onclick: () => ((answer = value), dialog.close()) }, label);
-      const actions = [button(t("Each by itself"), false, "")];
-      if (count <= MOST_OF_ONE_SPOT) actions.push(button(t("All from one spot"), true, "button--primary"));
-      const text = t("Photos that were taken at one spot, in several directions, are answered together.");
+      const actions = [button(t("Each separately"), false, "")];
+      if (count <= MOST_OF_ONE_SPOT) actions.push(button(t("All from the same spot"), true, "button--primary"));
+      const text = t("Photos taken from one spot in several directions are localized together.");
       const dialog = openDialog(tn("{n} photo", "{n} photos", count), [h("p", { class: "soft" }, text)], { actions });
       dialog.addEventListener("close", () => resolve(answer));
     });
@@ -237,7 +237,7 @@ function chooseMore(take) {
     class: "ed-file", id: "more-input", type: "file", multiple: true, accept: byId("query-input", HTMLInputElement).accept,
     "data-testid": "more-input", onchange: () => take(usable(input.files)),
   });
-  return h("span", {}, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos of this spot")));
+  return h("span", {}, input, h("label", { class: "button", for: "more-input" }, icon("image"), t("Add photos from this spot")));
 }
 
 /** A message in the panel. */

@@ -100,8 +100,8 @@ function whetherItCanAnswer() {
     const placed = store.order.some((id) => store.isPlaced(id));
     byId("no-map").hidden = Boolean(store.satellite) && placed;
     byId("no-map-text").textContent = store.satellite
-      ? t("No photo has a place on it. Photos with places are what a new photo is compared with.")
-      : t("It needs an image from above, and photos with places on it.");
+      ? t("No photo is placed on it yet. New photos are compared with the placed ones.")
+      : t("It needs an aerial image, and photos placed on it.");
   };
   store.on("photos satellite", render);
   render();

@@ -81,7 +81,7 @@ export class MatchPanel {
     const pair = this._pair;
     if (!pair) return;
     const shape = innerWidth / innerHeight;
-    const dialog = openDialog(t("{query} beside {photo}", { query: pair.query.name, photo: pair.photo.name }), [
+    const dialog = openDialog(t("{query} and {photo}", { query: pair.query.name, photo: pair.photo.name }), [
       matchView(pair, { all: this._all, shape }),
       h("p", { class: "small soft" }, count(pair.lines), " · ", t("Zoom by wheel, pinch or double-click.")),
     ]);

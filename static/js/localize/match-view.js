@@ -27,7 +27,7 @@ const FAINT = 0.35;
 export function matchView({ query, photo, lines }, { all, shape }) {
   const { frame, places } = layout(query, photo, shape);
   const svg = element("svg", { viewBox: `0 0 ${frame.width} ${frame.height}`, class: "lo-pair-svg", role: "img" });
-  svg.setAttribute("aria-label", t("{query} beside {photo}", { query: query.name, photo: photo.name }));
+  svg.setAttribute("aria-label", t("{query} and {photo}", { query: query.name, photo: photo.name }));
   for (const [n, { src }] of [query, photo].entries()) {
     const at = places[n];
     svg.append(element("image", { href: src, x: at.x, y: at.y, width: at.width, height: at.height, preserveAspectRatio: "none" }));

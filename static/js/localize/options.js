@@ -81,12 +81,12 @@ export class Options {
     badge.hidden = !count;
     badge.textContent = String(count);
     byId("hint-clear").hidden = !hint;
-    byId("hint-text").textContent = hint ? this._told(hint) : t("Places inside a circle become more probable.");
+    byId("hint-text").textContent = hint ? this._told(hint) : t("Places inside the circle become more probable.");
     byId("ask-again").hidden = !query;
   }
 
   _told({ radius_px }) {
     const scale = this.store.georeference.metresPerPixel;
-    return t("A circle with a radius of {length}", { length: lengthText(scale && radius_px * scale, radius_px) });
+    return t("Circle with a radius of {length}", { length: lengthText(scale && radius_px * scale, radius_px) });
   }
 }

@@ -27,7 +27,7 @@ export function showPlace(page) {
 }
 
 function title({ spot, chosen }) {
-  if (spot) return t("The place as you say it");
+  if (spot) return t("Position set by you");
   return chosen === null ? t("Do you know where it was taken?") : t("Place {n}", { n: chosen });
 }
 
@@ -72,7 +72,7 @@ function actions(page) {
     ];
   }
   const known = Boolean(session.position);
-  const label = spot ? t("Add it to the map here") : t("This is right: add it to the map");
+  const label = spot ? t("Add it to the map here") : t("Correct: add it to the map");
   const add = h("button", { class: "button button--primary", type: "button", id: "adopt", onclick: (event) => adopt(page, event.currentTarget) }, icon("plus"), label);
   const correcting = mode === "correct";
   const correct = h(
@@ -84,8 +84,8 @@ function actions(page) {
 }
 
 function correctLabel({ mode, spot }, known) {
-  if (mode === "correct" || spot) return known && !spot ? t("Leave it as it was found") : t("Cancel");
-  return known ? t("Correct the place") : t("Show where on the map");
+  if (mode === "correct" || spot) return known && !spot ? t("Keep the computed position") : t("Cancel");
+  return known ? t("Correct the position") : t("Mark it on the map");
 }
 
 function toggle(session) {
@@ -104,7 +104,7 @@ function adopt({ session, server, refresh }, button) {
       if (session.query?.id === query.id) session.setQuery({ ...query, adopted: done.id });
       session.setMode("look");
       await refresh();
-      toast(t("The photo is in the map now. Undo it in the editor."));
+      toast(t("The photo was added to the map. You can undo this in the editor."));
     } catch (error) {
       toastError(error);
     }

@@ -42,7 +42,7 @@ function ended({ state, done, total, note, seconds_left: left, error }) {
   if (total > 0 && state === "running") Object.assign(bar, { max: total, value: Math.min(done, total) });
   else bar.removeAttribute("value");
   const parts = [total > 0 && t("{done} of {total}", { done, total }), note, left !== null && t("about {time} left", { time: duration(left) })];
-  const words = state === "queued" ? t("Waits for its turn") : parts.filter(Boolean).join(" · ");
+  const words = state === "queued" ? t("Queued") : parts.filter(Boolean).join(" · ");
   document.getElementById("words").textContent = words;
   return state === "failed" || state === "cancelled";
 }

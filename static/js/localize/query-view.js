@@ -77,6 +77,6 @@ export async function copy(text, told) {
 
 function about({ at, who, options }) {
   if (!at) return "";
-  const several = options.photos > 1 && tn("{n} photo of one spot", "{n} photos of one spot", options.photos);
+  const several = options.photos > 1 && tn("{n} photo from one spot", "{n} photos from one spot", options.photos);
   return [several, who, moment(at)].filter(Boolean).join(" · ");
 }

@@ -41,9 +41,9 @@ async function duplicate(slug) {
 }
 
 async function bin(slug, name) {
-  const title = t("Put {name} into the bin?", { name });
+  const title = t("Move {name} to the bin?", { name });
   const text = t("It can be restored from there.");
-  if (!(await confirmDialog({ title, text, action: t("Put into the bin") }))) return;
+  if (!(await confirmDialog({ title, text, action: t("Move to the bin") }))) return;
   await del(`/maps/${slug}`);
   location.assign("/");
 }
@@ -54,9 +54,9 @@ async function restore(slug) {
 }
 
 async function deleteForever(slug, name) {
-  const title = t("Delete {name} for good?", { name });
+  const title = t("Delete {name} permanently?", { name });
   const text = t("Its photos, its image and all its edits are deleted from the disk. This cannot be undone.");
-  if (!(await confirmDialog({ title, text, action: t("Delete for good"), danger: true }))) return;
+  if (!(await confirmDialog({ title, text, action: t("Delete permanently"), danger: true }))) return;
   await del(`/maps/${slug}?forever=true`);
   location.reload();
 }

@@ -43,7 +43,7 @@ export function connectActions(store, refresh) {
 
 /** What an import says when it is done; what could not be used is told with its reason. */
 function tellImported({ kind, tracks, objects, skipped, new: isNew }) {
-  if (!isNew) return toast(t("All of it was here already."));
+  if (!isNew) return toast(t("Everything in this file was already here."));
   const poses = tracks.reduce((sum, track) => sum + track.poses, 0);
   const parts = [tn("{n} pose", "{n} poses", poses), objects && tn("{n} sighting of an object", "{n} sightings of objects", objects)];
   const hint = skipped.map(({ reason, count }) => `${reason}: ${count.toLocaleString(locale)}`).join("; ");
@@ -53,7 +53,7 @@ function tellImported({ kind, tracks, objects, skipped, new: isNew }) {
 async function fuse(server, refresh) {
   const bar = jobBar(t("The tracks are being fused"));
   const dialog = openDialog(t("Fuse the tracks"), [
-    h("p", { class: "soft" }, t("Odometry, GPS and visual fixes become one corrected track; the others stay as they are.")), bar,
+    h("p", { class: "soft" }, t("Combines odometry, GPS and visual fixes into one corrected track; the other tracks stay as they are.")), bar,
   ]);
   try {
     const { job } = await server.fuse();
@@ -73,9 +73,9 @@ function rename({ mission }, server) {
 }
 
 async function bin({ mission }, server) {
-  const title = t("Put {name} into the bin?", { name: mission.name });
+  const title = t("Move {name} to the bin?", { name: mission.name });
   const text = t("It can be restored from there.");
-  if (!(await confirmDialog({ title, text, action: t("Put into the bin") }))) return;
+  if (!(await confirmDialog({ title, text, action: t("Move to the bin") }))) return;
   await server.bin();
   location.assign("/missions");
 }

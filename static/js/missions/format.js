@@ -57,7 +57,7 @@ export function sourceName(source) {
     odometry: t("Odometry"),
     visual: t("Visual fixes"),
     fused: t("Fused"),
-    manual: t("By hand"),
+    manual: t("Manual"),
   };
   return names[source] || source;
 }

@@ -23,7 +23,7 @@ const SOURCES = ["gps", "odometry", "visual", "manual"];
 export function importDialog({ file = null, mission, more = [], done }) {
   const input = h("input", { class: "input", type: "file", accept: ACCEPT, "data-testid": "track-file" });
   const source = h("select", { class: "select" },
-    h("option", { value: "" }, t("as the file says")), ...SOURCES.map((name) => h("option", { value: name }, sourceName(name))));
+    h("option", { value: "" }, t("as in the file")), ...SOURCES.map((name) => h("option", { value: name }, sourceName(name))));
   const least = h("input", { class: "input", placeholder: "0.00001", autocomplete: "off", inputmode: "text" });
   const columns = columnChoice();
   const error = errorLine();
@@ -33,7 +33,7 @@ export function importDialog({ file = null, mission, more = [], done }) {
   const known = h("p", { class: "mi-file" }, icon("route"), file?.name);
   const options = h("details", {}, h("summary", {}, t("Options")), h("div", { class: "stack" },
     field(t("Source of the positions"), source),
-    field(t("Leave out what moved less than"), least, t("Degrees, or metres like 0.5m; 0 keeps everything. The distance counts everything in any case."))));
+    field(t("Skip points that moved less than"), least, t("Degrees, or metres such as 0.5m; 0 keeps every point. The distance always includes every point."))));
   const dialog = openDialog(t("Import a track"), [
     file ? known : field(t("File"), input, about), ...more, columns.element, options, progress, error,
   ], { actions: [send] });

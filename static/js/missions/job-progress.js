@@ -13,7 +13,7 @@ export function jobBar(label) {
   const showJob = ({ state, done, total, note, seconds_left: left }) => {
     if (state === "running" && total > 0) Object.assign(bar, { max: total, value: Math.min(done, total) });
     else bar.removeAttribute("value");
-    const parts = state === "queued" ? [t("Waits for its turn")] : [label, note];
+    const parts = state === "queued" ? [t("Queued")] : [label, note];
     if (left) parts.push(t("about {time} left", { time: duration(left) }));
     words.textContent = parts.filter(Boolean).join(" · ");
   };

@@ -79,14 +79,14 @@ function binButtons({ id, name }) {
   const server = endpointsOf(id);
   const restore = (event) => busy(event.currentTarget, () => server.restore().then(show)).catch(toastError);
   const remove = async () => {
-    const title = t("Delete {name} for good?", { name });
+    const title = t("Delete {name} permanently?", { name });
     const text = t("Its tracks, objects and photos are deleted from the disk. This cannot be undone.");
-    if (!(await confirmDialog({ title, text, action: t("Delete for good"), danger: true }))) return;
+    if (!(await confirmDialog({ title, text, action: t("Delete permanently"), danger: true }))) return;
     await server.deleteForever().then(show).catch(toastError);
   };
   return h("div", { class: "row" },
     h("button", { class: "button", type: "button", onclick: restore }, icon("back"), t("Restore")),
-    h("button", { class: "icon-button", type: "button", "aria-label": t("Delete {name} for good", { name }), onclick: remove }, icon("trash")));
+    h("button", { class: "icon-button", type: "button", "aria-label": t("Delete {name} permanently", { name }), onclick: remove }, icon("trash")));
 }
 
 function menu({ id, name }) {
@@ -100,8 +100,8 @@ function menu({ id, name }) {
     await show();
   });
   const bin = async () => {
-    const title = t("Put {name} into the bin?", { name });
-    if (!(await confirmDialog({ title, text: t("It can be restored from there."), action: t("Put into the bin") }))) return;
+    const title = t("Move {name} to the bin?", { name });
+    if (!(await confirmDialog({ title, text: t("It can be restored from there."), action: t("Move to the bin") }))) return;
     await server.bin();
     location.reload();
   };
@@ -111,13 +111,13 @@ function menu({ id, name }) {
       h("button", { class: "menu__item", type: "button", onclick: pick(rename) }, icon("pencil"), t("Rename")),
       h("a", { class: "menu__item", href: server.file("export.kmz") }, icon("download"), t("Download as KMZ")),
       h("hr"),
-      h("button", { class: "menu__item menu__item--danger", type: "button", onclick: pick(bin) }, icon("trash"), t("Put into the bin"))));
+      h("button", { class: "menu__item menu__item--danger", type: "button", onclick: pick(bin) }, icon("trash"), t("Move to the bin"))));
 }
 
 function mapField() {
   const select = h("select", { class: "select" },
-    h("option", { value: "" }, t("none: anywhere on the globe")), ...maps.map(({ slug, name }) => h("option", { value: slug }, name)));
-  return { select, field: field(t("Map"), select, t("Who may see the map may see the mission, and its photos can be localized.")) };
+    h("option", { value: "" }, t("none: anywhere on Earth")), ...maps.map(({ slug, name }) => h("option", { value: slug }, name)));
+  return { select, field: field(t("Map"), select, t("Everyone who can see the map can see the mission, and its photos can be localized.")) };
 }
 
 function create() {
@@ -126,8 +126,8 @@ function create() {
   const number = (label, most) => h("input", { class: "input number", type: "number", step: "any", min: -most, max: most, inputmode: "decimal", "aria-label": label });
   const [lat, lon, heading] = [number(t("Latitude"), 90), number(t("Longitude"), 180), number(t("Heading, degrees"), 360)];
   const error = errorLine();
-  const start = h("details", {}, h("summary", {}, t("Start of the robot")), h("div", { class: "stack stack--tight" },
-    h("p", { class: "soft small" }, t("For robots that send positions in a frame of their own: where it begins, and which way its x axis points, clockwise from north.")),
+  const start = h("details", {}, h("summary", {}, t("Start pose of the robot")), h("div", { class: "stack stack--tight" },
+    h("p", { class: "soft small" }, t("For robots that report positions in their own frame: its origin, and the direction of its x axis, clockwise from north.")),
     h("div", { class: "mi-start" }, field(t("Latitude"), lat), field(t("Longitude"), lon), field(t("Heading, degrees"), heading))));
   const make = h("button", { class: "button button--primary", type: "button" }, t("Create"));
   const dialog = openDialog(t("New mission"), [field(t("Name"), name), map, start, error], { actions: [make] });

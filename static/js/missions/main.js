@@ -121,7 +121,7 @@ function state(live) {
   const render = () => {
     const ended = Boolean(store.mission.ended_at);
     const isLive = live.connected && !ended && Date.now() - heard < LIVE_MS;
-    const text = !live.connected ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : t("Nothing new lately");
+    const text = !live.connected ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : t("No recent data");
     badge.className = `badge ${!live.connected ? "badge--warning" : isLive ? "badge--success mi-live" : ""}`;
     if (badge.textContent !== text) badge.textContent = text;
     byId("follow-part").hidden = ended;
@@ -130,6 +130,6 @@ function state(live) {
   store.on("missions grown", render);
   setInterval(render, LIVE_MS / 10);
   live.addEventListener("state", render);
-  live.addEventListener("gone", () => fail(t("This mission is not there any more.")));
+  live.addEventListener("gone", () => fail(t("This mission no longer exists.")));
   render();
 }

@@ -41,7 +41,7 @@ export function otherMissions(store, fit) {
 
 async function choose(store, show) {
   const list = h("ul", { class: "mi-choices" });
-  const dialog = openDialog(t("Lay another mission over this one"), [list]);
+  const dialog = openDialog(t("Overlay another mission"), [list]);
   const entry = ({ id, name, poses }) => h("li", {}, h("button", {
     class: "menu__item", type: "button",
     onclick: () => {

@@ -20,12 +20,12 @@ function open(server, shares) {
   const open_to_all = h("input", { type: "checkbox", name: "public" });
   const photos = h("input", { type: "checkbox", name: "photos", checked: true });
   const error = errorLine();
-  const make = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Make a link"));
+  const make = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Create a link"));
   const list = h("ul", { class: "shares" }, ...shares.map((share) => entry(server, share, () => dialog.close())));
   const dialog = openDialog(t("Share this mission"), [
-    shares.length ? list : h("p", { class: "soft" }, t("Who has a link sees the mission live, without signing in.")),
+    shares.length ? list : h("p", { class: "soft" }, t("Anyone with a link sees the mission live, without signing in.")),
     h("div", { class: "share-ways" },
-      h("label", { class: "check share-way" }, open_to_all, h("span", {}, t("In the list of public maps, too"))),
+      h("label", { class: "check share-way" }, open_to_all, h("span", {}, t("Also list it under public missions"))),
       h("label", { class: "check share-way" }, photos, h("span", {}, t("With photos")))),
     error,
   ], { actions: [make] });
@@ -45,8 +45,8 @@ function entry(server, share, close) {
   const show = () => (close(), showAddress(share));
   const revoke = async () => {
     close();
-    const text = t("Its address leads to nothing from then on, also where it is embedded.");
-    if (await confirmDialog({ title: t("Take the link back?"), text, action: t("Take it back"), danger: true })) {
+    const text = t("The link stops working at once, also where it is embedded.");
+    if (await confirmDialog({ title: t("Revoke the link?"), text, action: t("Revoke it"), danger: true })) {
       await server.revoke(share.id).catch(toastError);
     }
     sharesDialog(server);
@@ -56,5 +56,5 @@ function entry(server, share, close) {
       h("span", { class: share.public ? "badge badge--accent" : "badge" }, share.public ? t("public") : t("by a secret link")),
       h("div", { class: "small soft" }, moment(share.created_at))),
     share.url && h("button", { class: "icon-button", type: "button", "aria-label": t("Show the link"), onclick: show }, icon("link")),
-    h("button", { class: "icon-button", type: "button", "aria-label": t("Take the link back"), onclick: revoke }, icon("close")));
+    h("button", { class: "icon-button", type: "button", "aria-label": t("Revoke the link"), onclick: revoke }, icon("close")));
 }

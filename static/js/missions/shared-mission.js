@@ -99,7 +99,7 @@ function follow(view, fit) {
     if (flat && byId("follow", HTMLInputElement).checked && store.moment === null) view.reveal(flat, { margin: 90 });
   });
   following.addEventListener("state", render);
-  following.addEventListener("gone", () => fail(t("This link leads to nothing any more.")));
+  following.addEventListener("gone", () => fail(t("This link is no longer valid.")));
   render();
   following.start();
 }

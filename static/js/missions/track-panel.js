@@ -30,7 +30,7 @@ function section(store, page, { mission, n }) {
     swatch(nthColour(n)),
     h("h3", {}, mission.id === store.id ? mission.name : h("a", { href: `/missions/${mission.id}` }, mission.name)),
     mission.id !== store.id && h("button", {
-      class: "icon-button", type: "button", title: t("Take it away"), "aria-label": t("Take {name} away", { name: mission.name }),
+      class: "icon-button", type: "button", title: t("Remove it"), "aria-label": t("Remove {name}", { name: mission.name }),
       onclick: () => page.forget(mission.id),
     }, icon("close")));
   const none = !tracks.length && h("p", { class: "soft small mi-none" }, t("No positions yet."));
@@ -46,7 +46,7 @@ function row(store, page, { mission, track, key }) {
     h("div", { class: "mi-track__head" },
       h("label", { class: "check" }, box, swatch(colour), h("span", { class: "mi-track__name" }, name)),
       h("button", {
-        class: "icon-button", type: "button", title: t("Show it whole"), "aria-label": t("Show {name} whole", { name }),
+        class: "icon-button", type: "button", title: t("Zoom to it"), "aria-label": t("Zoom to {name}", { name }),
         disabled: !track.bounds, onclick: () => page.fit(track),
       }, icon("fit"))),
     h("dl", { class: "facts small number mi-track__facts", "data-part": "facts" }, ...facts(track)));
@@ -70,7 +70,7 @@ function facts(track) {
   const left = skipped ? `, ${tn("{n} left out", "{n} left out", skipped)}` : "";
   rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
-  if (!track.timed) rows.push([t("Times"), t("none known: points are in their order only")]);
+  if (!track.timed) rows.push([t("Times"), t("unknown: only the order of the points is known")]);
   if (closing) rows.push([t("End to start"), t("{gap}, {share} of the way", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);
   return rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
 }

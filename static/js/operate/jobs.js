@@ -99,7 +99,7 @@ function update(row, job) {
 }
 
 function words(job) {
-  if (job.state === "queued") return t("Waits for its turn");
+  if (job.state === "queued") return t("Queued");
   const parts = [job.total > 0 && t("{done} of {total}", { done: job.done, total: job.total }), job.note];
   if (job.seconds_left !== null) parts.push(t("about {time} left", { time: duration(job.seconds_left) }));
   return parts.filter(Boolean).join(" · ");

@@ -186,14 +186,14 @@ export class ControlPoints {
     const number = this.points.indexOf(point) + 1;
     if (point.x !== null) return t("Point {number}: click the same place on the map.", { number });
     if (point.lat !== null) return t("Point {number}: click the same place on the image.", { number });
-    return t("Point {number}: click a place, or write it into the table.", { number });
+    return t("Point {number}: click a place, or enter it in the table.", { number });
   }
 }
 
 function ask(whole) {
-  if (whole === 0) return t("Click a place on the image that you also find on a map: a corner of a house, a crossing.");
+  if (whole === 0) return t("Click a spot on the image that you can also find on a map, such as a house corner or a crossroads.");
   if (whole < 4) return t("Add points, far from each other and near the corners of the image.");
-  return t("More points make the fit better, and show mistakes.");
+  return t("More points improve the fit and reveal mistakes.");
 }
 
 function isWhole(point) {

@@ -42,16 +42,16 @@ function connect() {
 
 async function apply(wish) {
   const answer = await put(`${base}/georeference`, { ...wish, seen: page.revision });
-  const notes = [{ kind: "success", text: t("The map knows now where it is.") }];
+  const notes = [{ kind: "success", text: t("The map is georeferenced.") }];
   reloadWith([...notes, ...movedPhotoNotes(answer.from_tray, answer.to_tray)]);
 }
 
 async function forget() {
-  const title = t("Take the georeference away?");
-  const text = t("Photos stay where they are on the image. It can be undone.");
-  if (!(await confirmDialog({ title, text, action: t("Take it away") }))) return;
+  const title = t("Remove the georeference?");
+  const text = t("Photos stay where they are on the image. You can undo this.");
+  if (!(await confirmDialog({ title, text, action: t("Remove it") }))) return;
   await del(`${base}/georeference`);
-  reloadWith([{ kind: "success", text: t("The georeference is gone.") }]);
+  reloadWith([{ kind: "success", text: t("The georeference was removed.") }]);
 }
 
 /** Asks the server what it thinks of a wish, and shows the answer. */
@@ -105,10 +105,10 @@ class Verdict {
 function verdict(told) {
   const facts = [[t("Fit"), kindName(told.kind)]];
   if (told.rms_m !== null && told.rms_m !== undefined) {
-    facts.push([t("Residuals"), t("{rms} m root mean square, {most} m at most", { rms: metresText(told.rms_m), most: metresText(Math.max(...told.residuals)) })]);
+    facts.push([t("Residuals"), t("{rms} m RMS, {most} m maximum", { rms: metresText(told.rms_m), most: metresText(Math.max(...told.residuals)) })]);
   }
   if (told.metres_per_pixel) {
-    facts.push([t("Scale"), t("{metres} m a pixel", { metres: metresText(told.metres_per_pixel) })]);
+    facts.push([t("Scale"), t("{metres} m per pixel", { metres: metresText(told.metres_per_pixel) })]);
     const { width, height } = page.satellite;
     facts.push([t("Extent"), `${Math.round(width * told.metres_per_pixel)} × ${Math.round(height * told.metres_per_pixel)} m`]);
   }

@@ -27,13 +27,13 @@ export function outsideChoices(error) {
       h(
         "div",
         { class: "dialog__body" },
-        h("h2", { id: "outside-title" }, t("Photos outside of the image")),
+        h("h2", { id: "outside-title" }, t("Photos outside the image")),
         h("p", {}, sentence(error.message)),
         h(
           "div",
           { class: "stack stack--tight" },
           button(t("Scale all positions with the image"), { scale: true, tray: false }),
-          button(t("Put the photos outside back into the tray"), { scale: false, tray: true }),
+          button(t("Move the photos outside back to the tray"), { scale: false, tray: true }),
           button(t("Keep the old image"), null, "button--quiet"),
         ),
       ),

@@ -42,7 +42,7 @@ export class Arrows {
     this.box.hidden = longest < INVISIBLE_PX;
     if (this.box.hidden) return;
     const factor = FACTORS.find((f) => f * longest >= READABLE_PX) || FACTORS.at(-1);
-    this.box.textContent = factor === 1 ? t("Residuals") : t("Residuals, {factor} times as long", { factor });
+    this.box.textContent = factor === 1 ? t("Residuals") : t("Residuals, drawn {factor} times longer", { factor });
     for (const { start, step } of arrows) this._arrow(start, step.multiplyBy(factor));
   }
 

@@ -92,13 +92,13 @@ export class TilesPanel {
     place.classList.remove("sat-estimate--bad");
     button.disabled = !box;
     if (!box) {
-      place.textContent = t("Move the map to the place, then take the area of its view.");
+      place.textContent = t("Move the map to the right place, then select the visible area.");
       return;
     }
     const { width, height, tiles, metresPerPixel } = cut(box, zoom);
     const { max_tiles } = this.slippy.service();
     const size = t("{width} × {height} pixels", { width: number(width), height: number(height) });
-    const parts = [size, t("{metres} m a pixel", { metres: short(metresPerPixel) }), tn("{n} tile", "{n} tiles", tiles)];
+    const parts = [size, t("{metres} m per pixel", { metres: short(metresPerPixel) }), tn("{n} tile", "{n} tiles", tiles)];
     if (tiles > max_tiles) {
       parts.push(tn("only {n} tile is allowed: smaller area or zoom", "only {n} tiles are allowed: smaller area or zoom", max_tiles));
       place.classList.add("sat-estimate--bad");
@@ -155,7 +155,7 @@ export class TilesPanel {
     const bar = box.querySelector("progress");
     if (state === "running" && total) Object.assign(bar, { max: total, value: done });
     else bar.removeAttribute("value");
-    const words = [state === "queued" ? t("Waits for its turn") : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
+    const words = [state === "queued" ? t("Queued") : t("{done} of {total} tiles", { done: number(done), total: number(total) })];
     if (left) words.push(t("about {time} left", { time: duration(left) }));
     box.querySelector("[data-part=words]").textContent = words.join(" · ");
   }

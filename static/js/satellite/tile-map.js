@@ -46,7 +46,7 @@ export function goTo(input, map) {
   const go = () => {
     const place = parseLatLon(input.value);
     if (place) map()?.setView(place, Math.max(map().getZoom(), 16));
-    else if (input.value.trim()) toast(t("Write it like 50.0875, 14.4213"), { kind: "error" });
+    else if (input.value.trim()) toast(t("Enter it as 50.0875, 14.4213"), { kind: "error" });
   };
   input.addEventListener("change", go);
   input.addEventListener("keydown", (event) => {
@@ -66,7 +66,7 @@ export function goHere(button, map) {
   button.addEventListener("click", () => {
     navigator.geolocation.getCurrentPosition(
       ({ coords }) => map()?.setView([coords.latitude, coords.longitude], 17),
-      () => toast(t("This device does not say where it is."), { kind: "error" }),
+      () => toast(t("This device does not share its location."), { kind: "error" }),
     );
   });
 }

@@ -157,7 +157,7 @@ async function read(response) {
 }
 
 function unreadable(response) {
-  return { code: "unreadable", message: t("The server gave no readable answer ({status}).", { status: response.status }) };
+  return { code: "unreadable", message: t("The response of the server cannot be read ({status}).", { status: response.status }) };
 }
 
 function offline() {

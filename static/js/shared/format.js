@@ -12,7 +12,7 @@ export function clockText(iso) {
 
 /** How long something will still take. @param {number} seconds */
 export function leftText(seconds) {
-  return seconds < 5 ? t("a moment left") : t("{time} left", { time: duration(seconds) });
+  return seconds < 5 ? t("a few seconds left") : t("{time} left", { time: duration(seconds) });
 }
 
 /** A size of a file. @param {number} bytes */

@@ -14,13 +14,13 @@ export function shareDialog({ slug, query = null, made = () => {} }) {
   const ways = h(
     "fieldset",
     { class: "share-ways" },
-    h("legend", { class: "visually-hidden" }, t("Who may see it")),
-    way("secret", t("Whoever has the link"), t("It is in no list, and can be taken back at any time."), true),
-    way("public", t("Everybody"), t("It is also in the list of public maps, for which nobody signs in.")),
+    h("legend", { class: "visually-hidden" }, t("Who can see it")),
+    way("secret", t("Anyone with the link"), t("Not listed anywhere; you can revoke it at any time."), true),
+    way("public", t("Everyone"), t("Also listed under public maps; nobody has to sign in.")),
   );
-  const allows = h("fieldset", { class: "share-ways" }, h("legend", { class: "visually-hidden" }, t("What it shows")), ...allowed(query));
+  const allows = h("fieldset", { class: "share-ways" }, h("legend", { class: "visually-hidden" }, t("What is shared")), ...allowed(query));
   const error = errorLine();
-  const send = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Make the link"));
+  const send = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Create the link"));
   const body = [ways, allows, error];
   const dialog = openDialog(query === null ? t("Share this map") : t("Share this answer"), body, { actions: [send] });
   send.addEventListener("click", () => busy(send, async () => {
@@ -39,12 +39,12 @@ export function shareDialog({ slug, query = null, made = () => {} }) {
 
 /** Show address and tag of a share. @param {Object} share as the server told it */
 export function showAddress(share) {
-  const once = h("p", { class: "soft" }, t("The address is shown only now: copy it and send it."));
+  const once = h("p", { class: "soft" }, t("This address is shown only once: copy it now."));
   openDialog(t("Link"), [
     !share.public && once,
     secret(t("Address"), share.url, "share-url"),
-    secret(t("Tag that shows it in another page"), share.embed, "share-embed"),
-    share.kml && secret(t("Link for Google Earth and others, which stays up to date"), share.kml, "share-kml"),
+    secret(t("HTML code that embeds it in another page"), share.embed, "share-embed"),
+    share.kml && secret(t("Live link for Google Earth and similar programs"), share.kml, "share-kml"),
   ].filter(Boolean));
 }
 
@@ -59,9 +59,9 @@ export function allowed(query, given = { photos: true }) {
       h("input", { type: "checkbox", name, checked: given[name] }),
       h("span", {}, label, hint && h("span", { class: "field__hint share-way__hint" }, hint)));
   return [
-    box("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of those that it was recognised by")),
-    query === null && box("localize", t("Visitors may ask where their own photos were taken")),
-    box("originals", t("Files as they came"), t("With names, times, GPS and all else that a camera writes into them.")),
+    box("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of the map photos it matched")),
+    query === null && box("localize", t("Visitors can localize their own photos")),
+    box("originals", t("Originals"), t("With names, times, GPS and everything else that a camera writes into them.")),
   ].filter(Boolean);
 }
 

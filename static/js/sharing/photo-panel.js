@@ -45,10 +45,10 @@ export class PhotoPanel {
     const latLon = this.store.georeference.latLon(place);
     return [
       [t("Placed at"), `x ${Math.round(place[0])}, y ${Math.round(place[1])}`],
-      latLon && [t("On the Earth"), latLonText(latLon)],
+      latLon && [t("Coordinates"), latLonText(latLon)],
       photo.heading_deg !== null && [t("Heading"), headingText(photo.heading_deg)],
       photo.taken_at && [t("Taken"), clockText(photo.taken_at)],
-      photo.original && [t("File"), h("a", { href: photo.original, download: true }, t("as it came"))],
+      photo.original && [t("File"), h("a", { href: photo.original, download: true }, t("original"))],
     ].filter(Boolean);
   }
 }

@@ -32,15 +32,15 @@ function entry(share) {
       h("div", { class: "small soft" }, [...gives(share), moment(share.created_at)].join(" · "))),
     share.query !== null && h("a", { class: "icon-button", href: `/maps/${slug}/localize?query=${share.query}`, "aria-label": t("Show the answer") }, icon("search")),
     share.url && button("link", t("Show the link"), () => showAddress(share)),
-    button("pencil", t("What it shows"), () => change(share)),
-    button("close", t("Take the link back"), () => revoke(share)));
+    button("pencil", t("What is shared"), () => change(share)),
+    button("close", t("Revoke the link"), () => revoke(share)));
 }
 
 function gives(share) {
   return [
     share.photos && t("pictures"),
-    share.localize && t("visitors may ask"),
-    share.originals && t("files as they came"),
+    share.localize && t("visitors can localize"),
+    share.originals && t("originals"),
   ].filter(Boolean);
 }
 
@@ -52,7 +52,7 @@ function change(share) {
   const boxes = h("div", { class: "share-ways" }, ...allowed(share.query, share));
   const error = errorLine();
   const save = h("button", { class: "button button--primary", type: "button" }, t("Save"));
-  const dialog = openDialog(t("What it shows"), [boxes, error], { actions: [save] });
+  const dialog = openDialog(t("What is shared"), [boxes, error], { actions: [save] });
   save.addEventListener("click", async () => {
     try {
       await patch(`${base}/${share.id}`, checked(boxes));
@@ -65,8 +65,8 @@ function change(share) {
 }
 
 async function revoke(share) {
-  const text = t("Its address leads to nothing from then on, also where it is embedded.");
-  if (!(await confirmDialog({ title: t("Take the link back?"), text, action: t("Take it back"), danger: true }))) return;
+  const text = t("The link stops working at once, also where it is embedded.");
+  if (!(await confirmDialog({ title: t("Revoke the link?"), text, action: t("Revoke it"), danger: true }))) return;
   try {
     await del(`${base}/${share.id}`);
   } catch (error) {

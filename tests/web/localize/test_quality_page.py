@@ -41,19 +41,19 @@ def test_the_figures_and_the_charts_are_shown(client, evaluated):
     assert "12 px" in text and "25%" in text and "12% – 75%" in text
     assert "1 photos: 75% stated, 100% right" in text
     assert 'id="evaluate"' in text
-    assert "The map was changed since" not in text
+    assert "The map has changed since" not in text
 
 
 def test_an_edit_makes_it_old(client, evaluated):
     place = {"kind": "move", "changes": [{"id": 0, "x_px": 5.0, "y_px": 5.0}]}
     assert client.patch(f"/api/v1/maps/{evaluated}/experiences", json=place).status_code == 200
-    assert "The map was changed since" in client.get(f"/maps/{evaluated}/quality").text
+    assert "The map has changed since" in client.get(f"/maps/{evaluated}/quality").text
 
 
 def test_before_the_first_and_while_one_is_going(client, library, owner, make_map):
     make_map(library.map_folder("row"), 2)
     adopt_map.run(library, "row", account_id=owner.id)
-    assert "Not tried yet" in client.get("/maps/row/quality").text
+    assert "Not evaluated yet" in client.get("/maps/row/quality").text
     job = client.post("/api/v1/maps/row/evaluation", json={}).json["id"]
     page = client.get("/maps/row/quality").text
     assert f'"job": {job}' in page or f'"job":{job}' in page
@@ -61,7 +61,7 @@ def test_before_the_first_and_while_one_is_going(client, library, owner, make_ma
 
 def test_a_map_without_places_has_nothing_to_try(client, park):
     page = client.get(f"/maps/{park}/quality").text
-    assert "This map cannot answer yet" in page
+    assert "This map cannot localize photos yet" in page
     assert 'id="evaluate"' not in page
 
 

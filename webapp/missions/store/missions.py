@@ -83,7 +83,9 @@ def checked_name(name: str) -> str:
     tidy = " ".join(name.split())
     if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
         raise UsageError(
-            "this is no name for a mission", where="name", hint=f"give 1 to {_MAX_NAME} printable characters"
+            "this is not a valid name for a mission",
+            where="name",
+            hint=f"give 1 to {_MAX_NAME} printable characters",
         )
     return tidy
 
@@ -97,7 +99,7 @@ def checked_note(note: str) -> str:
     """
     if len(note) > _MAX_NOTE or not re.sub(r"[\n\r\t]", "", note).isprintable():
         raise UsageError(
-            "this is no note for a mission",
+            "this is not a valid note for a mission",
             where="note",
             hint=f"give at most {_MAX_NOTE} printable characters",
         )

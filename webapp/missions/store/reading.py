@@ -125,7 +125,7 @@ def _some(database: Database, track: Track, *, numbers: NDArray[np.int64]) -> It
 
 def _complete(part: Poses, count: int) -> Poses:
     if len(part) != count:
-        raise Conflict("the track was written anew while it was read", hint="start again")
+        raise Conflict("the track changed while it was read", hint="start again")
     return part
 
 

@@ -95,7 +95,9 @@ def opened(session: Session, token: str) -> OpenedMission:
     share = session.scalars(found).first()
     mission = None if share is None else session.get_one(Mission, share.mission_id)
     if share is None or mission is None or mission.binned_at is not None:
-        raise NotFound("this link leads to nothing, or not any more", hint="ask who gave it to you")
+        raise NotFound(
+            "this link is not valid, or no longer valid", hint="ask the person who sent it for a new one"
+        )
     return OpenedMission(share, mission)
 
 

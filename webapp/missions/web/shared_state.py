@@ -85,7 +85,7 @@ def photo(session: Session, opened: OpenedMission, *, sha256: str) -> MissionPho
         The share gives no pictures of it.
     """
     if not opened.share.photos:
-        raise NotFound("photos are not shown here")
+        raise NotFound("photos are not shared here")
     return missions.find_photo(session, opened.mission.id, sha256)
 
 

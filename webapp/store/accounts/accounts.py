@@ -69,7 +69,9 @@ def named(session: Session, name: str) -> Account:
     """
     found = _named(session, name)
     if found is None:
-        raise NotFound("nobody has this name", where=name[:_MAX_NAME], hint="ask the owner of the library")
+        raise NotFound(
+            "there is no account with this name", where=name[:_MAX_NAME], hint="ask the owner of the library"
+        )
     return found
 
 
@@ -115,7 +117,7 @@ def new_token(session: Session, account: Account, *, name: str) -> str:
     name = _checked_name(name)
     if any(token.name == name for token in tokens(session, account)):
         raise Conflict(
-            "there is a token of this name already",
+            "a token with this name already exists",
             where=name,
             hint="choose another name, or revoke it on the account page",
         )
@@ -177,12 +179,12 @@ def _free_name(session: Session, name: str, *, own: int | None = None) -> str:
     tidy = _checked_name(name)
     other = _named(session, tidy)
     if other is not None and other.id != own:
-        raise Conflict("somebody has this name already", where=tidy, hint="choose another one")
+        raise Conflict("this name is already taken", where=tidy, hint="choose another one")
     return tidy
 
 
 def _checked_name(name: str) -> str:
     tidy = " ".join(name.split())
     if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
-        raise UsageError("this is no name", hint=f"give 1 to {_MAX_NAME} printable characters")
+        raise UsageError("this is not a valid name", hint=f"give 1 to {_MAX_NAME} printable characters")
     return tidy

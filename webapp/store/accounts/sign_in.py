@@ -52,7 +52,7 @@ def link_account(session: Session, token: str) -> Account:
     link = session.get(SignInLink, accounts.hashed(token))
     if link is None or link.used_at is not None or link.expires_at < now():
         raise NotSignedIn(
-            "this link does not work any more: it was used, or it is too old",
+            "this link is no longer valid: it was used, or it has expired",
             hint="ask the owner of the library for a new one: expmap account link",
         )
     return session.get_one(Account, link.account_id)

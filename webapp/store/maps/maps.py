@@ -56,7 +56,9 @@ def checked_name(name: str) -> str:
     """
     tidy = " ".join(name.split())
     if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
-        raise UsageError("this is no name for a map", hint=f"give 1 to {_MAX_NAME} printable characters")
+        raise UsageError(
+            "this is not a valid name for a map", hint=f"give 1 to {_MAX_NAME} printable characters"
+        )
     return tidy
 
 

@@ -138,7 +138,9 @@ def opened(session: Session, token: str) -> Opened:
     share = session.scalars(select(Share).where(Share.token_hash == hashed(token))).first()
     record = None if share is None else session.get_one(MapRecord, share.map_id)
     if share is None or record is None or record.binned_at is not None:
-        raise NotFound("this link leads to nothing, or not any more", hint="ask who gave it to you")
+        raise NotFound(
+            "this link is not valid, or no longer valid", hint="ask the person who sent it for a new one"
+        )
     query = None if share.query_id is None else session.get_one(QueryRecord, share.query_id)
     return Opened(share, record, query)
 

@@ -59,7 +59,7 @@ def set_password() -> Response | tuple[str, int]:
         me.password_hash = hashed
         accounts.end_sessions(me)
     sessions.sign_in(me)
-    flash(_("The password has been set; everywhere else you are signed out."), "success")
+    flash(_("The password has been set; you are signed out everywhere else."), "success")
     return back("account_page.show")
 
 
@@ -70,7 +70,7 @@ def end_sessions() -> Response:
         me = db.get_one(Account, account().id)
         accounts.end_sessions(me)
     sessions.sign_in(me)
-    flash(_("Everywhere else you are signed out."), "success")
+    flash(_("You are signed out everywhere else."), "success")
     return back("account_page.show")
 
 
@@ -100,7 +100,7 @@ def choose_language() -> Response:
     """Choose the language of the pages: for the account, or for this browser where nobody is signed in."""
     chosen = text("language")
     if chosen not in LANGUAGES:
-        raise NotFound(_("the pages are not in this language"), hint=", ".join(LANGUAGES.values()))
+        raise NotFound(_("the pages are not available in this language"), hint=", ".join(LANGUAGES.values()))
     me = sessions.signed_in()
     if me is None:
         session["language"] = chosen

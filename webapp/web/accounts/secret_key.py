@@ -42,7 +42,9 @@ def secret_key(folder: Path) -> str:
         raise StorageError(f"the secret key cannot be kept: {error}", where=str(path)) from error
     if len(key) != 2 * _BYTES:
         raise StorageError(
-            "this is no secret key", where=str(path), hint="delete it: everybody has to sign in again"
+            "this is not a valid secret key",
+            where=str(path),
+            hint="delete it: everybody has to sign in again",
         )
     return key
 

@@ -87,4 +87,8 @@ def _refused(error: NotSignedIn) -> tuple[str, int]:
 
 def _suggest_a_password(account: Account) -> None:
     if account.password_hash is None:
-        flash(_("Welcome! The link has been used up: set a password on the account page to come back."))
+        flash(
+            _(
+                "Welcome! The sign-in link works only once: set a password on the account page to sign in again."
+            )
+        )

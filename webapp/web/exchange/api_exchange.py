@@ -121,7 +121,7 @@ def exported(slug: str, name: str) -> Response:
     folder = export_file.exports_folder(library(), open_map(slug).slug)
     there = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     if name not in there or name.endswith(".part"):
-        raise NotFound("there is no such export, or not any more", hint="export the map again")
+        raise NotFound("there is no such export, or it has expired", hint="export the map again")
     return send_from_directory(folder, name, as_attachment=True)
 
 

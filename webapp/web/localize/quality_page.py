@@ -94,7 +94,7 @@ def _part(kept: Kept, metres: float | None) -> Part:
     one_out = figures["scheme"] == "leave-one-out"
     radius = figures["place_radius_px"]
     return Part(
-        _("As the map is") if one_out else _("Away from its photos"),
+        _("On the whole map") if one_out else _("Away from the map's photos"),
         _("Each photo was looked for on the map without that photo.")
         if one_out
         else _(
@@ -119,9 +119,9 @@ def _lines(figures: dict[str, Any], metres: float | None) -> list[Line]:
     return [
         *within,
         Line(_("Median error"), "–" if median is None else _distance(median, metres), ""),
-        _share(figures, "answered_at_99_precision", _("Answered, where 99 in 100 must be right")),
+        _share(figures, "answered_at_99_precision", _("Answered at a precision of 0.99")),
         Line(_("Answered “not on this map”"), str(figures["abstained"]), ""),
-        Line(_("Photos tried"), str(figures["queries"]), ""),
+        Line(_("Photos evaluated"), str(figures["queries"]), ""),
     ]
 
 
@@ -144,11 +144,11 @@ def _chart_words() -> ChartWords:
         error_title=_("Error curve: share of photos with at most this error"),
         error=_("error of the first answer, map pixels"),
         queries=_("photos"),
-        place_radius=_("still right"),
-        reliability_title=_("Reliability: share of right answers over stated probability"),
+        place_radius=_("counts as correct"),
+        reliability_title=_("Reliability: share of correct answers by stated probability"),
         stated=_("stated probability of the first answer"),
-        right=_("of these right"),
-        diagonal=_("as sure as right"),
-        bin=_("{count} photos: {stated} stated, {right} right"),
+        right=_("of these correct"),
+        diagonal=_("perfectly calibrated"),
+        bin=_("{count} photos: {stated} stated, {right} correct"),
         vertical=_("vertical axis"),
     )

@@ -185,7 +185,7 @@ def discard_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     """Write the file anew, as the map is here."""
     record = open_map(slug, "editor")
     if outside_edit.show(library(), record.id, settings=settings()) is None:
-        raise Conflict("nobody has changed the file", hint="look at it again")
+        raise Conflict("the file has not changed", hint="look at it again")
     outside_edit.discard(library(), record.id, sha256=wish["sha256"])
     return _outside(record)
 

@@ -157,7 +157,9 @@ def _offset() -> int:
     given = request.headers.get(_HEADER, "")
     if not (given.isascii() and given.isdecimal() and len(given) < 16):
         raise UsageError(
-            "where the piece belongs is not told", where=_HEADER, hint="send the number of bytes before it"
+            "the header that says where the piece belongs is missing",
+            where=_HEADER,
+            hint="send the number of bytes before it",
         )
     return int(given)
 

@@ -46,7 +46,7 @@ def set_role(slug: str) -> Response | tuple[str, int]:
             members.set_role(db, record, account=person, role=text("role"))
     except ExpMapError as error:
         return _page(record, error=error), errors.status_of(error)
-    flash(_("%(name)s has been given access.", name=person.name), "success")
+    flash(_("%(name)s now has access.", name=person.name), "success")
     return back("map_settings.show", slug=slug)
 
 

@@ -159,7 +159,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     record = open_map(slug, "editor")
     width, height = given["width"], given["height"]
     if (width is None) != (height is None):
-        raise UsageError("width and height come together", hint="give both, or neither")
+        raise UsageError("width and height are needed together", hint="give both, or neither")
     sheet = None if width is None else Sheet(width, height)
     applied = blank.run(library(), record.id, sheet=sheet, choice=_choice(given))
     return answer(record, applied)

@@ -127,7 +127,7 @@ def photo_original(token: str, id: int) -> Response:
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
     if photo.blurred:
-        raise NotFound("files are not given out here")
+        raise NotFound("original files are not shared here")
     return _file(show_photo.original(library(), record.slug, photo=photo), photo.name)
 
 
@@ -170,7 +170,9 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
         try:
             asked = upload.run(ready_maps(), opened.map.id, question=Question(photos), settings=settings())
         except (NotReady, IndexDamaged) as error:
-            raise NotReady("this map cannot answer yet", hint="come back in a few minutes") from error
+            raise NotReady(
+                "this map cannot localize photos yet", hint="come back in a few minutes"
+            ) from error
     return asked.form
 
 
@@ -192,7 +194,7 @@ def _opened(token: str, *, originals: bool = False) -> Opened:
     with library().database.read() as session:
         opened = shares.opened(session, token)
     if originals and not opened.share.originals:
-        raise NotFound("files are not given out here")
+        raise NotFound("original files are not shared here")
     return opened
 
 

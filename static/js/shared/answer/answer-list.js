@@ -76,13 +76,13 @@ function details({ kind, experiences, heading_deg, inliers, matches }) {
   const from = tn("computed from {n} photo", "computed from {n} photos", experiences.length);
   const parts = [kind === "position" ? from : t("near one photo")];
   parts.push(inliers === null ? tn("{n} match", "{n} matches", matches) : tn("{n} inlier", "{n} inliers", inliers));
-  if (heading_deg !== null) parts.push(t("looks {heading}", { heading: headingText(heading_deg) }));
+  if (heading_deg !== null) parts.push(t("facing {heading}", { heading: headingText(heading_deg) }));
   return parts.join(" · ");
 }
 
 function offMap(probability, likely) {
   const known = probability !== null;
-  const what = known ? t("Not on this map") : t("Nothing was recognised");
+  const what = known ? t("Not on this map") : t("No match found");
   return h(
     "li",
     { "data-testid": "off-map", dataset: known ? { probability } : {} },
