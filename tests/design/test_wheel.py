@@ -24,7 +24,7 @@ pages = Environment(loader=FileSystemLoader(resource_folder("templates")), undef
 print(webapp.__file__)
 print(resource_folder("templates"))
 print(resource_folder("static"))
-print(len(pages.get_template("report/_style.css").render()))
+print(len(pages.get_template("localize/_report_style.css").render()))
 """
 
 

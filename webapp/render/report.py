@@ -69,7 +69,7 @@ def render_report(evaluation: Evaluation, *, worst: Sequence[Pictured]) -> str:
         lstrip_blocks=True,
     )
     environment.filters.update(number=number, percent=percent, distance=distance, data_uri=data_uri)
-    return environment.get_template("report/report.html").render(
+    return environment.get_template("localize/report.html").render(
         evaluation=evaluation,
         subject=subject,
         summary=summary,

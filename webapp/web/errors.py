@@ -181,6 +181,6 @@ def _answer(told: dict[str, Any], status: HTTPStatus) -> Response:
     if is_api():
         response = jsonify(error=told)
     else:
-        response = Response(render_template("errors/error.html", error=told, status=status.value))
+        response = Response(render_template("operate/error.html", error=told, status=status.value))
     response.status_code = status.value
     return response

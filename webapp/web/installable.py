@@ -26,7 +26,7 @@ _ICONS = (
 @blueprint.get("/field")
 def field() -> str:
     """Show the page that keeps photos until there is a network; it holds nothing of any map itself."""
-    return render_template("field/field.html", colours=answer_colours())
+    return render_template("localize/field.html", colours=answer_colours())
 
 
 @blueprint.get("/manifest.webmanifest")

@@ -39,7 +39,7 @@ def test_the_figures_and_the_charts_are_shown(client, evaluated):
     assert text.count('data-testid="quality"') == 2
     assert text.count('<svg class="chart"') == 4
     assert "12 px" in text and "25%" in text and "12% – 75%" in text
-    assert "1 photos: 75% stated, 100% right" in text
+    assert "1 photos: 75% stated, 100% correct" in text
     assert 'id="evaluate"' in text
     assert "The map has changed since" not in text
 

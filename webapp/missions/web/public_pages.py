@@ -68,11 +68,11 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
             opened = shares.opened(session, token)
             state = shared_state.whole(session, opened, token=token)
     except NotFound as error:
-        gone = render_template("public/gone.html", error=error, framed=framed)
+        gone = render_template("sharing/gone.html", error=error, framed=framed)
         return gone, errors.status_of(error), _SECRET
     page = {"id": state["id"], "token": token, "photos": opened.share.photos, "services": []}
     text = render_template(
-        "public/mission.html", mission=opened.mission, page=page, token=token, framed=framed, role="visitor"
+        "missions/shared.html", mission=opened.mission, page=page, token=token, framed=framed, role="visitor"
     )
     return text, 200, {} if opened.share.public_token else _SECRET
 

@@ -115,4 +115,4 @@ def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
     with library().database.read() as db:
         tokens = accounts.tokens(db, account())
     minimum = settings().web.min_password
-    return render_template("account/show.html", error=error, token=token, tokens=tokens, minimum=minimum)
+    return render_template("accounts/account.html", error=error, token=token, tokens=tokens, minimum=minimum)

@@ -78,5 +78,5 @@ def _page(
     address = url_for("sign_in.link", token=token, _external=True) if token else None
     hours = settings().web.link_hours
     return render_template(
-        "account/people.html", error=error, people=people, person=person, address=address, hours=hours
+        "accounts/people.html", error=error, people=people, person=person, address=address, hours=hours
     )

@@ -24,7 +24,7 @@ def form() -> Response | str:
     """Ask for name and password."""
     if sessions.signed_in() is not None:
         return back("maps_page.index")
-    return render_template("sign_in/form.html", next=own_path(request.args.get("next")))
+    return render_template("accounts/sign_in.html", next=own_path(request.args.get("next")))
 
 
 @blueprint.post("/sign-in")
@@ -41,7 +41,7 @@ def by_password() -> Response | tuple[str, int, dict[str, str]]:
             limits=settings().web,
         )
     except (NotSignedIn, TooMany) as error:
-        page = render_template("sign_in/form.html", next=there, name=text("name"), error=error)
+        page = render_template("accounts/sign_in.html", next=there, name=text("name"), error=error)
         return page, errors.status_of(error), errors.extra_headers(error)
     sessions.sign_in(account)
     return redirect(there, code=303) if there else back("maps_page.index")
@@ -56,7 +56,7 @@ def link(token: str) -> Response | tuple[str, int]:
             account = sign_in.link_account(session, token)
     except NotSignedIn as error:  # who is in already loses nothing by a link that was used
         return _refused(error) if sessions.signed_in() is None else back("maps_page.index")
-    return render_template("sign_in/link.html", whose=account, token=token), 200
+    return render_template("accounts/sign_in_link.html", whose=account, token=token), 200
 
 
 @blueprint.post("/sign-in/<token>")
@@ -82,13 +82,9 @@ def out() -> Response:
 
 
 def _refused(error: NotSignedIn) -> tuple[str, int]:
-    return render_template("sign_in/form.html", error=error), errors.status_of(error)
+    return render_template("accounts/sign_in.html", error=error), errors.status_of(error)
 
 
 def _suggest_a_password(account: Account) -> None:
     if account.password_hash is None:
-        flash(
-            _(
-                "Welcome! The sign-in link works only once: set a password on the account page to sign in again."
-            )
-        )
+        flash(_("Welcome! The link works only once: set a password on the account page to sign in again."))

@@ -60,7 +60,7 @@ def show(slug: str) -> str:
         ]
     kept, error = _kept(record)
     return render_template(
-        "quality/show.html",
+        "localize/quality.html",
         map=record,
         tab="quality",
         page={"map": slug, "job": next(iter(going), None)},

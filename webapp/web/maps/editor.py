@@ -17,4 +17,4 @@ def show(slug: str) -> str:
     record, who = open_map(slug), account()
     with library().database.read() as session:
         state = map_state.whole(session, session.get_one(MapRecord, record.id), account=who)
-    return render_template("editor/editor.html", map=record, tab="edit", state=state)
+    return render_template("maps/editor.html", map=record, tab="edit", state=state)

@@ -71,7 +71,7 @@ def _page(record: MapRecord, *, error: ExpMapError | None = None) -> str:
         shared = members.listed(session, record)
         role = maps.role_of(session, record, account=account())
     return render_template(
-        "map_settings/show.html",
+        "maps/settings.html",
         map=record,
         tab="settings",
         members=shared,

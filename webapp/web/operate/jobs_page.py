@@ -16,4 +16,4 @@ def show(slug: str) -> str:
     record = open_map(slug)
     with library().database.read() as session:
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
-    return render_template("jobs/show.html", map=record, tab="jobs", can_edit=can_edit)
+    return render_template("operate/jobs.html", map=record, tab="jobs", can_edit=can_edit)

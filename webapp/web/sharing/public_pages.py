@@ -25,7 +25,7 @@ def index() -> str:
     """List what is open to everybody."""
     with library().database.read() as session:
         more = {name: read(session) for name, read in parts().public_lists.items()}
-        return render_template("public/index.html", opened=shares.public(session), **more)
+        return render_template("sharing/public_maps.html", opened=shares.public(session), **more)
 
 
 @blueprint.get("/s/<token>")
@@ -49,10 +49,10 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
             opened = shares.opened(session, token)
             state = shared_state.whole(session, opened, token=token)
     except NotFound as error:
-        gone = render_template("public/gone.html", error=error, framed=framed)
+        gone = render_template("sharing/gone.html", error=error, framed=framed)
         return gone, errors.status_of(error), _SECRET
     page = render_template(
-        "public/view.html",
+        "sharing/shared_map.html",
         opened=opened,
         state={**state, "token": token},
         colours=answer_colours(),
