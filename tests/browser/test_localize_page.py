@@ -279,13 +279,13 @@ def test_an_unsure_answer_asks_for_more_photos_of_the_spot(page, sample_map, api
     assert axe.findings(page) == []
     page.reload()
     more.set_input_files([near])
-    expect(page.locator("#query-about")).to_contain_text("2 photos of one spot")
+    expect(page.locator("#query-about")).to_contain_text("2 photos from one spot")
     is_right(page, truth[QUERY])
     expect(more).to_have_count(0)
     choose(page, far)
     expect(page.locator("#query-name")).to_have_text("near.jpg")
     more.set_input_files([near])
-    expect(page.locator("#query-about")).to_contain_text("2 photos of one spot")
+    expect(page.locator("#query-about")).to_contain_text("2 photos from one spot")
 
 
 def test_a_file_that_is_no_photo_takes_no_answer_away(context, page, sample_map, api, queries, tmp_path):

@@ -195,7 +195,7 @@ def test_two_missions_over_each_other(page, api, mission, send):
     expect(by_id(page, "legend")).to_contain_text("the other round")
     page.reload()
     expect(by_id(page, "track")).to_have_count(2)
-    page.get_by_role("button", name="Take the other round away").click()
+    page.get_by_role("button", name="Remove the other round").click()
     expect(by_id(page, "track")).to_have_count(1)
 
 
@@ -234,7 +234,7 @@ def test_a_track_without_times_shows_no_speed(page, tmp_path):
     by_id(page, "track-file").set_input_files(track)
     by_id(page, "import-start").click()
     page.wait_for_url(re.compile(r"/missions/\d+$"), timeout=240_000)
-    expect(by_id(page, "track")).to_contain_text("none known")
+    expect(by_id(page, "track")).to_contain_text("only the order")
     wait_for_pixels(page, lambda count: count >= 300)
     facts = page.locator("#profile-facts")
     expect(facts).to_contain_text("Climb")
@@ -290,7 +290,7 @@ def test_new_mission_renamed_and_into_the_bin(page):
     page.wait_for_url("**/missions")
     page.goto("/missions/bin")
     expect(by_id(page, "mission").filter(has_text="Second try")).to_be_visible()
-    page.get_by_role("button", name="Delete Second try for good").click()
+    page.get_by_role("button", name="Delete Second try permanently").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete permanently").click()
     expect(by_id(page, "mission").filter(has_text="Second try")).to_have_count(0)
 

@@ -34,7 +34,7 @@ def make_link(page, sample_map):
 
 def test_a_secret_link_works_and_stops_working(page, visitor, make_link, sample_folder, api, sample_map):
     api.wait_for_jobs(sample_map)
-    address = make_link("Visitors may ask")
+    address = make_link("Visitors can localize")
     visitor.goto(address)
     expect(visitor.locator("#map-canvas canvas")).to_be_visible()
     visitor.locator("#map-canvas").click()

@@ -49,4 +49,4 @@ def test_undo_after_an_upload_says_that_it_undoes_the_step_before(make_page, sma
     edit.saved()
     expect(edit.unplaced).to_have_text("3")
     edit.redo.click()
-    expect(told).to_have_text("Done again: placing 1 photo")
+    expect(told).to_have_text("Redone: placing 1 photo")
