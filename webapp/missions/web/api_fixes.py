@@ -228,5 +228,5 @@ def _near(record: MapRecord, given: dict[str, Any]) -> CirclePrior | None:
     at = found.pixel_of(LatLon(lat, lon))
     scale = found.metres_per_pixel(at)
     if not scale > 0:  # also NaN, where the image has no counterpart
-        raise UsageError("the hint is nowhere near the map", where="hint_lat")
+        raise UsageError("the hint is too far from the map", where="hint_lat")
     return CirclePrior(at.x, at.y, radius / scale)
