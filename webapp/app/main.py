@@ -61,6 +61,7 @@ map_group = LazyGroup(
     where={
         "check": "webapp.cli.map_check:check",
         "from-photos": "webapp.cli.map_from_photos:from_photos",
+        "write-exif": "webapp.cli.map_write_exif:write_exif",
     },
 )
 

@@ -1,13 +1,33 @@
-"""The EXIF block of a photo whose place, direction and camera are known."""
+"""Writes EXIF: whole blocks, and positions and headings into copies of photos."""
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from datetime import datetime
 
 import piexif
 
 from webapp.core.geo.types import LatLon
+from webapp.errors import PhotoError
+from webapp.files.decode import DAMAGED, opened
+from webapp.files.photos.exif import orientation, parse_block, read_exif
+from webapp.settings import PhotoLimits
+
+WRITABLE = ("JPEG", "MPO", "WEBP")
+"""Formats, as Pillow names them, whose EXIF can be replaced without touching the pixels."""
+
+_OF_A_FIX = {
+    piexif.GPSIFD.GPSSatellites,
+    piexif.GPSIFD.GPSStatus,
+    piexif.GPSIFD.GPSMeasureMode,
+    piexif.GPSIFD.GPSDOP,
+    piexif.GPSIFD.GPSAreaInformation,
+    piexif.GPSIFD.GPSDifferential,
+    piexif.GPSIFD.GPSHPositioningError,
+}
+_MANUAL = b"ASCII\0\0\0MANUAL"
+"""The method of EXIF 2.3 for positions that a person set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +56,71 @@ class CameraTags:
 
 def exif_bytes(tags: CameraTags) -> bytes:
     """Write an EXIF block as a JPEG holds it; positions to 0.1 mm, directions to 0.0001 degree."""
+    gps = _gps_tags(tags.position, tags.heading_deg)
+    if tags.accuracy_m is not None:
+        gps[piexif.GPSIFD.GPSHPositioningError] = (round(tags.accuracy_m * 1000), 1000)
+    camera = {
+        piexif.ExifIFD.DateTimeOriginal: tags.taken_at.strftime("%Y:%m:%d %H:%M:%S"),
+        piexif.ExifIFD.FocalLengthIn35mmFilm: tags.focal_35mm,
+    }
+    return bytes(piexif.dump({"Exif": camera, "GPS": gps}))
+
+
+def with_position(
+    photo: bytes, position: LatLon, *, heading_deg: float | None, limits: PhotoLimits
+) -> tuple[bytes, str | None]:
+    """Write a position from a map into the EXIF of a photo; its pixels stay as they are, bit by bit.
+
+    Tags that describe the replaced position (accuracy, satellites, status ...) are removed; altitude, time
+    and all other tags that piexif knows stay.
+
+    Parameters
+    ----------
+    photo : bytes
+        A JPEG or WebP file.
+    position : LatLon
+        WGS 84.
+    heading_deg : float or None
+        Clockwise from true north; None keeps what the photo has.
+    limits : PhotoLimits
+
+    Returns
+    -------
+    bytes
+        The file with the new block.
+    str or None
+        What could not be kept, in a sentence.
+
+    Raises
+    ------
+    PhotoError
+        It is no photo, of another format, or holds tags that leave no room for the position.
+    """
+    with opened(photo, limits=limits) as image:
+        if image.format not in WRITABLE:
+            raise PhotoError(
+                f"positions are not written into {image.format}", hint="convert it to JPEG or WebP first"
+            )
+        raw, turn = image.info.get("exif"), orientation(read_exif(image))[0]
+    note = None
+    tables = parse_block(raw) if isinstance(raw, bytes) else None
+    if tables is None:
+        note = "its damaged EXIF was replaced" if raw else None
+        tables = {"0th": {piexif.ImageIFD.Orientation: turn}, "Exif": {}, "GPS": {}}
+    kept = {tag: value for tag, value in tables["GPS"].items() if tag not in _OF_A_FIX}
+    tables["GPS"] = kept | _gps_tags(position, heading_deg) | {piexif.GPSIFD.GPSProcessingMethod: _MANUAL}
+    result = io.BytesIO()
+    try:
+        piexif.insert(piexif.dump(tables), photo, result)
+    except (*DAMAGED, OSError) as error:
+        raise PhotoError(f"its EXIF cannot be extended: {error}", hint="save it anew without EXIF") from error
+    return result.getvalue(), note
+
+
+def _gps_tags(position: LatLon | None, heading_deg: float | None) -> dict[int, object]:
     gps: dict[int, object] = {}
-    if tags.position is not None:
-        lat, lon = tags.position
+    if position is not None:
+        lat, lon = position
         gps |= {
             piexif.GPSIFD.GPSVersionID: (2, 3, 0, 0),
             piexif.GPSIFD.GPSLatitudeRef: "N" if lat >= 0 else "S",
@@ -47,16 +129,10 @@ def exif_bytes(tags: CameraTags) -> bytes:
             piexif.GPSIFD.GPSLongitude: _degrees(lon),
             piexif.GPSIFD.GPSMapDatum: "WGS-84",
         }
-    if tags.heading_deg is not None:
-        turn = round(tags.heading_deg * 10_000) % 3_600_000
+    if heading_deg is not None:
+        turn = round(heading_deg * 10_000) % 3_600_000
         gps |= {piexif.GPSIFD.GPSImgDirectionRef: "T", piexif.GPSIFD.GPSImgDirection: (turn, 10_000)}
-    if tags.accuracy_m is not None:
-        gps[piexif.GPSIFD.GPSHPositioningError] = (round(tags.accuracy_m * 1000), 1000)
-    camera = {
-        piexif.ExifIFD.DateTimeOriginal: tags.taken_at.strftime("%Y:%m:%d %H:%M:%S"),
-        piexif.ExifIFD.FocalLengthIn35mmFilm: tags.focal_35mm,
-    }
-    return bytes(piexif.dump({"Exif": camera, "GPS": gps}))
+    return gps
 
 
 def _degrees(value: float) -> tuple[tuple[int, int], ...]:
