@@ -32,12 +32,11 @@ from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.sequence import Belief, filter_step, smooth
 from webapp.files.localize.queries_csv import Query, read
 from webapp.progress import Progress
-from webapp.tasks.localize import hinted as localize_hinted
-from webapp.tasks.localize import prepare
-from webapp.tasks.localize.hinted import Hints
+from webapp.tasks.localize import spot as localize_spot
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.localize.sequence import motion
+from webapp.tasks.localize.spot import Hints
 
 TOP = 5
 HINT_RADII, COMPASS_NOISE_DEG = 3.0, 15.0
@@ -65,7 +64,7 @@ COLUMNS = (
 def main() -> None:
     """Measure each and print the table."""
     arguments = _parser().parse_args()
-    localizer = prepare.run(
+    localizer = open_pipeline(
         arguments.map,
         OpenOptions(features=arguments.features, jobs=1, map_fov_deg=arguments.map_fov),
         settings=load_settings(),
@@ -97,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _ways(
-    localizer: PhotoLocalizer, queries: Sequence[Query]
+    localizer: LocalizationPipeline, queries: Sequence[Query]
 ) -> dict[str, tuple[Sequence[Query], list[Answer]]]:
     """Answer in each way; gives the queries that each is about, and the answers."""
     rng = np.random.default_rng(0)
@@ -113,7 +112,7 @@ def _ways(
 
     def hinted(looks: Sequence[Answer], hints: Sequence[Hints]) -> tuple[Sequence[Query], list[Answer]]:
         pairs = zip(looks, hints, strict=True)
-        return queries, [localize_hinted.join(localizer, [a], hints=h, top=TOP)[0] for a, h in pairs]
+        return queries, [localize_spot.combine(localizer, [a], hints=h, top=TOP)[0] for a, h in pairs]
 
     ways = {
         "single photos, by itself": (queries, alone),
@@ -132,14 +131,14 @@ def _ways(
 
 
 def _look(
-    localizer: PhotoLocalizer, queries: Sequence[Query], hints: Sequence[Hints], *, name: str
+    localizer: LocalizationPipeline, queries: Sequence[Query], hints: Sequence[Hints], *, name: str
 ) -> list[Answer]:
     print(name, file=sys.stderr, flush=True)
     pairs = zip(queries, hints, strict=True)
-    return [replace(localize_hinted.look(localizer, q.path, hints=h), evidence=()) for q, h in pairs]
+    return [replace(localize_spot.observe(localizer, q.path, hints=h), evidence=()) for q, h in pairs]
 
 
-def _followed(localizer: PhotoLocalizer, alone: Sequence[Answer]) -> list[Answer]:
+def _followed(localizer: LocalizationPipeline, alone: Sequence[Answer]) -> list[Answer]:
     belief, followed = Belief(), []
     how = motion(localizer)
     for answer in alone:
@@ -155,7 +154,7 @@ def _circle(truth: MapPixel, radius: float, rng: np.random.Generator) -> CircleP
 
 
 def _spots(
-    localizer: PhotoLocalizer, queries: Sequence[Query], answers: Sequence[Answer], *, walk: bool
+    localizer: LocalizationPipeline, queries: Sequence[Query], answers: Sequence[Answer], *, walk: bool
 ) -> dict[str, tuple[Sequence[Query], list[Answer]]]:
     """Join the answers about photos of one spot: of a walk, each with those of its neighbours."""
     count, half = len(queries), OF_ONE_SPOT // 2
@@ -168,7 +167,7 @@ def _spots(
         asked = [queries[spot[0]] for spot in spots]
     photos = max(len(spot) for spot in spots)
     joined = [
-        localize_hinted.join(localizer, [answers[i] for i in spot], hints=Hints(), top=TOP)[0]
+        localize_spot.combine(localizer, [answers[i] for i in spot], hints=Hints(), top=TOP)[0]
         for spot in spots
     ]
     return {f"{photos} photos of one spot": (asked, joined)}
@@ -184,7 +183,7 @@ def _directions(truths: Sequence[MapPixel]) -> np.ndarray[Any, np.dtype[np.float
 
 
 def _figures(
-    queries: Sequence[Query], answers: Sequence[Answer], localizer: PhotoLocalizer
+    queries: Sequence[Query], answers: Sequence[Answer], localizer: LocalizationPipeline
 ) -> dict[str, float]:
     results = [QueryResult(q.name, q.truth, a) for q, a in zip(queries, answers, strict=True)]
     rng = np.random.default_rng(0)

@@ -100,8 +100,8 @@ def main() -> None:
     arguments = _arguments()
     settings = load_settings()
     options = OpenOptions(features=arguments.features, map_fov_deg=arguments.fov, build=False)
-    opened = open_map.run(arguments.map, options, settings=settings, progress=Progress())
-    opened = orient_map.attach(opened, orient_map.newest(opened))
+    opened = open_map.open_index(arguments.map, options, settings=settings, progress=Progress())
+    opened = orient_map.with_orientations(opened, orient_map.newest(opened))
     queries = _queries(arguments, opened, settings)
     sizes = sorted(map(int, arguments.sizes.split(",")))
     rows: list[dict[str, Any]] = []

@@ -15,8 +15,8 @@ from webapp.progress import Progress
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.sample import make
 from webapp.settings import Settings
-from webapp.tasks.localize import prepare
 from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
 
 QUERY = "queries/query_02.jpg"
 WIDTH_PX = 1000
@@ -28,7 +28,7 @@ def main() -> None:
     settings = Settings()
     with tempfile.TemporaryDirectory() as folder:
         cfg = make.run(Path(folder) / "sample", settings=settings, progress=Progress()).cfg_path
-        localizer = prepare.run(cfg, OpenOptions(), settings=settings, progress=Progress())
+        localizer = open_pipeline(cfg, OpenOptions(), settings=settings, progress=Progress())
         query = cfg.parent / QUERY
         answer = localizer.localize(query, top=5)
         limits = settings.photo

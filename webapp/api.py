@@ -17,11 +17,10 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import ExpMapError
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import evaluate as evaluate_task
-from webapp.tasks.localize import prepare
+from webapp.tasks.localize.evaluate import evaluate_queries
 from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.maps import from_photos
 from webapp.tasks.maps.from_photos import Options as PlaceOptions
 from webapp.tasks.maps.from_photos import Report as PlaceReport
@@ -38,22 +37,22 @@ __all__ = [
 class PhotoMap:
     """A map with its index, ready for queries; `open_map` makes it."""
 
-    _localizer: PhotoLocalizer
+    _pipeline: LocalizationPipeline
 
     @property
     def photos(self) -> int:
         """Number of photos on the map."""
-        return len(self._localizer.map.experiences)
+        return len(self._pipeline.map.experiences)
 
     @property
     def place_radius_px(self) -> float:
         """Distance, in map pixels, within which a position counts as right."""
-        return self._localizer.place_radius_px
+        return self._pipeline.place_radius_px
 
     @property
     def georeference(self) -> Georeference | None:
         """Transformation between map pixels and WGS 84; None where the map has none."""
-        return self._localizer.map.georeference
+        return self._pipeline.map.georeference
 
     def localize(self, photo: str | Path, *, top: int = 5) -> Answer:
         """Localize one photo.
@@ -74,7 +73,7 @@ class PhotoMap:
         PhotoError
             The photo cannot be read.
         """
-        return self._localizer.localize(Path(photo), top=top)
+        return self._pipeline.localize(Path(photo), top=top)
 
     def latlon_of(self, hypothesis: Hypothesis) -> LatLon | None:
         """Degrees north and east of a hypothesis, WGS 84; None where the map has no georeference."""
@@ -103,9 +102,9 @@ class PhotoMap:
         TableError
             The table cannot be read.
         """
-        folder = self._localizer.opened.cfg.parent
-        return evaluate_task.run(
-            self._localizer, Path(queries), map_folder=folder, options=options, progress=progress
+        folder = self._pipeline.opened.cfg.parent
+        return evaluate_queries(
+            self._pipeline, Path(queries), map_folder=folder, options=options, progress=progress
         )
 
 
@@ -141,14 +140,14 @@ def open_map(
     NotReady
         Model weights or an optional package are missing.
     """
-    localizer = prepare.run(
+    pipeline = open_pipeline(
         Path(cfg),
         options or OpenOptions(),
         settings=settings or load_settings(),
         progress=progress or Progress(),
         fov_deg=fov_deg,
     )
-    return PhotoMap(localizer)
+    return PhotoMap(pipeline)
 
 
 def place_photos(

@@ -30,7 +30,7 @@ SECONDS = {"read", "extract", "retrieve", "verify", "position", "total"}
 def cfg(make_map, tmp_path_factory) -> Path:
     """A map that nobody changes; its index is built, so that no test depends on which one was first."""
     cfg = make_map(tmp_path_factory.mktemp("map"), 6)
-    build_map.run(cfg, OpenOptions(features="sift"), settings=Settings(), progress=Progress())
+    build_map.build_map(cfg, OpenOptions(features="sift"), settings=Settings(), progress=Progress())
     return cfg
 
 

@@ -21,7 +21,7 @@ def cfg(make_map, tmp_path_factory) -> Path:
     cfg = make_map(tmp_path_factory.mktemp("map"), 6)
     lines = [f"photos/{i}.jpg;{100 * i + 100};{110}" for i in range(6)]
     (cfg.parent / "queries.csv").write_text("\n".join(["path;x;y", *lines]) + "\n")
-    build_map.run(cfg, OpenOptions(features="sift"), settings=Settings(), progress=Progress())
+    build_map.build_map(cfg, OpenOptions(features="sift"), settings=Settings(), progress=Progress())
     return cfg
 
 

@@ -10,8 +10,8 @@ from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.localize import build_map, extract_photo
 from webapp.tasks.localize.build_index import BuildReport
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.open_map import run as open_map
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.open_map import open_index as open_map
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 Build = Callable[..., BuildReport]
 
@@ -28,7 +28,7 @@ def build(quick: Settings) -> Build:
 
     def run(cfg: Path, *, progress: Progress | None = None, jobs: int = 1, **options: object) -> BuildReport:
         asked = OpenOptions(method="vote", jobs=jobs, **options)
-        return build_map.run(cfg, asked, settings=quick, progress=progress or Progress()).index
+        return build_map.build_map(cfg, asked, settings=quick, progress=progress or Progress()).index
 
     return run
 
@@ -77,7 +77,7 @@ def found(quick: Settings) -> Callable[..., list[tuple[int, float]]]:
     def run(cfg: Path, photo: Path, **options: object) -> list[tuple[int, float]]:
         asked = OpenOptions(method="vote", jobs=1, **options)
         opened = open_map(cfg, asked, settings=quick, progress=Progress())
-        answer = PhotoLocalizer(opened, quick).localize(photo, top=9)
+        answer = LocalizationPipeline(opened, quick).localize(photo, top=9)
         return [(h.experiences[0], h.probability) for h in answer.hypotheses]
 
     return run

@@ -31,7 +31,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     """
     keep_freed_memory()
     with terminal_progress("photos") as progress:
-        report = build_map.run(
+        report = build_map.build_map(
             map_file, open_options(chosen), settings=chosen_settings(chosen), progress=progress
         )
     index = report.index

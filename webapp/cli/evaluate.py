@@ -29,10 +29,9 @@ from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import evaluate as task
-from webapp.tasks.localize import prepare, smooth_sequence
-from webapp.tasks.localize import sequence as localize_sequence
 from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
-from webapp.tasks.localize.photo import for_own_photos
+from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 
 _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -91,21 +90,31 @@ def evaluate(
     options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within, sequence=sequence)
     folder = map_file.parent
     with terminal_progress("queries") as progress:
-        localizer = prepare.run(
+        pipeline = open_pipeline(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
-        tell_failed(localizer.opened.built)
+        tell_failed(pipeline.opened.built)
         progress.note("queries")
+        localize = pipeline.localize
         if smooth and queries is not None:
             frames = [query.path for query in queries_csv.select(queries_csv.read(queries), limit)]
-            localizer = smooth_sequence.run(localizer, frames, progress=progress, speed_px=speed)
+            localize = smooth_sequence(pipeline, frames, progress=progress, speed_px=speed).localize
         elif sequence:
-            localizer = localize_sequence.of(localizer, speed_px=speed)
+            localize = SequenceFilter(pipeline, speed_px=speed).localize
         if queries is None:
-            own = for_own_photos(localizer)
-            done = task.run_self(own, map_folder=folder, options=options, progress=progress)
+            own = with_hidden_photos(pipeline)
+            done = task.evaluate_self(own, map_folder=folder, options=options, progress=progress)
         else:
-            done = [task.run(localizer, queries, map_folder=folder, options=options, progress=progress)]
+            done = [
+                task.evaluate_queries(
+                    pipeline,
+                    queries,
+                    map_folder=folder,
+                    localize=localize,
+                    options=options,
+                    progress=progress,
+                )
+            ]
     for evaluation in done:
         _report(evaluation, output, several=len(done) > 1)
     forms = [task.to_json(evaluation) for evaluation in done]

@@ -30,9 +30,9 @@ from webapp.core.hypotheses.model import Answer
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import keep_freed_memory
-from webapp.tasks.localize import prepare, smooth_sequence
-from webapp.tasks.localize import sequence as localize_sequence
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
+from webapp.tasks.localize.sequence import by_time as by_time_of_capture
 
 _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
@@ -82,23 +82,25 @@ def localize(
     settings = chosen_settings(chosen)
     steps: dict[Path, float] = {}
     if by_time:
-        photos, steps = localize_sequence.by_time(photos, limits=settings.photo)
+        photos, steps = by_time_of_capture(photos, limits=settings.photo)
     with terminal_progress("photos") as progress:
-        localizer = prepare.run(
+        pipeline = open_pipeline(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
+        localize_photo = pipeline.localize
         if smooth:
-            localizer = smooth_sequence.run(localizer, photos, progress=progress, speed_px=speed, steps=steps)
-    tell_failed(localizer.opened.built)
-    if sequence and not smooth:
-        localizer = localize_sequence.of(localizer, speed_px=speed, steps=steps)
+            smoothed = smooth_sequence(pipeline, photos, progress=progress, speed_px=speed, steps=steps)
+            localize_photo = smoothed.localize
+        elif sequence:
+            localize_photo = SequenceFilter(pipeline, speed_px=speed, steps=steps).localize
+    tell_failed(pipeline.opened.built)
     output = _Output(
-        localizer, map_file, matches=matches, picture=picture, several=len(photos) > 1, sequence=sequence
+        pipeline, map_file, matches=matches, picture=picture, several=len(photos) > 1, sequence=sequence
     )
     forms, failed, unsure = [], False, False
     for number, photo in enumerate(photos, 1):
         try:
-            answer = localizer.localize(photo, top=top)
+            answer = localize_photo(photo, top=top)
         except PhotoError as error:
             failed = True
             click.echo(f"expmap: {error}", err=True)
@@ -115,7 +117,7 @@ def localize(
             click.echo(f"expmap: {error}", err=True)
     if as_json:
         click.echo(json.dumps(forms, indent=2))
-    elif unsure and localizer.method == "verified":
+    elif unsure and pipeline.method == "verified":
         click.echo(_LOOK_CLOSER, err=True)
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
@@ -134,7 +136,7 @@ def _refuse_unwritable(path: Path | None, option: str) -> None:
 class _Output:
     """Where the answers of one run go."""
 
-    localizer: PhotoLocalizer
+    pipeline: LocalizationPipeline
     cfg: Path
     matches: Path | None
     picture: Path | None
@@ -142,10 +144,10 @@ class _Output:
     sequence: bool
 
     def form(self, photo: Path, answer: Answer) -> dict[str, Any]:
-        the_map = self.localizer.map
+        the_map = self.pipeline.map
         source = AnswerSource(
-            self.localizer.method,
-            self.localizer.features,
+            self.pipeline.method,
+            self.pipeline.features,
             the_map.georeference,
             the_map.revision,
             sequence=self.sequence,
@@ -153,7 +155,7 @@ class _Output:
         return answer_to_json(answer, query=str(photo), source=source)
 
     def tell(self, photo: Path, answer: Answer, *, last: bool) -> None:
-        click.echo(answer_text(answer, query=str(photo), georeference=self.localizer.map.georeference))
+        click.echo(answer_text(answer, query=str(photo), georeference=self.pipeline.map.georeference))
         if answer.fov is not None and answer.fov.source == "guess":
             click.echo(
                 f"the field of view of {photo.name} is not known, {answer.fov.degrees:.0f}° was taken; "
@@ -164,8 +166,8 @@ class _Output:
             click.echo()
 
     def draw(self, photo: Path, answer: Answer, number: int) -> None:
-        limits = self.localizer.settings.photo
-        the_map = self.localizer.map
+        limits = self.pipeline.settings.photo
+        the_map = self.pipeline.map
         if self.picture is not None:
             self._save(map_picture(self.cfg, the_map, answer=answer, limits=limits), self.picture, number)
         if self.matches is not None:

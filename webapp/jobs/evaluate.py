@@ -6,11 +6,11 @@ from typing import Any
 
 from webapp.jobs.context import Context
 from webapp.store.maps import maps
-from webapp.tasks.localize import evaluate, prepare, stored_evaluation
+from webapp.tasks.localize import evaluate, stored_evaluation
 from webapp.tasks.localize.calibrate import MOST_PHOTOS
 from webapp.tasks.localize.evaluation_types import EvaluateOptions
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.photo import for_own_photos
+from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 from webapp.tasks.maps import export
 
 
@@ -27,9 +27,9 @@ def run(context: Context) -> dict[str, Any]:
     limit: int | None = context.arguments.get("limit")
     context.progress.plan(0, min(placed, MOST_PHOTOS), 2 * min(placed, limit or placed))
     context.progress.note("preparing the map")
-    localizer = prepare.run(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
-    done = evaluate.run_self(
-        for_own_photos(localizer),
+    localizer = open_pipeline(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
+    done = evaluate.evaluate_self(
+        with_hidden_photos(localizer),
         map_folder=cfg.parent,
         options=EvaluateOptions(limit=limit),
         progress=context.progress,

@@ -8,8 +8,8 @@ from webapp.jobs.context import Context
 from webapp.store.maps import maps
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.calibrate import MOST_PHOTOS
+from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.open_maps import Way
 from webapp.tasks.maps import export
 
 _NAMED = 100
@@ -21,8 +21,8 @@ def run(context: Context) -> dict[str, Any]:
 
     The arguments `features` and `method` name others than the library's own.
     """
-    usual = Way()
-    way = Way(
+    usual = MethodChoice()
+    way = MethodChoice(
         context.arguments.get("method", usual.method), context.arguments.get("features") or usual.features
     )
     method, features = way.resolved()
@@ -33,7 +33,7 @@ def run(context: Context) -> dict[str, Any]:
     by_network = [placed] if method == "thorough" else []
     context.progress.plan(placed, placed, *by_network, min(placed, MOST_PHOTOS))
     context.progress.note("describing photos")
-    report = build_map.run(
+    report = build_map.build_map(
         library.cfg(record.slug),
         OpenOptions(method=method, features=features),
         settings=context.settings,

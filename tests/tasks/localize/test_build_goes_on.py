@@ -273,7 +273,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 resource.setrlimit(resource.RLIMIT_NOFILE, (40, 40))
 settings = Settings(extract=ExtractSettings(max_side_px=320, keypoints=20))
 asked = OpenOptions(method="vote", jobs=1)
-report = build_map.run(Path(sys.argv[1]), asked, settings=settings, progress=Progress())
+report = build_map.build_map(Path(sys.argv[1]), asked, settings=settings, progress=Progress())
 print(report.index.extracted, len(report.index.failed))
 """
 

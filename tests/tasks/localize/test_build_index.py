@@ -10,8 +10,8 @@ import pytest
 from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.open_map import run as open_map
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.open_map import open_index as open_map
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 
 def stamps(folder: Path) -> dict[str, tuple[int, int]]:
@@ -63,7 +63,7 @@ def test_a_moved_photo_costs_nothing(tmp_path, make_map, build, described, quick
     assert described == []
     assert stamps(folder) == before
     opened = open_map(cfg, OpenOptions(method="vote"), settings=quick, progress=Progress())
-    best = PhotoLocalizer(opened, quick).localize(tmp_path / "photos" / "1.jpg", top=1).hypotheses[0]
+    best = LocalizationPipeline(opened, quick).localize(tmp_path / "photos" / "1.jpg", top=1).hypotheses[0]
     assert (best.position.x, best.position.y) == (7.0, 9.0)
 
 

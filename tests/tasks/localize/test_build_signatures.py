@@ -15,7 +15,7 @@ from webapp.progress import Progress
 from webapp.settings import RetrievalSettings, Settings
 from webapp.tasks.localize import build_map, coding, open_map, segments
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def opening(quick):
     def run(cfg: Path, *, memory_mb: float = 500.0, **options: object) -> OpenMap:
         asked = OpenOptions(features="sift", jobs=1, **options)
         settings = replace(quick, retrieval=RetrievalSettings(memory_mb))
-        return open_map.run(cfg, asked, settings=settings, progress=Progress())
+        return open_map.open_index(cfg, asked, settings=settings, progress=Progress())
 
     return run
 
@@ -35,7 +35,7 @@ def first_named(quick):
     """Tell the id of the photo that is found first."""
 
     def run(opened: OpenMap, photo: Path, settings: Settings = quick) -> int:
-        answer = PhotoLocalizer(opened, settings, fov_deg=60.0).localize(photo, top=1)
+        answer = LocalizationPipeline(opened, settings, fov_deg=60.0).localize(photo, top=1)
         return answer.hypotheses[0].experiences[0]
 
     return run
@@ -92,7 +92,7 @@ def test_what_is_damaged_is_made_anew(tmp_path, make_map, opening, damaged, quic
     making = coding.coding_of(IndexFolder(folder), "vlad", kind="float")
     assert not making.holds(manifest.segments[0], codebook=manifest.codebook)
     asked = OpenOptions(features="sift", matcher="vlad", jobs=1)
-    build_map.run(cfg, asked, settings=quick, progress=Progress())
+    build_map.build_map(cfg, asked, settings=quick, progress=Progress())
     after = {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
     assert before.items() <= after.items()
 
@@ -130,7 +130,7 @@ vlad.signature = slow
 segments.PHOTOS_PER_SEGMENT = 3
 asked = open_map.OpenOptions(features="sift", matcher="vlad", jobs=1)
 settings = Settings(extract=ExtractSettings(max_side_px=320, keypoints=120))
-open_map.run(Path(sys.argv[1]), asked, settings=settings, progress=Progress())
+open_map.open_index(Path(sys.argv[1]), asked, settings=settings, progress=Progress())
 """
 
 
@@ -167,7 +167,7 @@ def test_a_build_that_was_killed_among_its_signatures_goes_on(
 def test_photos_described_by_a_network_are_found(tmp_path, make_map, quick, shared_models, first_named):
     asked = OpenOptions(features="xfeat", matcher="vlad", jobs=1)
     settings = replace(quick, models=shared_models)
-    opened = open_map.run(make_map(tmp_path, 6), asked, settings=settings, progress=Progress())
+    opened = open_map.open_index(make_map(tmp_path, 6), asked, settings=settings, progress=Progress())
     assert opened.manifest.engine == opened.choice.matcher == "vlad"
     assert [first_named(opened, tmp_path / "photos" / f"{i}.jpg", settings) for i in range(6)] == list(
         range(6)

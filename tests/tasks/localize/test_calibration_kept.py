@@ -27,7 +27,7 @@ def made(monkeypatch):
 
 
 def open_and_calibrate(cfg, **options):
-    opened = open_map.run(
+    opened = open_map.open_index(
         cfg, OpenOptions(features="orb", **options), settings=Settings(), progress=Progress()
     )
     calibrate.run(opened, map_fov_deg=options.get("map_fov_deg"), progress=Progress())
@@ -79,7 +79,7 @@ def test_a_killed_calibration_goes_on_where_it_was(cfg, monkeypatch):
         return try_one(indexed, photo, *how, **more)
 
     monkeypatch.setattr(calibrate, "_try", counted)
-    opened = open_map.run(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
+    opened = open_map.open_index(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
     whole = calibrate.calibrate
     with pytest.raises(Killed):
         calibrate.run(opened, map_fov_deg=None, progress=Progress())

@@ -57,7 +57,7 @@ def queries(tmp_path: Path) -> Path:
 
 def test_evaluates_a_list_and_keeps_failures_as_results(queries: Path, tmp_path: Path) -> None:
     localizer = NearestVisible()
-    done = evaluate.run(localizer, queries, map_folder=tmp_path)
+    done = evaluate.evaluate_queries(localizer, queries, map_folder=tmp_path)
     assert (done.scheme, done.summary.queries, done.summary.failed) == ("queries", 5, 1)
     assert done.summary.median_px == pytest.approx(3)
     assert done.summary.within[10] == pytest.approx(0.8)
@@ -66,7 +66,7 @@ def test_evaluates_a_list_and_keeps_failures_as_results(queries: Path, tmp_path:
 
 
 def test_json_has_the_keys_of_the_interface_and_plain_values(queries: Path, tmp_path: Path) -> None:
-    form = evaluate.to_json(evaluate.run(NearestVisible(), queries, map_folder=tmp_path))
+    form = evaluate.to_json(evaluate.evaluate_queries(NearestVisible(), queries, map_folder=tmp_path))
     assert set(form) >= CONTRACT_KEYS
     json.dumps(form, allow_nan=False)
     first, last = form["per_query"][0], form["per_query"][-1]
@@ -80,7 +80,9 @@ def test_json_has_the_keys_of_the_interface_and_plain_values(queries: Path, tmp_
 
 def test_same_seed_gives_the_same_intervals(queries: Path, tmp_path: Path) -> None:
     runs = [
-        evaluate.run(NearestVisible(), queries, map_folder=tmp_path, options=EvaluateOptions(seed=s))
+        evaluate.evaluate_queries(
+            NearestVisible(), queries, map_folder=tmp_path, options=EvaluateOptions(seed=s)
+        )
         for s in (1, 1, 2)
     ]
     assert runs[0].summary.intervals == runs[1].summary.intervals
@@ -89,7 +91,7 @@ def test_same_seed_gives_the_same_intervals(queries: Path, tmp_path: Path) -> No
 
 def test_self_evaluation_hides_the_photo_and_then_its_place(tmp_path: Path) -> None:
     localizer = NearestVisible()
-    one, place = evaluate.run_self(localizer, map_folder=tmp_path)
+    one, place = evaluate.evaluate_self(localizer, map_folder=tmp_path)
     assert (one.scheme, one.hide_within_px) == ("leave-one-out", None)
     assert (place.scheme, place.hide_within_px) == ("leave-one-place-out", 20.0)
     assert localizer.asked[5] == ((tmp_path / "photos/5.jpg").as_posix(), 5, frozenset({5}))
@@ -102,7 +104,7 @@ def test_self_evaluation_hides_the_photo_and_then_its_place(tmp_path: Path) -> N
 def test_self_evaluation_with_a_distance_is_one_run(tmp_path: Path) -> None:
     localizer = NearestVisible()
     options = EvaluateOptions(limit=2, hide_within_px=10)
-    (place,) = evaluate.run_self(localizer, map_folder=tmp_path, options=options)
+    (place,) = evaluate.evaluate_self(localizer, map_folder=tmp_path, options=options)
     assert (place.scheme, place.hide_within_px, place.summary.queries) == ("leave-one-place-out", 10, 2)
     assert [hide for _, _, hide in localizer.asked] == [frozenset({0, 1}), frozenset({4, 5, 6})]
 
@@ -112,7 +114,7 @@ def test_self_evaluation_of_an_empty_map_is_refused(tmp_path: Path) -> None:
         map = Map(SatelliteImage("plan.png", 400, 100), ())
 
     with pytest.raises(UsageError, match="no photos"):
-        evaluate.run_self(Empty(), map_folder=tmp_path)
+        evaluate.evaluate_self(Empty(), map_folder=tmp_path)
 
 
 class Watching(Progress):
@@ -131,20 +133,20 @@ class Watching(Progress):
 
 def test_progress_counts_every_query_of_both_runs(tmp_path: Path) -> None:
     progress = Watching(1000)
-    evaluate.run_self(NearestVisible(), map_folder=tmp_path, progress=progress)
+    evaluate.evaluate_self(NearestVisible(), map_folder=tmp_path, progress=progress)
     assert (progress.steps, progress.total) == (20, 20)
 
 
 def test_stops_between_queries(queries: Path, tmp_path: Path) -> None:
     localizer = NearestVisible()
     with pytest.raises(Cancelled):
-        evaluate.run(localizer, queries, map_folder=tmp_path, progress=Watching(2))
+        evaluate.evaluate_queries(localizer, queries, map_folder=tmp_path, progress=Watching(2))
     assert len(localizer.asked) == 2
 
 
 def test_bad_list_is_no_failed_query(tmp_path: Path) -> None:
     with pytest.raises(TableError):
-        evaluate.run(NearestVisible(), tmp_path / "none.csv", map_folder=tmp_path)
+        evaluate.evaluate_queries(NearestVisible(), tmp_path / "none.csv", map_folder=tmp_path)
 
 
 def test_memory_is_that_of_a_python_process() -> None:

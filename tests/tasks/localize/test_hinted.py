@@ -9,8 +9,8 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.path_prior import fit_path_prior
-from webapp.tasks.localize import hinted
-from webapp.tasks.localize.hinted import Hints
+from webapp.tasks.localize import spot
+from webapp.tasks.localize.spot import Hints
 
 PATHS = fit_path_prior(np.column_stack([np.arange(0.0, 2000.0, 10.0), np.zeros(200)]), place_radius_px=20.0)
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
@@ -36,7 +36,7 @@ def localizer():
 @pytest.mark.parametrize(("circle", "best"), [(None, 0), (CirclePrior(900.0, 0.0, 30.0), 1)])
 def test_the_matches_are_those_of_the_photo_that_is_named(localizer, circle, best):
     answers = [about((10, 0.6), pixel=50.0), about((90, 0.4), pixel=70.0)]
-    joined, named = hinted.join(localizer, answers, hints=Hints(near=circle), top=1)
+    joined, named = spot.combine(localizer, answers, hints=Hints(near=circle), top=1)
     assert named == best
     assert joined.hypotheses[0].experiences[0] == joined.evidence[0].experience == (10, 90)[best]
     assert joined.evidence[0].query_xy[0, 0] == (50.0, 70.0)[best]

@@ -14,17 +14,16 @@ from webapp.core.retrieval.indexed import candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, shortlist, weighted_votes
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import prepare
 from webapp.tasks.localize.calibrate import calibrate
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.photo import for_own_photos
+from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 
 
 @pytest.fixture(scope="module")
 def localizer(sample_folder, tmp_path_factory):
     folder = tmp_path_factory.mktemp("chain") / "sample"
     shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
-    return prepare.run(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
+    return open_pipeline(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
 
 
 def queries(localizer):
@@ -129,7 +128,7 @@ def test_turned_matches_are_dropped_before_the_vote(localizer):
 
 def test_calibration_is_repeatable_and_from_the_maps_own_photos(localizer):
     indexed = localizer.opened.indexed
-    known = for_own_photos(localizer).sightings
+    known = with_hidden_photos(localizer).sightings
     one, two = (calibrate(indexed, Progress(), sightings=known) for _ in range(2))
     assert one == two == localizer.calibration.calibration
     assert 40 <= one.cases <= 60

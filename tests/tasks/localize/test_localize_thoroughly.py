@@ -8,8 +8,9 @@ from webapp.core.retrieval import shortlist
 from webapp.errors import MissingPart
 from webapp.files.localize import models as files
 from webapp.progress import Progress
-from webapp.tasks.localize import build_map, open_map, prepare
+from webapp.tasks.localize import build_map, open_map
 from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
 
 THOROUGH = OpenOptions(method="thorough", jobs=1)
 
@@ -25,7 +26,7 @@ def test_photos_are_matched_by_the_network_and_calibrated_for_it(
     )
     cfg = make_map(tmp_path, 6)
     settings = replace(quick, models=shared_models)
-    localizer = prepare.run(cfg, THOROUGH, settings=settings, progress=Progress())
+    localizer = open_pipeline(cfg, THOROUGH, settings=settings, progress=Progress())
     matched.clear()
     answer = localizer.localize(tmp_path / "photos" / "3.jpg", top=3)
     assert len(matched) == 1
@@ -36,7 +37,7 @@ def test_photos_are_matched_by_the_network_and_calibrated_for_it(
 
 def test_positions_that_change_keep_the_network(tmp_path, make_map, quick, shared_models):
     settings = replace(quick, models=shared_models)
-    opened = open_map.run(make_map(tmp_path, 3), THOROUGH, settings=settings, progress=Progress())
+    opened = open_map.open_index(make_map(tmp_path, 3), THOROUGH, settings=settings, progress=Progress())
     again = open_map.with_positions(opened, opened.map, options=THOROUGH)
     assert again.indexed.pair_matcher is opened.indexed.pair_matcher is not None
 
@@ -47,7 +48,7 @@ def test_weights_that_are_missing_are_told_before_anything_is_built(tmp_path, ma
     weights = files.installed("xfeat", shared_models)
     (models / weights.name).write_bytes((shared_models / weights.name).read_bytes())
     cfg = make_map(tmp_path, 2)
-    for run in (open_map.run, build_map.run):
+    for run in (open_map.open_index, build_map.build_map):
         with pytest.raises(MissingPart, match="lighterglue") as missing:
             run(cfg, THOROUGH, settings=replace(quick, models=models), progress=Progress())
         assert "expmap models fetch --from" in missing.value.hint

@@ -14,9 +14,9 @@ from webapp.core.retrieval.engines.ivf import InvertedFile
 from webapp.errors import IndexDamaged, MapError, StorageError, UsageError
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
-from webapp.tasks.localize import index_location, open_map, prepare
+from webapp.tasks.localize import index_location, open_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 
 
 class Notes(Progress):
@@ -36,7 +36,7 @@ def opening(quick):
     def run(cfg: Path, method: str = "vote", **options) -> tuple[OpenMap, list[str]]:
         told = Notes()
         asked = OpenOptions(method=method, jobs=1, **options)
-        return open_map.run(cfg, asked, settings=quick, progress=told), told.notes
+        return open_map.open_index(cfg, asked, settings=quick, progress=told), told.notes
 
     return run
 
@@ -139,7 +139,7 @@ def test_auto_takes_no_index_whose_model_is_not_here_any_more(tmp_path, make_map
 
     def chosen(method="vote", features="auto"):
         asked = OpenOptions(method=method, jobs=1, features=features)
-        return open_map.run(cfg, asked, settings=settings, progress=Progress()).choice.name
+        return open_map.open_index(cfg, asked, settings=settings, progress=Progress()).choice.name
 
     assert (chosen(), chosen(features="aliked"), chosen()) == ("sift", "aliked", "aliked")
     (settings.models / "aliked.onnx").unlink()
@@ -152,7 +152,7 @@ def test_auto_takes_no_index_for_thorough_whose_pair_matcher_is_not_here(tmp_pat
     settings.models.mkdir()
     (settings.models / "aliked.onnx").write_bytes(brightest("aliked"))
     asked = OpenOptions(method="vote", jobs=1, features="aliked")
-    open_map.run(cfg, asked, settings=settings, progress=Progress())
+    open_map.open_index(cfg, asked, settings=settings, progress=Progress())
 
     def chosen(method):
         bases = index_location.index_bases(cfg, None)
@@ -202,7 +202,7 @@ def test_building_takes_the_best_features_whatever_index_is_there(tmp_path, make
 def test_every_matcher_finds_a_photo_of_the_map_itself(tmp_path, make_map, opening, quick, options):
     cfg = make_map(tmp_path, 4)
     opened, _ = opening(cfg, **options)
-    answer = PhotoLocalizer(opened, quick).localize(tmp_path / "photos" / "2.jpg", top=3)
+    answer = LocalizationPipeline(opened, quick).localize(tmp_path / "photos" / "2.jpg", top=3)
     assert answer.hypotheses[0].experiences == (2,)
     assert answer.hypotheses[0].probability > 0.9
     if options.get("matcher") != "flann":
@@ -214,7 +214,9 @@ def test_verified_finds_a_photo_of_the_map_itself_with_every_kind_of_index(
     tmp_path, make_map, quick, features
 ):
     cfg = make_map(tmp_path, 4)
-    localizer = prepare.run(cfg, OpenOptions(features=features, jobs=1), settings=quick, progress=Progress())
+    localizer = open_pipeline(
+        cfg, OpenOptions(features=features, jobs=1), settings=quick, progress=Progress()
+    )
     assert isinstance(localizer.opened.indexed.search, InvertedFile)
     answer = localizer.localize(tmp_path / "photos" / "2.jpg", top=3)
     assert answer.hypotheses[0].experiences[0] == 2
@@ -271,7 +273,7 @@ def test_an_open_map_outlives_its_files(tmp_path, make_map, opening, quick):
     cfg = make_map(tmp_path, 4)
     opened, _ = opening(cfg)
     shutil.rmtree(tmp_path / "derived")
-    answer = PhotoLocalizer(opened, quick).localize(tmp_path / "photos" / "1.jpg", top=1)
+    answer = LocalizationPipeline(opened, quick).localize(tmp_path / "photos" / "1.jpg", top=1)
     assert answer.hypotheses[0].experiences == (1,)
 
 
@@ -304,7 +306,7 @@ def test_an_index_beside_a_map_that_cannot_be_written_is_used(
     for _ in range(2):
         told.notes.clear()
         asked = OpenOptions(method=method, jobs=1)
-        localizer = prepare.run(cfg, asked, settings=quick, progress=told)
+        localizer = open_pipeline(cfg, asked, settings=quick, progress=told)
         assert localizer.opened.built is None
         assert localizer.opened.folder.folder.is_relative_to(tmp_path / "map")
     assert told.notes == []  # also the calibration is kept, elsewhere

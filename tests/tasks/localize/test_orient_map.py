@@ -26,11 +26,11 @@ SETTINGS = Settings(extract=ExtractSettings(max_side_px=640, keypoints=600))
 
 
 def opened(cfg):
-    return open_map.run(cfg, OpenOptions(jobs=1), settings=SETTINGS, progress=Progress())
+    return open_map.open_index(cfg, OpenOptions(jobs=1), settings=SETTINGS, progress=Progress())
 
 
 def oriented(cfg, progress=None):
-    return orient_map.run(opened(cfg), map_fov_deg=None, progress=progress or Progress())
+    return orient_map.estimate_orientations(opened(cfg), map_fov_deg=None, progress=progress or Progress())
 
 
 def with_index_of(found):
@@ -101,7 +101,9 @@ def test_depths_of_what_several_photos_see_are_kept_with_the_orientations(cfg):
     assert len(np.unique(depths.photo)) >= 10
     assert (depths.inverse_depth > 0.0).all()
     assert all(depths.row[depths.photo == i].max() < len(found.indexed.features(i)) for i in depths.photo)
-    again = orient_map.attach(opened(cfg), orient_map.newest(opened(cfg))).indexed.extrinsics.depths
+    again = orient_map.with_orientations(
+        opened(cfg), orient_map.newest(opened(cfg))
+    ).indexed.extrinsics.depths
     for name in ("photo", "row", "inverse_depth", "sigma"):
         assert (getattr(again, name) == getattr(depths, name)).all()
 
@@ -181,9 +183,9 @@ def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(
     trusted = int(stored.orientations.trust.argmax())
     position[trusted] += 10.0 * found.indexed.place_radius_px
     moved = replace(found, indexed=replace(found.indexed, position=position))
-    trust = orient_map.attach(moved, stored).indexed.extrinsics.trust
+    trust = orient_map.with_orientations(moved, stored).indexed.extrinsics.trust
     assert trust[trusted] == 0.0
-    depths = orient_map.attach(moved, stored).indexed.extrinsics.depths
+    depths = orient_map.with_orientations(moved, stored).indexed.extrinsics.depths
     assert trusted not in depths.photo
     assert len(depths.photo) == (stored.orientations.depths.photo != trusted).sum()
     assert (np.delete(trust, trusted) == np.delete(stored.orientations.trust, trusted)).all()
@@ -272,7 +274,7 @@ def with_network(cfg, monkeypatch):
 
 
 def thoroughly(found, progress=None):
-    return orient_map.run(found, map_fov_deg=None, progress=progress or Progress())
+    return orient_map.estimate_orientations(found, map_fov_deg=None, progress=progress or Progress())
 
 
 def test_a_network_compares_the_photos_of_which_little_is_known(cfg, with_network):
@@ -349,7 +351,7 @@ def test_photos_of_the_same_content_have_the_same_orientation(cfg):
             trust=np.append(held.trust, 0.0),
         ),
     )
-    again = orient_map.attach(found, twice).indexed.extrinsics
+    again = orient_map.with_orientations(found, twice).indexed.extrinsics
     assert again.trust[0] == held.trust[0] > 0.0
 
 

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 
 from webapp.settings import Settings
-from webapp.tasks.localize import hinted, upload
-from webapp.tasks.localize.open_maps import Way
-from webapp.tasks.localize.upload import Question, Sent
+from webapp.tasks.localize import spot, upload
+from webapp.tasks.localize.map_cache import MethodChoice
+from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Looks:
 @pytest.fixture
 def looks(monkeypatch):
     made = Looks()
-    monkeypatch.setattr(hinted, "look", made.look)
-    monkeypatch.setattr(hinted, "join", lambda *_, **__: (SimpleNamespace(evidence=()), 0))
+    monkeypatch.setattr(spot, "observe", made.look)
+    monkeypatch.setattr(spot, "combine", lambda *_, **__: (SimpleNamespace(evidence=()), 0))
     monkeypatch.setattr(upload, "read_facts", lambda *_, **__: None)
     monkeypatch.setattr(upload, "answer_to_json", lambda *_, **__: {})
     yield made
@@ -66,9 +66,11 @@ def threads():
 
 
 def asked(method):
-    maps = SimpleNamespace(get=lambda _id, way: SimpleNamespace(localizer=Localizer(way.method), revision=1))
-    question = Question((Sent(Path("a.jpg"), "a.jpg"),), Way(method))
-    return upload.run(maps, 1, question=question, settings=Settings())
+    maps = SimpleNamespace(
+        get=lambda _id, choice: SimpleNamespace(pipeline=Localizer(choice.method), revision=1)
+    )
+    request = LocalizeRequest((UploadedPhoto(Path("a.jpg"), "a.jpg"),), MethodChoice(method))
+    return upload.localize_uploads(maps, 1, request=request, settings=Settings())
 
 
 def test_quick_questions_do_not_wait_for_thorough_ones(threads, looks):

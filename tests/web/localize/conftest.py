@@ -21,7 +21,7 @@ def ready_sample(sample_folder, tmp_path_factory):
     """The folder of the sample map with its index and calibration; nobody may change it."""
     folder = tmp_path_factory.mktemp("ready") / SLUG
     shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
-    build_map.run(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
+    build_map.build_map(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
     return folder
 
 

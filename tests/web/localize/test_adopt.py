@@ -8,8 +8,8 @@ from sqlalchemy import func, select
 from webapp.progress import Progress
 from webapp.store.schema import Job, Photo
 from webapp.tasks.localize import build_map
+from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.open_maps import ReadyMaps, Way
 from webapp.tasks.maps.export import export_late_maps
 
 
@@ -89,7 +89,7 @@ def test_a_new_photo_is_told_of_until_it_is_indexed(client, library, settings, q
     assert index_jobs(library, quiet) == 1
     options = OpenOptions(features="sift", jobs=1)
     export_late_maps(library)
-    report = build_map.run(library.cfg("sample"), options, settings=settings, progress=Progress())
+    report = build_map.build_map(library.cfg("sample"), options, settings=settings, progress=Progress())
     assert report.index.extracted == 1
     answer = ask(client, queries / "query_01.jpg").get_json()
     assert answer["not_indexed"] == 0
@@ -98,21 +98,21 @@ def test_a_new_photo_is_told_of_until_it_is_indexed(client, library, settings, q
 
 
 def test_an_open_map_is_used_again_until_something_changes(client, library, settings, sample):
-    maps = ReadyMaps(library, settings, most=2)
-    first = maps.get(sample, Way())
-    assert maps.get(sample, Way()) is first
+    maps = MapCache(library, settings, most=2)
+    first = maps.get(sample, MethodChoice())
+    assert maps.get(sample, MethodChoice()) is first
     client.patch("/api/v1/maps/sample/experiences/3", json={"x_px": 5, "y_px": 5})
-    moved = maps.get(sample, Way())
+    moved = maps.get(sample, MethodChoice())
     assert moved is not first and moved.revision == first.revision + 1
-    assert moved.localizer.opened.indexed.search is first.localizer.opened.indexed.search
-    assert moved.localizer.map.experiences[3].position == (5, 5)
+    assert moved.pipeline.opened.indexed.search is first.localizer.opened.indexed.search
+    assert moved.pipeline.map.experiences[3].position == (5, 5)
 
 
 def test_the_maps_asked_longest_ago_are_closed(library, settings, sample):
-    maps = ReadyMaps(library, settings, most=1)
-    first = maps.get(sample, Way())
-    maps.get(sample, Way("vote"))
-    assert maps.get(sample, Way()) is not first
+    maps = MapCache(library, settings, most=1)
+    first = maps.get(sample, MethodChoice())
+    maps.get(sample, MethodChoice("vote"))
+    assert maps.get(sample, MethodChoice()) is not first
 
 
 def test_probabilities_before_the_calibration_are_said_to_be_so(client, library, sample, ask, queries):

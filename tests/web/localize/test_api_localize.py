@@ -15,7 +15,7 @@ from webapp.store.accounts import members
 from webapp.store.localize import queries as stored
 from webapp.store.schema import Job, MapRecord, QueryRecord
 from webapp.tasks.localize import upload
-from webapp.tasks.localize.open_maps import Way
+from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.maps import adopt_map
 from webapp.web.localize import api_localize
 
@@ -252,15 +252,15 @@ def test_features_that_do_not_fit_a_method_are_refused_by_their_field(
 def test_the_first_thorough_answer_has_its_calibration_made_once(
     client, library, sample, ask, queries, monkeypatch
 ):
-    run = upload.run
+    run = upload.localize_uploads
     monkeypatch.setattr(api_localize, "usable_features", lambda *_, method: ["xfeat"])
 
-    def uncalibrated(ready_maps, map_id, *, question, settings):
-        usual = replace(question, way=Way())
-        asked = run(ready_maps, map_id, question=usual, settings=settings)
-        return replace(asked, ready=replace(asked.ready, to_calibrate=True))
+    def uncalibrated(map_cache, map_id, *, request, settings):
+        usual = replace(request, choice=MethodChoice())
+        result = run(map_cache, map_id, request=usual, settings=settings)
+        return replace(result, opened=replace(result.opened, to_calibrate=True))
 
-    monkeypatch.setattr(upload, "run", uncalibrated)
+    monkeypatch.setattr(upload, "localize_uploads", uncalibrated)
     for _ in range(2):
         assert ask(client, queries / "query_01.jpg", method="thorough").status_code == 200
     assert [job for job in jobs_of(library) if job[1]] == [("index", "xfeat thorough")]

@@ -11,8 +11,8 @@ from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
 from webapp.settings import Settings
 from webapp.store.accounts import members
-from webapp.tasks.localize import follow_sequence, hinted
-from webapp.tasks.localize.open_maps import ReadyMaps, Way
+from webapp.tasks.localize import sequence_state, spot
+from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 
 
 def files(library):
@@ -47,7 +47,7 @@ def test_sequences_are_their_own(client, sample, ask, queries, library, sign_in,
 def test_old_ones_are_forgotten(client, sample, ask, queries, library):
     ask(client, queries / "query_01.jpg", sequence="a")
     (old,) = files(library)
-    past = time.time() - follow_sequence.KEPT_S - 1
+    past = time.time() - sequence_state.MAX_AGE_S - 1
     os.utime(old, (past, past))
     ask(client, queries / "query_01.jpg", sequence="b")
     assert old not in files(library) and len(files(library)) == 1
@@ -60,12 +60,12 @@ def test_odd_names_are_refused(client, sample, ask, queries, library, id):
 
 
 def test_photos_that_tell_no_heading_have_the_one_that_was_worked_out(library, sample):
-    localizer = ReadyMaps(library, Settings()).get(sample, Way()).localizer
+    localizer = MapCache(library, Settings()).get(sample, MethodChoice()).pipeline
     indexed, experiences = localizer.opened.indexed, localizer.map.experiences
     turned = np.radians(np.where(np.arange(len(experiences)) % 2, 90.0, 270.0))
     trust = np.where(np.arange(len(experiences)) < 4, 0.0, 9.0)
     known = MapExtrinsics(so3.from_heading(turned), np.zeros(len(turned)), trust, empty_depths())
     object.__setattr__(indexed, "extrinsics", known)
     object.__setattr__(localizer.map, "experiences", tuple(replace(e, heading_deg=None) for e in experiences))
-    headings = hinted.headings(localizer)
+    headings = spot.photo_headings(localizer)
     assert headings == {int(i): 90.0 if n % 2 else 270.0 for n, i in enumerate(indexed.ids) if n >= 4}

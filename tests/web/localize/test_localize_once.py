@@ -12,7 +12,7 @@ from webapp.store.schema import QueryRecord
 from webapp.store.sharing import shares
 from webapp.store.sharing.shares import Allows
 from webapp.tasks.localize import upload
-from webapp.tasks.localize.upload import Asked
+from webapp.tasks.localize.upload import LocalizeResult
 
 
 @pytest.fixture
@@ -20,12 +20,14 @@ def asked(monkeypatch):
     """Names of the photos that were localized; each is answered off the map."""
     names = []
 
-    def run(_maps, _map_id, *, question, settings):
-        names.append(question.photos[0].name)
+    def run(_maps, _map_id, *, request, settings):
+        names.append(request.photos[0].name)
         form = {"query": names[-1], "hypotheses": [], "off_map_probability": 1.0, "other_probability": 0.0}
-        return Asked(form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0, to_calibrate=False))
+        return LocalizeResult(
+            form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0, to_calibrate=False)
+        )
 
-    monkeypatch.setattr(upload, "run", run)
+    monkeypatch.setattr(upload, "localize_uploads", run)
     return names
 
 

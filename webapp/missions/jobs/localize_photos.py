@@ -9,7 +9,7 @@ from webapp.errors import IndexDamaged, NotReady
 from webapp.jobs import index
 from webapp.jobs.context import Context
 from webapp.missions.tasks import localize_photos
-from webapp.tasks.localize.open_maps import ReadyMaps
+from webapp.tasks.localize.map_cache import MapCache
 
 
 def run(context: Context) -> dict[str, Any]:
@@ -26,7 +26,7 @@ def _run(context: Context) -> dict[str, Any]:
     return localize_photos.run(
         context.library,
         int(context.arguments["mission"]),
-        ready_maps=ReadyMaps(context.library, context.settings),
+        map_cache=MapCache(context.library, context.settings),
         settings=context.settings,
         write=context.write,
         progress=context.progress,

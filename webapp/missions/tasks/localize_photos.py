@@ -24,8 +24,8 @@ from webapp.store.library import Library
 from webapp.store.operate import jobs
 from webapp.store.schema import Job
 from webapp.tasks.localize import upload
-from webapp.tasks.localize.open_maps import ReadyMaps
-from webapp.tasks.localize.upload import Asked, Question, Sent
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.upload import LocalizeRequest, LocalizeResult, UploadedPhoto
 
 JOB = "mission-fix"
 
@@ -35,12 +35,12 @@ TRACK = "photos"
 Write = Callable[[], AbstractContextManager[Session]]
 
 
-def fix_json(asked: Asked, *, time_s: float | None) -> dict[str, Any]:
+def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
     """Make what a robot is told, and what is kept with the photo.
 
     Parameters
     ----------
-    asked : Asked
+    result : LocalizeResult
     time_s : float or None
         When the photo was taken, Unix seconds.
 
@@ -50,13 +50,13 @@ def fix_json(asked: Asked, *, time_s: float | None) -> dict[str, Any]:
         The object of `localize --json`, and `time`, `lat`, `lon`, `heading_deg`, `position_covariance_m2`,
         and `no_pose`, which says why those are None where they are.
     """
-    found = visual_fix(asked.form, asked.ready.localizer.map.georeference)
+    found = visual_fix(result.form, result.opened.pipeline.map.georeference)
     if isinstance(found, NoPose):
         nothing = dict.fromkeys(("lat", "lon", "heading_deg", "position_covariance_m2"))
-        return {**asked.form, "time": time_s, **nothing, "no_pose": found.reason}
+        return {**result.form, "time": time_s, **nothing, "no_pose": found.reason}
     east, north, both = found.covariance_m2
     return {
-        **asked.form,
+        **result.form,
         "time": time_s,
         "lat": found.latlon.lat,
         "lon": found.latlon.lon,
@@ -67,7 +67,7 @@ def fix_json(asked: Asked, *, time_s: float | None) -> dict[str, Any]:
 
 
 def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, Any]) -> None:
-    """Keep a fix with its photo, and as a pose; asked again, the new answer takes the place of the old one.
+    """Keep a fix with its photo, and as a pose; result again, the new answer takes the place of the old one.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def run(
     library: Library,
     mission_id: int,
     *,
-    ready_maps: ReadyMaps,
+    map_cache: MapCache,
     settings: Settings,
     write: Write,
     progress: Progress,
@@ -160,7 +160,7 @@ def run(
     ----------
     library : Library
     mission_id : int
-    ready_maps : ReadyMaps
+    map_cache : MapCache
     settings : Settings
     write : callable
         Gives a session that writes.
@@ -188,12 +188,12 @@ def run(
     for photo in waiting:
         progress.check()
         try:
-            question = Question((Sent(_file(library, photo), photo.name),))
-            asked = upload.run(ready_maps, map_id, question=question, settings=settings)
+            request = LocalizeRequest((UploadedPhoto(_file(library, photo), photo.name),))
+            result = upload.localize_uploads(map_cache, map_id, request=request, settings=settings)
         except InputError as error:
             outcome, fix = "failed", {"error": str(error)}
         else:
-            fix = fix_json(asked, time_s=photo.time_s)
+            fix = fix_json(result, time_s=photo.time_s)
             outcome = "localized" if fix["no_pose"] is None else "no_pose"
         counted[outcome] += _kept(photo, fix, write)
         progress.advance()
@@ -207,17 +207,17 @@ def _file(library: Library, photo: MissionPhoto) -> Path:
         raise PhotoError(error.message, where=error.where, hint=error.hint) from error
 
 
-def _kept(asked: MissionPhoto, fix: dict[str, Any], write: Write) -> int:
+def _kept(result: MissionPhoto, fix: dict[str, Any], write: Write) -> int:
     """Keep what came of a photo; 0 where the photo is gone."""
     with write() as session:
-        photo = session.get(MissionPhoto, (asked.mission_id, asked.sha256))
+        photo = session.get(MissionPhoto, (result.mission_id, result.sha256))
         if photo is None:
             return 0
         if "error" in fix:
             photo.fix, photo.fix_state = fix, "failed"
-            missions.changed(session.get_one(Mission, asked.mission_id))
+            missions.changed(session.get_one(Mission, result.mission_id))
         else:
-            keep(session, asked.mission_id, sha256=asked.sha256, fix=fix)
+            keep(session, result.mission_id, sha256=result.sha256, fix=fix)
     return 1
 
 

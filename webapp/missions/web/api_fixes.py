@@ -22,12 +22,12 @@ from webapp.missions.tasks import fuse as fuse_mission
 from webapp.missions.tasks.add_photo import About
 from webapp.missions.web.context import open_mission
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize.open_maps import Way
-from webapp.tasks.localize.upload import Question, Sent
+from webapp.tasks.localize.map_cache import MethodChoice
+from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, settings
 from webapp.web.localize.answer_schemas import Located
-from webapp.web.localize.api_localize import ask, received
+from webapp.web.localize.api_localize import answer, received
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint(
@@ -132,7 +132,7 @@ def limit_bytes() -> None:
 @blueprint.input(AskIn, location="form_and_files", arg_name="given")
 @blueprint.output(WhereOut)
 def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
-    """Tell a robot where it is by a photo; photo and position are kept with the mission."""
+    """Localize a robot by a photo; photo and position are kept with the mission."""
     mission = open_mission(mission_id, "editor")
     record = _map(mission)
     files = [file for file in [given["file"]] if isinstance(file, FileStorage)]
@@ -146,20 +146,20 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
             about=About(time_s=given.get("time")),
             settings=settings(),
         )
-    question = Question(
-        (Sent(add_photo.original(library(), photo), photo.name),),
-        Way(),
+    request = LocalizeRequest(
+        (UploadedPhoto(add_photo.original(library(), photo), photo.name),),
+        MethodChoice(),
         fov_deg=given.get("fov"),
         near=near,
         heading_deg=given.get("heading_deg"),
     )
     try:
-        asked = ask(record, question)
+        result = answer(record, request)
     except UsageError as error:
         if error.where == "hint_radius_px":
             error.where = "hint_radius_m"  # as it is called here
         raise
-    told = localize_photos.fix_json(asked, time_s=photo.time_s)
+    told = localize_photos.fix_json(result, time_s=photo.time_s)
     with library().database.write() as session:
         localize_photos.keep(session, mission.id, sha256=photo.sha256, fix=told)
     return {"photo": photo.sha256, **told}

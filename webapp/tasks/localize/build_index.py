@@ -88,7 +88,7 @@ class BuildRequest:
     jobs: int | None = None
 
 
-def run(request: BuildRequest, *, settings: Settings, progress: Progress) -> BuildReport:
+def update_index(request: BuildRequest, *, settings: Settings, progress: Progress) -> BuildReport:
     """Bring the index up to the map.
 
     Every photo that is finished is on disk at once; segments are made of the finished photos in the map's
@@ -226,7 +226,7 @@ def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> I
     except BrokenProcessPool as error:
         raise ProcessLost(
             "a worker process was killed",
-            hint="probably for lack of memory; run the build again, with fewer --jobs",
+            hint="too little memory? Use fewer --jobs. In a script, call it below if __name__ == '__main__':",
         ) from error
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

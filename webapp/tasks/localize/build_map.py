@@ -36,7 +36,7 @@ class MapBuildReport:
     calibration_seconds: float | None
 
 
-def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> MapBuildReport:
+def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> MapBuildReport:
     """Bring the index of a map up to date, and its calibration.
 
     Raises
@@ -48,13 +48,13 @@ def run(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progre
     choice = open_map.within_memory(choice, the_map, options=options, settings=settings)
     folder = index_folder(index_bases(cfg, options.index)[-1], choice, extract=settings.extract)
     request = BuildRequest(cfg, the_map, folder, choice, options.jobs)
-    report = build_index.run(request, settings=settings, progress=progress)
+    report = build_index.update_index(request, settings=settings, progress=progress)
     if options.method == "vote" or not report.descriptors:
         return MapBuildReport(report, choice.name, None, None)
     resolved = replace(options, detector=choice.detector, extractor=choice.extractor, matcher=choice.matcher)
-    opened = open_map.run(cfg, resolved, settings=settings, progress=progress)
+    opened = open_map.open_index(cfg, resolved, settings=settings, progress=progress)
     started = time.perf_counter()
-    opened = orient_map.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     orientation_seconds = time.perf_counter() - started
     stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return MapBuildReport(report, choice.name, orientation_seconds, stored.seconds)

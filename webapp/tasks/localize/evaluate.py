@@ -22,14 +22,22 @@ from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import PhotoError, UsageError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
-from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation, Localizer, Scheme, Subject
+from webapp.tasks.localize.evaluation_types import (
+    EvaluateOptions,
+    Evaluation,
+    Localize,
+    Localizer,
+    Scheme,
+    Subject,
+)
 
 
-def run(
+def evaluate_queries(
     localizer: Localizer,
     queries: Path,
     *,
     map_folder: Path,
+    localize: Localize | None = None,
     options: EvaluateOptions | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
@@ -42,6 +50,8 @@ def run(
         The list, `path;x;y`.
     map_folder : Path
         What the map's own paths are relative to.
+    localize : callable, optional
+        Answers instead of the localizer's own method: a filter over a sequence.
     options : EvaluateOptions, optional
     progress : Progress, optional
         One step a photo.
@@ -64,13 +74,13 @@ def run(
         for query in queries_csv.select(queries_csv.read(queries), options.limit)
     ]
     progress.size(len(trials))
-    results = _measure(trials, localizer, top=options.top, progress=progress)
+    results = _measure(trials, localize or localizer.localize, top=options.top, progress=progress)
     return _evaluation(
         localizer, results, map_folder=map_folder, query_folder=queries.parent, options=options
     )
 
 
-def run_self(
+def evaluate_self(
     localizer: Localizer,
     *,
     map_folder: Path,
@@ -82,7 +92,7 @@ def run_self(
     Parameters
     ----------
     localizer, map_folder, options, progress
-        As for `run`.
+        As for `evaluate_queries`.
 
     Returns
     -------
@@ -116,7 +126,7 @@ def run_self(
             )
             for own in chosen
         ]
-        results = _measure(trials, localizer, top=options.top, progress=progress)
+        results = _measure(trials, localizer.localize, top=options.top, progress=progress)
         done = _evaluation(
             localizer, results, map_folder=map_folder, query_folder=map_folder, options=options
         )
@@ -207,13 +217,13 @@ class _Trial(NamedTuple):
 
 
 def _measure(
-    trials: Sequence[_Trial], localizer: Localizer, *, top: int, progress: Progress
+    trials: Sequence[_Trial], localize: Localize, *, top: int, progress: Progress
 ) -> list[QueryResult]:
     results = []
     for query, photo, hide in trials:
         progress.check()
         try:
-            answer = localizer.localize(photo, top=top, hide=hide)
+            answer = localize(photo, top=top, hide=hide)
         except PhotoError as error:
             results.append(replace(query, error=str(error)))
         else:

@@ -14,6 +14,19 @@ from webapp.core.mapmodel.model import Map
 Scheme = Literal["queries", "leave-one-out", "leave-one-place-out"]
 
 
+class Localize(Protocol):
+    """Localizes one photo."""
+
+    def __call__(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
+        """Localize a photo as if the experiences `hide` were not on the map.
+
+        Raises
+        ------
+        PhotoError
+            The photo cannot be used.
+        """
+
+
 class Localizer(Protocol):
     """What an evaluation needs: answers, and what gave them."""
 
@@ -27,11 +40,11 @@ class Localizer(Protocol):
 
     @property
     def map(self) -> Map:
-        """Where it looks."""
+        """The map that photos are localized on."""
 
     @property
     def map_hash(self) -> str:
-        """Stands for the map's photos and positions."""
+        """Hash of the map's photos and positions."""
 
     @property
     def place_radius_px(self) -> float:
@@ -49,14 +62,9 @@ class Localizer(Protocol):
     def index_bytes(self) -> int:
         """Size of the index."""
 
-    def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
-        """Say where a photo was taken, as if the experiences `hide` were not on the map.
-
-        Raises
-        ------
-        PhotoError
-            The photo cannot be used.
-        """
+    @property
+    def localize(self) -> Localize:
+        """Localizes a photo."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,7 +126,7 @@ class OpenMap:
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
 
 
-def run(
+def open_index(
     cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress, the_map: Map | None = None
 ) -> OpenMap:
     """Open a map.
@@ -170,7 +170,7 @@ def run(
         new = not folder.manifest_path.exists()
         progress.note("building the index" if new else "the map has changed: updating its index")
         request = BuildRequest(cfg, the_map, folder.folder, choice, options.jobs)
-        built = build_index.run(request, settings=settings, progress=progress)
+        built = build_index.update_index(request, settings=settings, progress=progress)
     manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
     matcher = pair_matcher(choice.name, settings.models) if options.method == "thorough" else None
     indexed = replace(indexed, pair_matcher=matcher, shortlist_size=settings.retrieval.shortlist)

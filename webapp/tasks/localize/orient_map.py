@@ -37,7 +37,7 @@ _WELL_KNOWN = 2.0
 """Sum of trust from which on comparing a photo by a network would tell little more."""
 
 
-def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
+def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
     """Bring the orientations of a map's photos up to date and attach them to it.
 
     Where the method has a network to match photos with, those of which little is known are compared by it
@@ -78,7 +78,7 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> Op
                 concatenate([usual.run(everyone, progress, stage=False), again.run(little, progress)])
             ),
         )
-    return attach(opened, stored)
+    return with_orientations(opened, stored)
 
 
 def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservations | None:
@@ -166,7 +166,7 @@ def _with_network(opened: OpenMap) -> str:
     return f"{opened.choice.matcher}-{PAIR_MATCHERS[opened.choice.name]}"
 
 
-def attach(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
+def with_orientations(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
     """Give an open map the orientations of those of its photos that are where they were."""
     if stored is None:
         return opened

@@ -1,20 +1,22 @@
-"""Says where the frames of a sequence were taken, each by its own content and by the frames before it."""
+"""Localizes the frames of a sequence: live, by the frames before each, or recorded, by all of them."""
 
 from __future__ import annotations
 
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 
+from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.sequence import Belief, MotionModel, filter_step, motion_model_on
+from webapp.core.hypotheses.sequence import Belief, MotionModel, filter_step, motion_model_on, smooth
 from webapp.errors import PhotoError, UsageError
 from webapp.files.photos.photo import read_facts
+from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-from webapp.tasks.localize.photo import PhotoLocalizer, parts
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 FRAME_TOP = 10
 """So many hypotheses of each frame are looked at."""
@@ -23,33 +25,34 @@ _LEAST_STEP = 0.5
 """EXIF often counts whole seconds: photos of one second were not taken at once."""
 
 
-def motion(localizer: PhotoLocalizer, *, speed_px: float | None = None) -> MotionModel:
-    """Describe the motion over the map of a localizer."""
-    return motion_model_on(localizer.opened.indexed.paths, speed_px=speed_px)
+def motion(pipeline: LocalizationPipeline, *, speed_px: float | None = None) -> MotionModel:
+    """Describe the usual motion of a camera over the map."""
+    return motion_model_on(pipeline.opened.indexed.paths, speed_px=speed_px)
 
 
-@dataclass(slots=True)
-class _Memory:
-    """What changes from frame to frame."""
+class SequenceFilter:
+    """Localizes the frames of a sequence one by one, each also by the frames before it.
 
-    belief: Belief = field(default_factory=Belief)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SequenceLocalizer(PhotoLocalizer):
-    """A method on an open map that remembers: photos must come in the order in which they were taken.
-
-    Attributes
+    Parameters
     ----------
-    speed_px : float or None
+    pipeline : LocalizationPipeline
+    speed_px : float, optional
         Usual way from a frame to the next, map pixels; None for that of most sequences.
     steps : mapping of Path to float
         Time since the frame before, in usual intervals, where it is not 1.
     """
 
-    speed_px: float | None = None
-    steps: Mapping[Path, float] = field(default_factory=dict)
-    _memory: _Memory = field(default_factory=_Memory, init=False)
+    def __init__(
+        self,
+        pipeline: LocalizationPipeline,
+        *,
+        speed_px: float | None = None,
+        steps: Mapping[Path, float] = MappingProxyType({}),
+    ) -> None:
+        self._pipeline = pipeline
+        self._motion = motion(pipeline, speed_px=speed_px)
+        self._steps = steps
+        self._belief = Belief()
 
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize the next frame.
@@ -59,22 +62,82 @@ class SequenceLocalizer(PhotoLocalizer):
         PhotoError
             The photo cannot be used; the sequence goes on without it.
         """
-        alone = self.look(photo_path, top=FRAME_TOP, hide=hide)
-        self._memory.belief, answer = filter_step(
-            self._memory.belief,
-            alone,
-            motion=motion(self, speed_px=self.speed_px),
-            top=top,
-            steps=self.steps.get(photo_path, 1.0),
+        alone = self._pipeline.observe(photo_path, top=FRAME_TOP, hide=hide)
+        self._belief, answer = filter_step(
+            self._belief, alone, motion=self._motion, top=top, steps=self._steps.get(photo_path, 1.0)
         )
         return answer
 
 
-def of(
-    localizer: PhotoLocalizer, *, speed_px: float | None = None, steps: Mapping[Path, float] | None = None
-) -> SequenceLocalizer:
-    """Make a localizer remember."""
-    return SequenceLocalizer(**parts(localizer), speed_px=speed_px, steps=steps or {})
+class SmoothedSequence:
+    """Answers about the frames of a recorded sequence, each by all frames before and after it.
+
+    Parameters
+    ----------
+    answers : mapping of Path to Answer or PhotoError
+        Of each frame.
+    """
+
+    def __init__(self, answers: Mapping[Path, Answer | PhotoError]) -> None:
+        self._answers = answers
+
+    def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
+        """Return the answer about a frame.
+
+        Raises
+        ------
+        PhotoError
+            The photo could not be used.
+        """
+        found = self._answers[photo_path]
+        if isinstance(found, PhotoError):
+            raise found
+        return truncate(found, top)
+
+
+def smooth_sequence(
+    pipeline: LocalizationPipeline,
+    photos: Sequence[Path],
+    *,
+    progress: Progress,
+    speed_px: float | None = None,
+    steps: Mapping[Path, float] = MappingProxyType({}),
+) -> SmoothedSequence:
+    """Localize all frames of a sequence, each by all others.
+
+    Parameters
+    ----------
+    pipeline : LocalizationPipeline
+    photos : sequence of Path
+        In the order in which they were taken.
+    progress : Progress
+        One step a photo.
+    speed_px : float, optional
+        Usual way from a frame to the next, map pixels.
+    steps : mapping of Path to float
+        Time since the frame before, in usual intervals, where it is not 1.
+
+    Raises
+    ------
+    Cancelled
+    """
+    progress.size(len(photos))
+    found: dict[Path, Answer | PhotoError] = {}
+    for photo in photos:
+        progress.check()
+        try:
+            found[photo] = pipeline.observe(photo, top=FRAME_TOP)
+        except PhotoError as error:
+            found[photo] = error
+        progress.advance()
+    frames = {photo: answer for photo, answer in found.items() if isinstance(answer, Answer)}
+    smoothed = smooth(
+        list(frames.values()),
+        motion=motion(pipeline, speed_px=speed_px),
+        top=FRAME_TOP,
+        steps=[steps.get(photo, 1.0) for photo in frames],
+    )
+    return SmoothedSequence(found | dict(zip(frames, smoothed, strict=True)))
 
 
 def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path, ...], dict[Path, float]]:
@@ -89,12 +152,12 @@ def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path,
     -------
     photos : tuple of Path
     steps : dict
-        Time since the photo before, over the median of all such times; as `SequenceLocalizer` needs it.
+        Time since the photo before, over the median of all such times; as `SequenceFilter` takes it.
 
     Raises
     ------
     UsageError
-        A photo does not tell when it was taken.
+        A photo has no time of capture.
     """
     times = {photo: _taken_at(photo, limits) for photo in photos}
     dated = sorted((photo for photo in times if times[photo] is not None), key=lambda p: times[p] or 0.0)
@@ -109,14 +172,14 @@ def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path,
 
 
 def _taken_at(photo: Path, limits: PhotoLimits) -> float | None:
-    """Seconds by the camera's clock; None for a photo that cannot be read, which localizing it will tell."""
+    """Seconds by the camera's clock; None for a photo that cannot be read: localizing it reports that."""
     try:
         taken_at = read_facts(photo, limits=limits).taken_at
     except PhotoError:
         return None
     if taken_at is None:
         raise UsageError(
-            f"{photo.name} does not tell when it was taken",
+            f"{photo.name} has no time of capture",
             where="--by-time",
             hint="name the photos in their order and leave --by-time out",
         )

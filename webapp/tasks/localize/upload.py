@@ -1,4 +1,4 @@
-"""Says where photos that somebody sent were taken, and remembers photo and answer."""
+"""Localizes uploaded photos on a map of the library, and stores photo and answer."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.localize import queries
 from webapp.store.schema import MapRecord, QueryRecord
-from webapp.tasks.localize import follow_sequence, hinted, show_query
-from webapp.tasks.localize.hinted import Hints
-from webapp.tasks.localize.open_maps import ReadyMap, ReadyMaps, Way
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize import sequence_state, show_query, spot
+from webapp.tasks.localize.map_cache import MapCache, MethodChoice, OpenedMap
+from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.spot import Hints
 from webapp.tasks.maps.add_photo import suffix_of, tidy_name
 
-MOST_PHOTOS = 8
-"""Of one spot, in one question."""
+MAX_PHOTOS = 8
+"""Of one spot, in one request."""
 
 _QUICK = BoundedSemaphore(2)
 """More at the same time would only wait for each other, and each takes memory for its photo."""
@@ -36,38 +36,38 @@ _THOROUGH = BoundedSemaphore(1)
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
-    """A file that has arrived, and what its sender calls it."""
+class UploadedPhoto:
+    """A received file, and its original name."""
 
     path: Path
     name: str
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """What is to be localized, and what is known about it.
+class LocalizeRequest:
+    """Photos to localize, and what is known about them.
 
     Attributes
     ----------
-    photos : tuple of Sent
+    photos : tuple of UploadedPhoto
         All taken at one spot.
-    way : Way
+    choice : MethodChoice
     top : int
         At most so many hypotheses.
     fov_deg : float or None
         Horizontal field of view, instead of what EXIF says.
-    near : Near or None
+    near : CirclePrior or None
         About where they were taken.
     heading_deg : float or None
         Where the camera looked.
     sequence : Path or None
-        What is known of the sequence that this is the next frame of; written anew.
+        State of the sequence that this is the next frame of; rewritten.
     key : str or None
-        By which who asks knows this question: its answer is kept once, however often it is sent.
+        Idempotency key of the client: the answer is stored once, however often the request is sent.
     """
 
-    photos: tuple[Sent, ...]
-    way: Way = field(default_factory=Way)
+    photos: tuple[UploadedPhoto, ...]
+    choice: MethodChoice = field(default_factory=MethodChoice)
     top: int = 5
     fov_deg: float | None = None
     near: CirclePrior | None = None
@@ -77,8 +77,8 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asked:
-    """An answer, not remembered yet.
+class LocalizeResult:
+    """An answer, not stored yet.
 
     Attributes
     ----------
@@ -87,17 +87,19 @@ class Asked:
     evidence : tuple of Evidence
     best : int
         Number of the photo that the evidence is about.
-    ready : ReadyMap
-        What answered.
+    opened : OpenedMap
+        The map that it is on.
     """
 
     form: dict[str, Any]
     evidence: tuple[Evidence, ...]
     best: int
-    ready: ReadyMap
+    opened: OpenedMap
 
 
-def run(ready_maps: ReadyMaps, map_id: int, *, question: Question, settings: Settings) -> Asked:
+def localize_uploads(
+    map_cache: MapCache, map_id: int, *, request: LocalizeRequest, settings: Settings
+) -> LocalizeResult:
     """Localize photos of one spot on a map of the library.
 
     Raises
@@ -109,47 +111,53 @@ def run(ready_maps: ReadyMaps, map_id: int, *, question: Question, settings: Set
     NotReady, MapError, NotFound, IndexDamaged
         The map cannot answer.
     """
-    if not 1 <= len(question.photos) <= MOST_PHOTOS:
-        raise UsageError(f"{len(question.photos)} photos", where="file", hint=f"send 1 to {MOST_PHOTOS}")
-    for photo in question.photos:
+    if not 1 <= len(request.photos) <= MAX_PHOTOS:
+        raise UsageError(f"{len(request.photos)} photos", where="file", hint=f"send 1 to {MAX_PHOTOS}")
+    for photo in request.photos:
         with told_as(photo.name, photo.path):
             read_facts(photo.path, limits=settings.photo)
-    ready = ready_maps.get(map_id, question.way)
-    localizer = replace(ready.localizer, fov_deg=question.fov_deg)
-    hints = Hints(question.near, question.heading_deg)
-    with _THOROUGH if localizer.method == "thorough" else _QUICK:
-        answers = [_look(localizer, photo, hints) for photo in question.photos]
-    if question.sequence is None:
-        answer, best = hinted.join(localizer, answers, hints=hints, top=question.top)
+    ready = map_cache.get(map_id, request.choice)
+    pipeline = replace(ready.pipeline, fov_deg=request.fov_deg)
+    hints = Hints(request.near, request.heading_deg)
+    with _THOROUGH if pipeline.method == "thorough" else _QUICK:
+        answers = [_observe(pipeline, photo, hints) for photo in request.photos]
+    if request.sequence is None:
+        answer, best = spot.combine(pipeline, answers, hints=hints, top=request.top)
     else:
-        frame, best = hinted.weigh(localizer, answers, hints=hints)
-        answer = follow_sequence.run(question.sequence, frame, localizer=localizer, top=question.top)
+        frame, best = spot.combine_without_prior(pipeline, answers, hints=hints)
+        answer = sequence_state.filter_frame(request.sequence, frame, pipeline=pipeline, top=request.top)
     source = AnswerSource(
-        localizer.method,
-        localizer.features,
-        localizer.map.georeference,
+        pipeline.method,
+        pipeline.features,
+        pipeline.map.georeference,
         ready.revision,
-        sequence=question.sequence is not None,
+        sequence=request.sequence is not None,
     )
-    name = ", ".join(photo.name for photo in question.photos)
+    name = ", ".join(photo.name for photo in request.photos)
     form = answer_to_json(answer, query=name, source=source)
-    return Asked(form, answer.evidence, best, ready)
+    return LocalizeResult(form, answer.evidence, best, ready)
 
 
-def remember(
-    library: Library, map_id: int, *, asked: Asked, question: Question, account_id: int, settings: Settings
+def store_result(
+    library: Library,
+    map_id: int,
+    *,
+    result: LocalizeResult,
+    request: LocalizeRequest,
+    account_id: int,
+    settings: Settings,
 ) -> int:
-    """Keep an answer and the photo that it is about; of several photos, the one that says most.
+    """Store an answer and its photo; of several photos, the one with the best evidence.
 
     Parameters
     ----------
     library : Library
     map_id : int
-    asked : Asked
-    question : Question
+    result : LocalizeResult
+    request : LocalizeRequest
         Its file is moved.
     account_id : int
-        Who asked.
+        Who result.
     settings : Settings
 
     Returns
@@ -164,7 +172,7 @@ def remember(
     DiskFull, StorageError
         Nothing was kept.
     """
-    photo = question.photos[asked.best]
+    photo = request.photos[result.best]
     facts = read_facts(photo.path, limits=settings.photo)
     row = QueryRecord(
         account_id=account_id,
@@ -172,16 +180,16 @@ def remember(
         file=f"{secrets.token_hex(12)}.{suffix_of(facts)}",
         width=facts.width,
         height=facts.height,
-        options=_options(question),
-        answer=asked.form,
-        evidence=[_evidence_json(e) for e in asked.evidence],
-        key=question.key,
+        options=_options(request),
+        answer=result.form,
+        evidence=[_evidence_json(e) for e in result.evidence],
+        key=request.key,
     )
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         if record is None:
             raise NotFound("the map is gone")
-        known = queries.keyed(session, record, key=question.key, account_id=account_id)
+        known = queries.keyed(session, record, key=request.key, account_id=account_id)
         if known is not None:  # sent twice at the same time
             return known.id
         old = queries.add(session, record, row=row, most=settings.upload.queries_per_map)
@@ -190,20 +198,20 @@ def remember(
     return row.id
 
 
-def _look(localizer: PhotoLocalizer, photo: Sent, hints: Hints) -> Answer:
+def _observe(pipeline: LocalizationPipeline, photo: UploadedPhoto, hints: Hints) -> Answer:
     with told_as(photo.name, photo.path):
-        return hinted.look(localizer, photo.path, hints=hints)
+        return spot.observe(pipeline, photo.path, hints=hints)
 
 
-def _options(question: Question) -> dict[str, Any]:
-    near = question.near
+def _options(request: LocalizeRequest) -> dict[str, Any]:
+    near = request.near
     return {
-        "photos": len(question.photos),
-        "top": question.top,
-        "fov": question.fov_deg,
+        "photos": len(request.photos),
+        "top": request.top,
+        "fov": request.fov_deg,
         "hint": None if near is None else {"x_px": near.x, "y_px": near.y, "radius_px": near.radius},
-        "heading_deg": question.heading_deg,
-        "sequence": question.sequence is not None,
+        "heading_deg": request.heading_deg,
+        "sequence": request.sequence is not None,
     }
 
 

@@ -16,10 +16,10 @@ from webapp.files.listing import DERIVED
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import evaluate, prepare
+from webapp.tasks.localize import evaluate
 from webapp.tasks.localize.evaluation_types import EvaluateOptions
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.photo import for_own_photos
+from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 
 LIMIT = 200
 """At most so many photos are tried, evenly spread over the map."""
@@ -50,9 +50,9 @@ def run(
     ------
     MapError, UsageError, StorageError, Cancelled
     """
-    localizer = prepare.run(cfg, options or OpenOptions(), settings=settings, progress=progress)
-    done = evaluate.run_self(
-        for_own_photos(localizer),
+    localizer = open_pipeline(cfg, options or OpenOptions(), settings=settings, progress=progress)
+    done = evaluate.evaluate_self(
+        with_hidden_photos(localizer),
         map_folder=cfg.parent,
         options=EvaluateOptions(limit=LIMIT),
         progress=progress,

@@ -1,4 +1,4 @@
-"""Where photos were taken, through the API."""
+"""Localization through the API."""
 
 from __future__ import annotations
 
@@ -14,25 +14,21 @@ from apiflask.fields import Boolean, File, Float, Integer, List, String
 from apiflask.validators import Length, OneOf, Range, Regexp
 from flask import current_app, request
 from flask.blueprints import BlueprintSetupState
-from sqlalchemy.orm import Session
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.features.table import BUNDLES, METHODS, Method, choose
 from webapp.core.geo.grids import decimal, degrees_minutes_seconds, mgrs, utm
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.circle_prior import CirclePrior
-from webapp.errors import IndexDamaged, NotReady, UsageError
+from webapp.errors import UsageError
 from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
 from webapp.store.localize import queries
-from webapp.store.maps import maps
-from webapp.store.maps.changing import INDEX_JOB
-from webapp.store.operate import jobs
-from webapp.store.schema import Job, MapRecord
-from webapp.tasks.localize import follow_sequence, show_query, upload
+from webapp.store.schema import MapRecord
+from webapp.tasks.localize import readiness, sequence_state, show_query, upload
 from webapp.tasks.localize.adopt_query import link_or_copy
-from webapp.tasks.localize.open_maps import ReadyMaps, Way
-from webapp.tasks.localize.upload import MOST_PHOTOS, Asked, Question, Sent
+from webapp.tasks.localize.map_cache import MapCache, MethodChoice
+from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeResult, UploadedPhoto
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
@@ -41,7 +37,7 @@ from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
 
-_READY = "expmap-ready-maps"
+_CACHE = "expmap-map-cache"
 _MOST_TOP = 20
 _MOST_KEY = 100
 _OTHER_BYTES = 100_000
@@ -54,7 +50,7 @@ class QuestionIn(Schema):
     file = List(
         File(),  # type: ignore[no-untyped-call]
         load_default=[],
-        validate=Length(max=MOST_PHOTOS),
+        validate=Length(max=MAX_PHOTOS),
         metadata={"description": "repeated: several photos that were taken at one spot"},
     )
     method = String(load_default="verified", validate=OneOf(METHODS))
@@ -115,15 +111,15 @@ class CoordinatesOut(Schema):
 
 
 @blueprint.record_once
-def _make_ready(state: BlueprintSetupState) -> None:
+def _make_cache(state: BlueprintSetupState) -> None:
     made_with = state.app.extensions[STATE]
-    state.app.extensions[_READY] = ReadyMaps(made_with.library, made_with.settings)
+    state.app.extensions[_CACHE] = MapCache(made_with.library, made_with.settings)
 
 
 @blueprint.before_request
 def limit_bytes() -> None:
     """Refuse what is too large while it is read."""
-    request.max_content_length = int(settings().photo.max_mb * 1e6 * MOST_PHOTOS) + _OTHER_BYTES
+    request.max_content_length = int(settings().photo.max_mb * 1e6 * MAX_PHOTOS) + _OTHER_BYTES
 
 
 @blueprint.post("/localize")
@@ -131,29 +127,31 @@ def limit_bytes() -> None:
 @blueprint.input(KeyIn, location="headers", arg_name="sent")
 @blueprint.output(AnswerOut)
 def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
-    """Tell where a photo was taken."""
+    """Localize a photo, or several of one spot."""
     record, key = open_map(slug), sent["key"] if given["keep"] else None
     with library().database.read() as session:
         known = queries.keyed(session, record, key=key, account_id=account().id)
     if known is not None:
         return {"id": known.id, **known.answer}
-    way = _way(given["method"], given["features"])
+    choice = _choice(given["method"], given["features"])
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
     with received(record, files, again=given.get("query")) as photos:
-        question = replace(_question(photos, way, given), key=key, sequence=_sequence(record, given))
-        asked = ask(record, question)
+        localize_request = replace(
+            _request(photos, choice, given), key=key, sequence=_sequence(record, given)
+        )
+        result = answer(record, localize_request)
         id = None
         if given["keep"]:
-            id = upload.remember(
+            id = upload.store_result(
                 library(),
                 record.id,
-                asked=asked,
-                question=question,
+                result=result,
+                request=localize_request,
                 account_id=account().id,
                 settings=settings(),
             )
-    extra = {"calibrated": asked.ready.calibrated, "not_indexed": asked.ready.not_indexed}
-    return {"id": id, **asked.form, **extra}
+    extra = {"calibrated": result.opened.calibrated, "not_indexed": result.opened.not_indexed}
+    return {"id": id, **result.form, **extra}
 
 
 @blueprint.get("/coordinates")
@@ -176,13 +174,15 @@ def coordinates(slug: str, point: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def ready_maps() -> ReadyMaps:
-    """Give the maps that this process keeps open."""
-    return cast(ReadyMaps, current_app.extensions[_READY])
+def map_cache() -> MapCache:
+    """Return the maps that this process keeps open."""
+    return cast(MapCache, current_app.extensions[_CACHE])
 
 
 @contextmanager
-def received(record: MapRecord, files: list[FileStorage], *, again: int | None) -> Iterator[tuple[Sent, ...]]:
+def received(
+    record: MapRecord, files: list[FileStorage], *, again: int | None
+) -> Iterator[tuple[UploadedPhoto, ...]]:
     """Write what was sent to files, which are gone afterwards.
 
     Parameters
@@ -201,18 +201,18 @@ def received(record: MapRecord, files: list[FileStorage], *, again: int | None) 
             "send a photo", where="file", hint="one or more files, or the id of an earlier query"
         )
     folder, limits = library().uploads, settings()
-    sent: list[Sent] = []
+    sent: list[UploadedPhoto] = []
     try:
         for file in files:
             check_space(folder, 0, reserve_mb=limits.upload.reserve_mb)
             part = folder / f"{secrets.token_hex(16)}.part"
-            sent.append(Sent(part, tidy_name(file.filename or "")))
+            sent.append(UploadedPhoto(part, tidy_name(file.filename or "")))
             receive(part, file.stream, max_bytes=int(limits.photo.max_mb * 1e6))
         if again is not None:
             with library().database.read() as session:
                 query = queries.find(session, record, again)
             part = folder / f"{secrets.token_hex(16)}.part"
-            sent.append(Sent(part, query.name))
+            sent.append(UploadedPhoto(part, query.name))
             link_or_copy(show_query.original(library(), query), part)
         yield tuple(sent)
     finally:
@@ -220,12 +220,12 @@ def received(record: MapRecord, files: list[FileStorage], *, again: int | None) 
             discard(one.path)
 
 
-def _way(method: Method, features: str) -> Way:
+def _choice(method: Method, features: str) -> MethodChoice:
     """Give method and features as asked for, where this server has what they need."""
     folder = settings().models
     here = usable_features(folder, method=method)
     if (choose(method).name if features == "auto" else features) in here:
-        return Way(method, features)
+        return MethodChoice(method, features)
     if features == "auto" or not here:
         hint = f"these work: {', '.join(usable_methods(folder))}"
         raise UsageError(f"this server has no models for method {method}", where="method", hint=hint)
@@ -236,7 +236,9 @@ def _way(method: Method, features: str) -> Way:
     )
 
 
-def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Question:
+def _request(
+    photos: tuple[UploadedPhoto, ...], choice: MethodChoice, given: dict[str, Any]
+) -> LocalizeRequest:
     x, y, radius = (given.get(f"hint_{part}_px") for part in ("x", "y", "radius"))
     near = None
     if x is not None and y is not None and radius is not None:
@@ -245,9 +247,9 @@ def _question(photos: tuple[Sent, ...], way: Way, given: dict[str, Any]) -> Ques
         raise UsageError(
             "the hint is not complete", where="hint_x_px", hint="give hint_x_px, hint_y_px and hint_radius_px"
         )
-    return Question(
+    return LocalizeRequest(
         photos,
-        way,
+        choice,
         top=given["top"],
         fov_deg=given.get("fov"),
         near=near,
@@ -259,66 +261,11 @@ def _sequence(record: MapRecord, given: dict[str, Any]) -> Path | None:
     id = given.get("sequence")
     if id is None:
         return None
-    return follow_sequence.file_of(library(), account_id=account().id, map_id=record.id, id=id)
+    return sequence_state.state_file(library(), account_id=account().id, map_id=record.id, id=id)
 
 
-def ask(record: MapRecord, question: Question) -> Asked:
-    """Ask; where the index is missing, or lacks photos, it is built in the background.
-
-    Raises
-    ------
-    NotReady
-        It is being built.
-    PhotoError, UsageError, MapError, NotFound
-    """
-    method, features = question.way.resolved()
-    try:
-        asked = upload.run(ready_maps(), record.id, question=question, settings=settings())
-    except (NotReady, IndexDamaged) as error:
-        if not _build_index(record, features):
-            raise
-        raise NotReady(
-            "the index of this map is being built",
-            where=record.slug,
-            hint="ask again in a moment; the list of jobs shows how far it is",
-        ) from error
-    if asked.ready.not_indexed:
-        _build_index(record, features)
-    if asked.ready.to_calibrate:
-        _calibrate(record, method, features)
-    return asked
-
-
-def _build_index(record: MapRecord, features: str) -> bool:
-    """Have the index built, if nobody has yet; False for a map that has nothing to build from."""
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        if not maps.counts(session, row)[1] or row.satellite_path is None:
-            return False
-        at_work = _index_jobs(session, row.id, key=_job_key("verified", features))
-    if all(job.state in jobs.ENDED for job in at_work):
-        _enqueue(record, "verified", features)
-    return True
-
-
-def _calibrate(record: MapRecord, method: Method, features: str) -> None:
-    """Have the map calibrated for a method, but not again at once where that has just failed."""
-    with library().database.read() as session:
-        at_work = _index_jobs(session, record.id, key=_job_key(method, features))
-    if all(job.state == "done" for job in at_work):
-        _enqueue(record, method, features)
-
-
-def _job_key(method: Method, features: str) -> str:
-    other = "" if features == Way().resolved()[1] else features
-    return other if method == "verified" else f"{features} {method}"
-
-
-def _index_jobs(session: Session, map_id: int, *, key: str) -> list[Job]:
-    return [job for job in jobs.current(session, map_id) if job.kind == INDEX_JOB and job.key == key]
-
-
-def _enqueue(record: MapRecord, method: Method, features: str) -> None:
-    arguments, key = {"features": features, "method": method}, _job_key(method, features)
-    with library().database.write() as session:
-        jobs.enqueue(session, INDEX_JOB, map_id=record.id, arguments=arguments, key=key)
+def answer(record: MapRecord, localize_request: LocalizeRequest) -> LocalizeResult:
+    """Localize photos on a map with the maps that this process keeps open; see `localize_or_build`."""
+    return readiness.localize_or_build(
+        library(), record, cache=map_cache(), request=localize_request, settings=settings()
+    )

@@ -19,13 +19,13 @@ from webapp.files.photos.preview import Kind
 from webapp.store.sharing import shares
 from webapp.store.sharing.shares import Opened
 from webapp.tasks.localize import show_query, upload
-from webapp.tasks.localize.upload import Question
+from webapp.tasks.localize.upload import LocalizeRequest
 from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
 from webapp.web.accounts.access import public
 from webapp.web.context import library, settings
 from webapp.web.localize.answer_schemas import Located
-from webapp.web.localize.api_localize import ready_maps, received
+from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.openapi import file_answer
 from webapp.web.sharing import shared_state
 from webapp.web.sharing.shared_files import sent, shown
@@ -161,19 +161,21 @@ def query_original(token: str) -> Response:
 @blueprint.input(VisitIn, location="files", arg_name="given")
 @blueprint.output(Located)
 def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
-    """Tell where a visitor's photo was taken, where the owner allows it; neither photo nor answer is kept."""
+    """Localize a visitor's photo where the owner allows it; neither photo nor answer is kept."""
     opened = _opened(token)
     if not opened.share.localize:
         raise NotFound("photos cannot be localized here")
     _count_visit(opened)
     with received(opened.map, [given["file"]], again=None) as photos:
         try:
-            asked = upload.run(ready_maps(), opened.map.id, question=Question(photos), settings=settings())
+            result = upload.localize_uploads(
+                map_cache(), opened.map.id, request=LocalizeRequest(photos), settings=settings()
+            )
         except (NotReady, IndexDamaged) as error:
             raise NotReady(
                 "this map cannot localize photos yet", hint="come back in a few minutes"
             ) from error
-    return asked.form
+    return result.form
 
 
 def _count_visit(opened: Opened) -> None:

@@ -1,6 +1,6 @@
-"""Goes on with a sequence whose frames come one by one, to whichever process answers.
+"""The filter over a sequence whose frames come one by one, to whichever process answers.
 
-What is known of a sequence is a small file in the library's folder, which is forgotten after some minutes.
+The belief about a sequence is a small file in the library's folder, which expires after some minutes.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
 from webapp.files.atomic import write_text
 from webapp.files.part_file import discard
 from webapp.store.library import Library
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.sequence import motion
 
-KEPT_S = 600.0
+MAX_AGE_S = 600.0
 """So long after its last frame a sequence is known."""
 
 _FOLDER = "sequences"
 
 
-def file_of(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
+def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
     """Name the file of a sequence, and delete those that are old.
 
     Parameters
@@ -47,7 +47,7 @@ def file_of(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
     return folder / f"{name[:32]}.json"
 
 
-def run(file: Path, answer: Answer, *, localizer: PhotoLocalizer, top: int) -> Answer:
+def filter_frame(file: Path, answer: Answer, *, pipeline: LocalizationPipeline, top: int) -> Answer:
     """Join the answer about the next frame with what is known.
 
     Parameters
@@ -56,7 +56,7 @@ def run(file: Path, answer: Answer, *, localizer: PhotoLocalizer, top: int) -> A
         Of the sequence; written anew. A sequence without one begins.
     answer : Answer
         About the frame alone.
-    localizer : PhotoLocalizer
+    pipeline : LocalizationPipeline
         What gave it. The sequence begins anew when the map has changed since.
     top : int
         At most so many hypotheses.
@@ -67,10 +67,10 @@ def run(file: Path, answer: Answer, *, localizer: PhotoLocalizer, top: int) -> A
         The file cannot be written.
     """
     known = _read(file)
-    same = known.get("map") == localizer.map_hash
+    same = known.get("map") == pipeline.map_hash
     belief = belief_from_json(known["belief"]) if same else Belief()
-    belief, joined = filter_step(belief, answer, motion=motion(localizer), top=top)
-    write_text(file, json.dumps({"map": localizer.map_hash, "belief": belief_to_json(belief)}))
+    belief, joined = filter_step(belief, answer, motion=motion(pipeline), top=top)
+    write_text(file, json.dumps({"map": pipeline.map_hash, "belief": belief_to_json(belief)}))
     return joined
 
 
@@ -86,6 +86,6 @@ def _read(file: Path) -> dict[str, Any]:
 
 def _fresh(file: Path) -> bool:
     try:
-        return time.time() - file.stat().st_mtime <= KEPT_S
+        return time.time() - file.stat().st_mtime <= MAX_AGE_S
     except FileNotFoundError:
         return False

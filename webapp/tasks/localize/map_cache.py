@@ -1,4 +1,4 @@
-"""Maps of the library kept open, so that a photo is localized at once; a process has one of these.
+"""Maps of the library kept open, so that a photo is localized at once; one cache a process.
 
 What is large of an index is memory-mapped and shared by all processes, but for compressed codes.
 Places come from the records: a photo that was moved counts where it is now, and a new index is taken as
@@ -22,16 +22,16 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize import calibrate, open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.maps.library_map import as_map
 
-MOST_OPEN = 8
+MAX_OPEN = 8
 """Maps, each with its method and features; one that is asked rarely is opened again."""
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """How photos are to be localized.
+class MethodChoice:
+    """Method and features to localize with.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Way:
     features: str = "auto"
 
     def resolved(self) -> tuple[Method, str]:
-        """Give method and features that fit each other.
+        """Return method and features that fit each other.
 
         Raises
         ------
@@ -59,12 +59,12 @@ class Way:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReadyMap:
+class OpenedMap:
     """A map that answers at once.
 
     Attributes
     ----------
-    localizer : PhotoLocalizer
+    pipeline : LocalizationPipeline
     revision : int
         Of the places it has.
     not_indexed : int
@@ -75,7 +75,7 @@ class ReadyMap:
         Whether it has no calibration, or has changed much since.
     """
 
-    localizer: PhotoLocalizer
+    pipeline: LocalizationPipeline
     revision: int
     not_indexed: int
     calibrated: bool
@@ -90,12 +90,12 @@ class _Slot:
     """A map's place in the cache; whoever opens it holds the lock."""
 
     lock: Lock = field(default_factory=Lock)
-    ready: ReadyMap | None = None
+    ready: OpenedMap | None = None
     opened_with: _Files = ()
     """Times and sizes of the manifest, the calibration and the orientations."""
 
 
-class ReadyMaps:
+class MapCache:
     """Open maps of a library, the ones that were asked last.
 
     Parameters
@@ -106,20 +106,20 @@ class ReadyMaps:
         So many are kept open.
     """
 
-    def __init__(self, library: Library, settings: Settings, *, most: int = MOST_OPEN) -> None:
+    def __init__(self, library: Library, settings: Settings, *, most: int = MAX_OPEN) -> None:
         self._library = library
         self._settings = settings
         self._most = most
         self._slots: OrderedDict[tuple[int, Method, str], _Slot] = OrderedDict()
         self._lock = Lock()
 
-    def get(self, map_id: int, way: Way) -> ReadyMap:
+    def get(self, map_id: int, choice: MethodChoice) -> OpenedMap:
         """Give a map as it is now; opened by one at a time, however many ask.
 
         Parameters
         ----------
         map_id : int
-        way : Way
+        choice : MethodChoice
 
         Raises
         ------
@@ -133,7 +133,7 @@ class ReadyMaps:
             The map is gone.
         IndexDamaged
         """
-        method, features = way.resolved()
+        method, features = choice.resolved()
         options = OpenOptions(method=method, features=features, build=False)
         slot = self._slot((map_id, method, features))
         with slot.lock:
@@ -152,28 +152,30 @@ class ReadyMaps:
                 self._slots.popitem(last=False)
             return slot
 
-    def _current(self, slot: _Slot, map_id: int, options: OpenOptions) -> ReadyMap:
+    def _current(self, slot: _Slot, map_id: int, options: OpenOptions) -> OpenedMap:
         there = slot.ready
         with self._library.database.read() as session:
             record = session.get(MapRecord, map_id)
             if record is None:
                 raise NotFound("the map is gone")
             cfg, revision = self._library.cfg(record.slug), record.revision
-            same_index = there is not None and slot.opened_with == _files(there.localizer.opened)
+            same_index = there is not None and slot.opened_with == _files(there.pipeline.opened)
             if there is not None and same_index and there.revision == revision:
                 return there
             the_map = as_map(session, record)
         if the_map is None:
             raise MapError("the map has no satellite image yet", hint="add one, and place photos on it")
-        opened = there.localizer.opened if there is not None and same_index else None
+        opened = there.pipeline.opened if there is not None and same_index else None
         with told_as(cfg.parent.name, cfg):
             return self._open(slot, cfg, the_map, options=options, opened=opened)
 
     def _open(
         self, slot: _Slot, cfg: Path, the_map: Map, *, options: OpenOptions, opened: OpenMap | None
-    ) -> ReadyMap:
+    ) -> OpenedMap:
         if opened is None:
-            opened = open_map.run(cfg, options, settings=self._settings, progress=Progress(), the_map=the_map)
+            opened = open_map.open_index(
+                cfg, options, settings=self._settings, progress=Progress(), the_map=the_map
+            )
         else:
             opened = open_map.with_positions(opened, the_map, options=options)
         # Looked at before the calibration is read: a newer one is noticed the next time, as is a newer index.
@@ -182,10 +184,10 @@ class ReadyMaps:
             slot.opened_with = ()
         verifies = opened.method != "vote"
         if verifies:
-            opened = orient_map.attach(opened, orient_map.newest(opened))
+            opened = orient_map.with_orientations(opened, orient_map.newest(opened))
         stored = calibrate.newest(opened) if verifies else None
-        return ReadyMap(
-            PhotoLocalizer(opened, self._settings, stored),
+        return OpenedMap(
+            LocalizationPipeline(opened, self._settings, stored),
             revision=the_map.revision,
             not_indexed=opened.not_indexed,
             calibrated=stored is not None or not verifies,

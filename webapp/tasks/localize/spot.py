@@ -1,7 +1,7 @@
-"""Says where photos of one spot were taken, with what is known besides: about where, and looking where.
+"""Localizes photos of one spot together, with hints: about where they were taken, and in which direction.
 
-What is known never hides anything: it weighs what the photos say, as a prior (a circle) or as a likelihood (a
-compass). Where all photos that look most alike are outside the circle, some within it are looked at, too.
+A hint never excludes a place: a circle is a prior, a compass a likelihood. Where all photos of the shortlist
+are outside the circle, the best within it are verified too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from webapp.core.hypotheses.heading_prior import apply_compass
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.errors import UsageError
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 _ALL = 100
 """Hypotheses before anything is weighed: more than any method has whose places are few."""
@@ -30,7 +30,7 @@ class Hints:
 
     Attributes
     ----------
-    near : Near or None
+    near : CirclePrior or None
         About where they were taken.
     heading_deg : float or None
         Where the camera looked, degrees clockwise from north.
@@ -40,8 +40,8 @@ class Hints:
     heading_deg: float | None = None
 
 
-def look(localizer: PhotoLocalizer, photo: Path, *, hints: Hints) -> Answer:
-    """Tell what one of the photos says by itself.
+def observe(pipeline: LocalizationPipeline, photo: Path, *, hints: Hints) -> Answer:
+    """Localize one of the photos by its content alone.
 
     Raises
     ------
@@ -50,19 +50,19 @@ def look(localizer: PhotoLocalizer, photo: Path, *, hints: Hints) -> Answer:
     UsageError
         There is no photo of the map in the circle.
     """
-    return localizer.look(photo, top=_ALL, closer=_within(localizer, hints.near))
+    return pipeline.observe(photo, top=_ALL, include=_within(pipeline, hints.near))
 
 
-def join(
-    localizer: PhotoLocalizer, answers: Sequence[Answer], *, hints: Hints, top: int
+def combine(
+    pipeline: LocalizationPipeline, answers: Sequence[Answer], *, hints: Hints, top: int
 ) -> tuple[Answer, int]:
-    """Join what the photos say with the hints.
+    """Combine the answers about the photos with the hints.
 
     Parameters
     ----------
-    localizer : PhotoLocalizer
+    pipeline : LocalizationPipeline
     answers : sequence of Answer
-        By `look`, one a photo; at least one.
+        By `observe`, one a photo; at least one.
     hints : Hints
     top : int
         At most so many hypotheses.
@@ -73,34 +73,36 @@ def join(
     best : int
         Number of the photo that it takes heading and evidence from.
     """
-    weighed, best = weigh(localizer, answers, hints=hints)
-    paths = localizer.opened.indexed.paths
+    weighed, best = combine_without_prior(pipeline, answers, hints=hints)
+    paths = pipeline.opened.indexed.paths
     weight = None if hints.near is None else photo_weights(hints.near, paths)
     return truncate(apply_path_prior_to_answer(weighed, paths, weight=weight), top), best
 
 
-def weigh(localizer: PhotoLocalizer, answers: Sequence[Answer], *, hints: Hints) -> tuple[Answer, int]:
-    """Do all of `join` but the prior over exact positions, which a sequence has its own of."""
-    paths = localizer.opened.indexed.paths
+def combine_without_prior(
+    pipeline: LocalizationPipeline, answers: Sequence[Answer], *, hints: Hints
+) -> tuple[Answer, int]:
+    """Combine all but the prior over exact positions, which a sequence has its own of."""
+    paths = pipeline.opened.indexed.paths
     answer = joint.combine(answers, paths=paths, top=_ALL)
     if hints.near is not None:
         answer = apply_circle_prior(answer, hints.near, paths=paths)
     if hints.heading_deg is not None:
-        answer = apply_compass(answer, hints.heading_deg, looked_deg=headings(localizer))
+        answer = apply_compass(answer, hints.heading_deg, looked_deg=photo_headings(pipeline))
     best = joint.most_confident(answers, answer)
     return joint.with_evidence_of(answer, answers[best]), best
 
 
-def headings(localizer: PhotoLocalizer) -> dict[int, float]:
+def photo_headings(pipeline: LocalizationPipeline) -> dict[int, float]:
     """Where photos of the map looked: as they say themselves, else as was worked out from what they see."""
-    indexed = localizer.opened.indexed
+    indexed = pipeline.opened.indexed
     computed = zip(indexed.ids.tolist(), indexed.headings_deg().tolist(), strict=True)
-    own = {e.id: e.heading_deg for e in localizer.map.experiences if e.heading_deg is not None}
+    own = {e.id: e.heading_deg for e in pipeline.map.experiences if e.heading_deg is not None}
     return {id: deg for id, deg in computed if not math.isnan(deg)} | own
 
 
-def _within(localizer: PhotoLocalizer, near: CirclePrior | None) -> frozenset[int]:
-    """Tell which photos of the map are in the circle, or so near to it that it may mean their place.
+def _within(pipeline: LocalizationPipeline, near: CirclePrior | None) -> frozenset[int]:
+    """List the photos of the map in the circle, or so near to it that it may mean their place.
 
     Raises
     ------
@@ -109,7 +111,7 @@ def _within(localizer: PhotoLocalizer, near: CirclePrior | None) -> frozenset[in
     """
     if near is None:
         return frozenset()
-    indexed = localizer.opened.indexed
+    indexed = pipeline.opened.indexed
     far = near.radius + indexed.place_radius_px
     there = ((indexed.position - (near.x, near.y)) ** 2).sum(1) <= far**2
     if not there.any():

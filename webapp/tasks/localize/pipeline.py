@@ -1,0 +1,257 @@
+"""The localization of one photo, stage by stage.
+
+1. read: the photo is decoded upright and small enough, and its field of view is read (`files.photos`);
+2. extract: keypoints and descriptors (`core.features`);
+3. retrieve, verify, position: the map's photos that match, relative poses, positions (`core.localize`);
+4. calibrate: evidence becomes probabilities (`core.hypotheses.calibration`);
+5. prior: photos are taken where the photos of the map are, along the paths between them
+   (`core.hypotheses.paths`).
+
+`observe` stops before the prior: several photos of one spot (`spot.py`) and the frames of a sequence
+(`sequence.py`) are combined first, and have priors of their own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from webapp.core.features.extract import extract
+from webapp.core.features.types import Features
+from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.core.hypotheses.model import Answer, FieldOfView
+from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
+from webapp.core.localize import vote
+from webapp.core.localize.verified import find_places, with_probabilities
+from webapp.core.mapmodel.model import Map
+from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
+from webapp.files.localize.calibration import StoredCalibration
+from webapp.files.localize.models import network
+from webapp.files.photos.photo import GrayPhoto, read_facts, read_gray
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize import calibrate, open_map, orient_map
+from webapp.tasks.localize.open_map import OpenMap, OpenOptions, guessed_fov_deg
+
+
+@dataclass(slots=True)
+class _Stopwatch:
+    """Seconds of each stage, and of all of them."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    _begun: float = field(default_factory=time.perf_counter)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        before = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - before
+
+    def total(self) -> dict[str, float]:
+        return {**self.seconds, "total": time.perf_counter() - self._begun}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalizationPipeline:
+    """A method on an open map.
+
+    Attributes
+    ----------
+    opened : OpenMap
+    settings : Settings
+    calibration : StoredCalibration or None
+        None for a method that has none.
+    fov_deg : float or None
+        Horizontal field of view of the queries, instead of what their EXIF says.
+    sightings : DepthObservations or None
+        Of the map's keypoints, where photos are to be hidden: for depths that do not rest on them. Where
+        this is None, no depths are used then.
+    """
+
+    opened: OpenMap
+    settings: Settings
+    calibration: StoredCalibration | None = None
+    fov_deg: float | None = None
+    sightings: DepthObservations | None = None
+
+    def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
+        """Localize one photo by all stages.
+
+        Parameters
+        ----------
+        photo_path : Path
+        top : int
+            At most so many hypotheses.
+        hide : frozenset of int
+            Experience ids to leave out.
+
+        Raises
+        ------
+        PhotoError
+            The photo cannot be used.
+        """
+        return apply_path_prior_to_answer(
+            self.observe(photo_path, top=top, hide=hide), self.opened.indexed.paths
+        )
+
+    def observe(
+        self,
+        photo_path: Path,
+        *,
+        top: int,
+        hide: frozenset[int] = frozenset(),
+        include: frozenset[int] = frozenset(),
+    ) -> Answer:
+        """Localize one photo by its content alone, before any prior.
+
+        Parameters
+        ----------
+        photo_path : Path
+        top : int
+        hide : frozenset of int
+        include : frozenset of int
+            Experience ids of which the best are verified in any case; `vote` compares with all.
+
+        Raises
+        ------
+        PhotoError
+        """
+        watch = _Stopwatch()
+        with watch.stage("read"):
+            gray, fov = self._read(photo_path)
+        with watch.stage("extract"):
+            features = self._extract(gray)
+        indexed = self.opened.indexed
+        if fov is None:
+            with watch.stage("retrieve"):
+                answer = vote.localize(indexed, features, top=top, hide=hide)
+            return replace(answer, seconds=watch.total())
+        found = find_places(
+            indexed,
+            features,
+            fov_deg=fov.degrees,
+            hide=hide,
+            closer=include,
+            depths=self._depths_without(hide) if hide else None,
+        )
+        calibration = self.calibration.calibration if self.calibration else DEFAULT
+        answer = with_probabilities(indexed, found, calibration=calibration, top=top)
+        return replace(answer, seconds={**found.answer.seconds, **watch.total()}, fov=fov)
+
+    def _read(self, photo_path: Path) -> tuple[GrayPhoto, FieldOfView | None]:
+        """Read a photo and its field of view, which `vote` does not ask for."""
+        limits = self.settings.photo
+        gray = read_gray(photo_path, limits=limits, max_side=self.settings.extract.max_side_px)
+        if self.method == "vote":
+            return gray, None
+        if self.fov_deg is not None:
+            return gray, FieldOfView(self.fov_deg, "option")
+        exif = read_facts(photo_path, limits=limits).fov_deg
+        if exif is not None:
+            return gray, FieldOfView(exif, "exif")
+        return gray, FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
+
+    def _extract(self, gray: GrayPhoto) -> Features:
+        choice = self.opened.choice
+        return extract(
+            gray.pixels,
+            choice,
+            keypoints=self.settings.extract.keypoints,
+            scale=gray.scale,
+            photo_size=gray.full_size,
+            network=network(choice.model, self.settings.models, weights=choice.weights),
+        )
+
+    def _depths_without(self, hide: frozenset[int]) -> DepthsExcluding | None:
+        if self.sightings is None:
+            return None
+        return DepthsExcluding(self.sightings, np.isin(self.opened.indexed.ids, [*hide]))
+
+    @property
+    def method(self) -> str:
+        """Name of the method."""
+        return self.opened.method
+
+    @property
+    def features(self) -> str:
+        """Name of the features, `auto` resolved."""
+        return self.opened.choice.name
+
+    @property
+    def map(self) -> Map:
+        """The map that photos are localized on."""
+        return self.opened.map
+
+    @property
+    def map_hash(self) -> str:
+        """Hash of the map's photos and positions."""
+        return self.opened.map_hash
+
+    @property
+    def place_radius_px(self) -> float:
+        """How far off a right hypothesis may be, map pixels."""
+        return self.opened.indexed.place_radius_px
+
+    @property
+    def build_seconds(self) -> float | None:
+        """Time the index took."""
+        return self.opened.manifest.build_seconds
+
+    @property
+    def calibration_seconds(self) -> float | None:
+        """Time the calibration took; None for a method that has none."""
+        return self.calibration.seconds if self.calibration else None
+
+    @property
+    def index_bytes(self) -> int:
+        """Size of the index on disk."""
+        return self.opened.folder.bytes_on_disk()
+
+
+def open_pipeline(
+    cfg: Path,
+    options: OpenOptions,
+    *,
+    settings: Settings,
+    progress: Progress,
+    fov_deg: float | None = None,
+) -> LocalizationPipeline:
+    """Open a map for localization: index and orientations brought up to date, probabilities calibrated.
+
+    Parameters
+    ----------
+    cfg : Path
+    options : OpenOptions
+    settings : Settings
+    progress : Progress
+    fov_deg : float, optional
+        Horizontal field of view of the queries, instead of what their EXIF says.
+
+    Raises
+    ------
+    MapError, UsageError, StorageError, IndexDamaged, Cancelled
+    """
+    opened = open_map.open_index(cfg, options, settings=settings, progress=progress)
+    if opened.method == "vote":
+        return LocalizationPipeline(opened, settings)
+    opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    return LocalizationPipeline(opened, settings, stored, fov_deg)
+
+
+def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
+    """Prepare a pipeline for the photos of its own map, which are hidden in turn.
+
+    Raises
+    ------
+    StorageError
+    """
+    known, opened = pipeline.calibration, pipeline.opened
+    if known is None:
+        return pipeline
+    return replace(pipeline, sightings=orient_map.sightings(opened, map_fov_deg=known.map_fov_deg))
