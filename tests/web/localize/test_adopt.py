@@ -104,7 +104,7 @@ def test_an_open_map_is_used_again_until_something_changes(client, library, sett
     client.patch("/api/v1/maps/sample/experiences/3", json={"x_px": 5, "y_px": 5})
     moved = maps.get(sample, MethodChoice())
     assert moved is not first and moved.revision == first.revision + 1
-    assert moved.pipeline.opened.indexed.search is first.localizer.opened.indexed.search
+    assert moved.pipeline.opened.indexed.search is first.pipeline.opened.indexed.search
     assert moved.pipeline.map.experiences[3].position == (5, 5)
 
 
