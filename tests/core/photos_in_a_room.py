@@ -10,6 +10,7 @@ from webapp.core.localize.pose_residuals import VerifiedView
 from webapp.core.reconstruction.pairs import PhotoPairs, concatenate
 
 RADIUS = 50.0
+RAY_SIGMA = 2.0 / 450.0
 
 
 def tilted(heading, pitch=0.0):
@@ -88,7 +89,9 @@ class Scene:
         shaken = so3.exp(self.rng.normal(0, 0.03, 3))
         inlier = np.ones(len(ours), bool)
         pose = RelativePose(0.0, 0.1, inlier, shaken @ rotation, shaken @ shift)
-        return VerifiedView(photo, pose, deep(ours), deep(theirs), inverse, 0.05 * inverse)
+        return VerifiedView(
+            photo, pose, deep(ours), deep(theirs), inverse, 0.05 * inverse, (RAY_SIGMA, RAY_SIGMA)
+        )
 
 
 def deep(ray):

@@ -73,3 +73,11 @@ def test_too_few_and_random_matches_are_no_pose():
     assert isinstance(pose, NoPose) or pose.inlier.sum() < 14
     same = np.full((30, 2), 100.0, np.float32)
     relative_pose(same, same, query=CAMERA, photo=CAMERA)  # degenerate: any answer but an exception
+
+
+def test_the_noise_of_rays_follows_from_focal_length_and_extraction_size():
+    wide, narrow = Camera(1600, 1200, 90.0), Camera(1600, 1200, 30.0)
+    assert wide.ray_sigma(2.0, extract_side_px=800) == pytest.approx(2.0 / 400.0)
+    assert narrow.ray_sigma(2.0, extract_side_px=800) == pytest.approx(0.268 * 2.0 / 400.0, rel=1e-3)
+    assert wide.ray_sigma(2.0, extract_side_px=1600) == pytest.approx(1.0 / 400.0)
+    assert wide.ray_sigma(2.0, extract_side_px=5000) == pytest.approx(1.0 / 400.0)  # never scaled up

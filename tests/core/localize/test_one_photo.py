@@ -31,6 +31,7 @@ def places(*, depths, trust=5.0, wrong=()):
         view.photo_ray,
         view.inverse_depth,
         view.sigma,
+        view.ray_sigma,
     )
     indexed = IndexedMap(
         ids=np.array([7]),

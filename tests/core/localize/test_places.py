@@ -28,7 +28,7 @@ def voted(photo, votes, pose=None):
     rows = np.zeros(0, np.int64)
     matched = ShortlistedPhoto(photo, votes, rows, rows, nothing, nothing)
     rays, depths = np.zeros((0, 3)), np.zeros(0)
-    return VerifiedPhoto(matched, pose or NoPose("no matches"), rays, rays, depths, depths)
+    return VerifiedPhoto(matched, pose or NoPose("no matches"), rays, rays, depths, depths, (0.004, 0.004))
 
 
 def seen(photo, bearing_deg, *, inliers=100, of=120):

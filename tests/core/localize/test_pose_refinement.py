@@ -1,13 +1,15 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.core.photos_in_a_room import RADIUS, Scene, cameras, tilted
+from tests.core.photos_in_a_room import RADIUS, RAY_SIGMA, Scene, cameras, tilted
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
-from webapp.core.localize.pose_refinement import estimate_poses
+from webapp.core.localize.pose_refinement import _score, estimate_poses
 from webapp.core.localize.pose_residuals import collect_correspondences, depth_residual, epipolar_residual
+from webapp.core.tuning import DEFAULT
 
 
 def known(held, trust=5.0):
@@ -19,6 +21,18 @@ def known(held, trust=5.0):
 
 def positions(held):
     return np.array([position for _, position in held])
+
+
+def correspondences(views, held, min_depth=0.0):
+    """All matches of the views; photo n of the map is the n-th camera."""
+    return collect_correspondences(
+        views,
+        [*range(len(views))],
+        world=known(held).centres(positions(held)),
+        extrinsics=known(held),
+        radius=RADIUS,
+        min_depth=min_depth,
+    )
 
 
 @pytest.mark.parametrize("heading_deg", [10.0, 130.0, 300.0])
@@ -112,10 +126,7 @@ def test_derivatives_are_those_of_the_residuals():
     held = cameras(scene, 6, seed=12)
     query = (tilted(0.7, 0.1), np.array([8.0, 4.0]))
     views = [v for n, c in enumerate(held) if len((v := scene.view(n, c, query, depths=True)).query_ray) > 20]
-    world = np.column_stack([positions(held)[:, 0], np.zeros(len(held)), -positions(held)[:, 1]])
-    matches = collect_correspondences(
-        views, [*range(len(views))], world=world, extrinsics=known(held), radius=RADIUS
-    )
+    matches = correspondences(views, held)
     rotation, centre = query[0][None], np.array([[8.0, 0.0, -4.0]])
     small = 1e-6
     for compare in (epipolar_residual, depth_residual):
@@ -128,3 +139,48 @@ def test_derivatives_are_those_of_the_residuals():
             real = (moved.value - found.value)[0] / small
             # The size of the constraint and the line's direction change a little, too.
             assert np.median(np.abs(real - told[axis])) < 0.02 * np.abs(told).max()
+
+
+@pytest.mark.parametrize("baseline", [0.0, 1e-9, 1e-3])
+@pytest.mark.parametrize("depths", [False, True])
+def test_matches_disagree_with_a_wrong_rotation_at_zero_baseline(baseline, depths):
+    """Without a floor any turn of the camera passes for parallax of points right before it."""
+    scene = Scene(seed=13)
+    held = [(tilted(0.3), np.array([0.0, 0.0]))]
+    views = [scene.view(0, held[0], (tilted(0.3), np.array([25.0, -30.0])), depths=depths)]
+    matches = correspondences(views, held, min_depth=DEFAULT.pose.min_depth * RADIUS)
+    aside = held[0][0].T @ np.array([1.0, 0.0, 0.0])
+    score, agreement = _score(
+        matches,
+        tilted(0.3 + math.radians(10.0))[None],
+        (-baseline * aside)[None],
+        inlier_sigmas=DEFAULT.pose.inlier_sigmas,
+        tuning=DEFAULT.pose,
+    )
+    assert agreement.max() < 0.2
+    assert score[0] < 0.2
+
+
+def test_matches_agree_with_the_right_rotation_at_the_photo_itself():
+    scene = Scene(seed=13)
+    held = [(tilted(0.3), np.array([0.0, 0.0]))]
+    near = (tilted(0.35), np.array([0.01, 0.0]))
+    matches = correspondences([scene.view(0, held[0], near)], held, min_depth=DEFAULT.pose.min_depth * RADIUS)
+    _, agreement = _score(matches, near[0][None], np.zeros((1, 3)), inlier_sigmas=1.25, tuning=DEFAULT.pose)
+    assert agreement.max() > 0.9
+
+
+def test_the_noise_of_a_residual_is_that_of_its_keypoints():
+    """A quarter of the field of view has four times the focal length, and a quarter of the noise."""
+    scene = Scene(seed=14)
+    held = cameras(scene, 3, seed=15)
+    query = (tilted(0.7), np.array([8.0, 4.0]))
+    views = [scene.view(n, c, query, depths=True) for n, c in enumerate(held)]
+    sharp = [replace(v, ray_sigma=(RAY_SIGMA / 4.0, RAY_SIGMA / 4.0)) for v in views]
+    pose = {"rotation": query[0][None], "centre": np.array([[8.0, 0.0, -4.0]])}
+    one, other = (epipolar_residual(correspondences(v, held), **pose) for v in (views, sharp))
+    assert np.allclose(one.value, other.value)
+    assert np.allclose(one.sigma, RAY_SIGMA)
+    assert np.allclose(other.sigma, RAY_SIGMA / 4.0)
+    one, other = (depth_residual(correspondences(v, held), **pose) for v in (views, sharp))
+    assert (other.sigma < one.sigma).all()

@@ -9,6 +9,9 @@ from tests.core.photos_in_a_room import RADIUS, Scene, cameras, tilted
 from webapp.core.geometry.extrinsics import KeypointDepths, MapExtrinsics, empty_depths
 from webapp.core.reconstruction.depths import DepthsExcluding, triangulate_depths
 
+NOISE = np.full(20, 1.0 / 450.0)
+"""Of keypoints of each photo, at depth 1."""
+
 
 @pytest.fixture(scope="module")
 def room():
@@ -32,6 +35,7 @@ def seen_in(room, pairs=None, extrinsics=None, at=None):
         pairs or known,
         positions(held) if at is None else at,
         extrinsics=extrinsics or oriented(held),
+        ray_sigma=NOISE,
         place_radius_px=RADIUS,
     )
 
@@ -73,13 +77,17 @@ def test_a_photo_from_nearer_by_knows_a_depth_better():
     scene = Scene(seed=3)
     held = [(tilted(0.0), np.array([10.0, 100.0])), (tilted(0.0), np.array([0.0, -90.0]))]
     pair = scene.pair((0, 1), held, noise=0.0)
-    seen = triangulate_depths(pair, positions(held), extrinsics=oriented(held), place_radius_px=1e-3)
+    seen = triangulate_depths(
+        pair, positions(held), extrinsics=oriented(held), ray_sigma=NOISE, place_radius_px=1e-3
+    )
     relative = [np.median((seen.sigma / seen.inverse_depth)[seen.photo == n]) for n in (0, 1)]
     shaken = np.random.default_rng(0).normal(0.0, 1.0 / 450.0, (2, 40, *pair.ray_first.shape))
     off = [[], []]
     for ours, theirs in shaken.swapaxes(0, 1):
         noisy = replace(pair, ray_first=pair.ray_first + ours, ray_second=pair.ray_second + theirs)
-        again = triangulate_depths(noisy, positions(held), extrinsics=oriented(held), place_radius_px=1e-3)
+        again = triangulate_depths(
+            noisy, positions(held), extrinsics=oriented(held), ray_sigma=NOISE, place_radius_px=1e-3
+        )
         for n in (0, 1):
             mine = np.flatnonzero(again.photo == n)
             truth = scene.inverse_depths(held[n], again.row[mine])

@@ -8,6 +8,9 @@ from webapp.core.geometry.extrinsics import MIN_TRUST
 from webapp.core.reconstruction.orientation import estimate_extrinsics
 from webapp.core.reconstruction.pairs import concatenate
 
+NOISE = np.full(20, 1.0 / 450.0)
+"""Of keypoints of each photo, at depth 1."""
+
 
 def errors_deg(found, held):
     truth = np.array([rotation for rotation, _ in held])
@@ -21,7 +24,7 @@ def positions(held):
 def test_orientations_follow_from_relative_poses_and_positions():
     scene = Scene()
     held = cameras(scene, 14)
-    found = estimate_extrinsics(scene.pairs(held), positions(held), place_radius_px=RADIUS)
+    found = estimate_extrinsics(scene.pairs(held), positions(held), ray_sigma=NOISE, place_radius_px=RADIUS)
     off = errors_deg(found, held)
     known = found.trust >= MIN_TRUST
     assert known.sum() >= 12
@@ -38,7 +41,7 @@ def test_wrong_pairs_are_outvoted():
     turn = so3.exp(np.random.default_rng(5).normal(0, 1.0, (int(wrong.sum()), 3)))
     pairs.rotation[wrong] = turn @ pairs.rotation[wrong]
     pairs.translation[wrong] = np.einsum("kij,kj->ki", turn, pairs.translation[wrong])
-    found = estimate_extrinsics(pairs, positions(held), place_radius_px=RADIUS)
+    found = estimate_extrinsics(pairs, positions(held), ray_sigma=NOISE, place_radius_px=RADIUS)
     known = found.trust >= MIN_TRUST
     assert np.median(errors_deg(found, held)[known]) < 1.5
 
@@ -47,13 +50,13 @@ def test_a_photo_without_partners_is_not_trusted():
     scene = Scene()
     held = cameras(scene, 6)
     alone = [*held, (so3.from_heading(np.array(1.0)), np.array([900.0, 900.0]))]
-    found = estimate_extrinsics(scene.pairs(held), positions(alone), place_radius_px=RADIUS)
+    found = estimate_extrinsics(scene.pairs(held), positions(alone), ray_sigma=NOISE, place_radius_px=RADIUS)
     assert found.trust[-1] == 0.0
     assert np.isfinite(found.rotation).all()
 
 
 def test_a_map_without_pairs_knows_nothing():
-    found = estimate_extrinsics(concatenate([]), np.zeros((3, 2)), place_radius_px=RADIUS)
+    found = estimate_extrinsics(concatenate([]), np.zeros((3, 2)), ray_sigma=NOISE, place_radius_px=RADIUS)
     assert found.trust.tolist() == [0.0, 0.0, 0.0]
 
 
@@ -61,7 +64,7 @@ def test_photos_of_one_spot_say_nothing_about_each_other():
     scene = Scene()
     held = cameras(scene, 2)
     pair = scene.pair((0, 1), [held[0], (held[0][0], held[0][1] + 5.0)])
-    found = estimate_extrinsics(pair, np.zeros((2, 2)), place_radius_px=RADIUS)
+    found = estimate_extrinsics(pair, np.zeros((2, 2)), ray_sigma=NOISE, place_radius_px=RADIUS)
     assert found.trust.tolist() == [0.0, 0.0]
 
 

@@ -1,8 +1,12 @@
 """Pairs of photos: of several comparisons the most trusted one counts."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
-from webapp.core.reconstruction.pairs import PhotoPairs, best_of_each_pair, concatenate
+from webapp.core.geometry.relative_pose import Camera
+from webapp.core.reconstruction.pairs import PhotoPairs, _pair, best_of_each_pair, concatenate
+from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
 
 def pair(first, second, trust, rays):
@@ -46,3 +50,30 @@ def test_of_the_same_photos_the_most_trusted_comparison_is_kept():
 
 def test_no_pairs_stay_none():
     assert len(best_of_each_pair(concatenate([]))) == 0
+
+
+def test_thinned_matches_are_spread_evenly_over_the_inliers():
+    pairs = concatenate([pair(1, 2, 0.9, 41), pair(3, 4, 0.8, 7), pair(5, 6, 0.7, 100)])
+    few = pairs.thinned(40)
+    assert np.diff(few.start).tolist() == [40, 7, 40]
+    for first, stop in zip(few.start[:-1], few.start[1:], strict=True):
+        rows = few.row_first[first:stop]
+        assert (np.diff(rows) >= 1).all()
+        assert np.ptp(np.diff(rows)) <= 1
+    assert len(concatenate([]).thinned(40)) == 0
+
+
+def test_a_pair_keeps_all_its_inliers():
+    rng = np.random.default_rng(0)
+    camera = Camera(800, 600, 70.0)
+    points = rng.uniform((-4.0, -3.0, 5.0), (4.0, 3.0, 12.0), (150, 3))
+    ours, theirs = (_project(camera, points - at) for at in (np.zeros(3), np.array([1.0, 0.0, 0.3])))
+    rows = np.arange(len(points))
+    matched = ShortlistedPhoto(1, 5.0, rows, rows, ours, theirs)
+    found = _pair(SimpleNamespace(camera=lambda photo: camera), 0, matched=matched, ours=camera)
+    assert np.diff(found.start)[0] >= 0.95 * len(points)
+
+
+def _project(camera, points):
+    centre = [(camera.width - 1) / 2.0, (camera.height - 1) / 2.0]
+    return (camera.focal_px * points[:, :2] / points[:, 2:] + centre).astype(np.float32)

@@ -1,6 +1,8 @@
-"""How far matches are from meeting: Sampson's distance of the epipolar constraint, at depth 1.
+"""Sampson error of the epipolar constraint between pairs of cameras, at depth 1.
 
-`core/localize/pose_residuals.py` has the same for many poses at once.
+The first-order distance of a match from meeting the constraint (Sampson 1982; Hartley and Zisserman,
+"Multiple View Geometry", 2004, 11.4.3). `core/localize/pose_residuals.py` has it for many poses of one camera
+at once.
 """
 
 from __future__ import annotations
@@ -15,43 +17,51 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampsonError:
-    """Of m matches.
+    """Residuals of m matches and their derivatives.
 
     Attributes
     ----------
     value : (m,) float64
-        Sampson's distance.
+        Sampson error, in the unit of rays at depth 1.
+    sigma : (m,) float64
+        Standard deviation of `value` for a right match.
     d_first, d_second : (m, 3) float64
-        Its derivatives by turns of the first and the second camera in the world.
+        Derivatives by rotations of the first and the second camera, in the world, radians.
     d_height : (m,) float64
-        By the second camera's way down, over the distance of the cameras.
+        Derivative by the second camera's height (down), over the baseline.
     """
 
     value: Array
+    sigma: Array
     d_first: Array
     d_second: Array
     d_height: Array
 
 
-def sampson_error(a: Array, b: Array, *, along: Array, cameras: tuple[Array, Array]) -> SampsonError:
-    """Compare the rays of matches with the directions between their cameras.
+def sampson_error(
+    a: Array, b: Array, *, baseline: Array, cameras: tuple[Array, Array], sigmas: tuple[Array, Array]
+) -> SampsonError:
+    """Compute Sampson errors of m matches.
 
     Parameters
     ----------
     a, b : (m, 3) float64
-        In the world, of depth 1 in their cameras.
-    along : (m, 3) float64
-        From the first camera to the second, of length 1.
+        Rays in the world, of depth 1 in their cameras.
+    baseline : (m, 3) float64
+        Unit vectors from the first camera to the second.
     cameras : two (m, 3, 3) float64
         Camera from world.
+    sigmas : two (m,) float64
+        Standard deviations of the rays at depth 1.
     """
-    b_along, along_a, a_b = np.cross(b, along), np.cross(along, a), np.cross(a, b)
-    in_first = np.einsum("mij,mj->mi", cameras[0], b_along)[:, :2]
-    in_second = np.einsum("mij,mj->mi", cameras[1], along_a)[:, :2]
-    size = np.sqrt((in_first**2).sum(1) + (in_second**2).sum(1)) + 1e-9
+    b_baseline, baseline_a, a_b = np.cross(b, baseline), np.cross(baseline, a), np.cross(a, b)
+    in_first = (np.einsum("mij,mj->mi", cameras[0], b_baseline)[:, :2] ** 2).sum(1)
+    in_second = (np.einsum("mij,mj->mi", cameras[1], baseline_a)[:, :2] ** 2).sum(1)
+    gradient = np.sqrt(in_first + in_second) + 1e-9
     return SampsonError(
-        value=(a * b_along).sum(1) / size,
-        d_first=np.cross(a, b_along) / size[:, None],
-        d_second=np.cross(b, along_a) / size[:, None],
-        d_height=a_b[:, 1] / size,
+        value=(a * b_baseline).sum(1) / gradient,
+        sigma=np.sqrt(sigmas[0] ** 2 * in_first + sigmas[1] ** 2 * in_second + 1e-18) / gradient,
+        d_first=np.cross(a, b_baseline) / gradient[:, None],
+        d_second=np.cross(b, baseline_a) / gradient[:, None],
+        d_height=a_b[:, 1] / gradient,
     )

@@ -54,6 +54,19 @@ class Camera:
         """Focal length in pixels."""
         return self.width / 2.0 / math.tan(math.radians(self.fov_deg) / 2.0)
 
+    def ray_sigma(self, sigma_px: float, *, extract_side_px: float) -> float:
+        """Convert the noise of keypoints to that of their rays at depth 1.
+
+        Parameters
+        ----------
+        sigma_px : float
+            Standard deviation, pixels of the photo as extracted.
+        extract_side_px : float
+            Photos are scaled down to this longer side before keypoints are detected.
+        """
+        scale = min(1.0, extract_side_px / max(self.width, self.height))
+        return sigma_px / (self.focal_px * scale)
+
     def rays(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Turn (n, 2) pixels into (n, 3) directions: x right, y down, z forward with length 1."""
         centre = np.array([(self.width - 1) / 2.0, (self.height - 1) / 2.0])

@@ -1,4 +1,4 @@
-"""Places from verified photos: joined by geometry first, then what is left by votes."""
+"""Place candidates from verified photos: by geometry first, then by votes."""
 
 from __future__ import annotations
 
@@ -18,51 +18,24 @@ from webapp.core.localize.pose_residuals import VerifiedView
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.retrieval.shortlist import ShortlistedPhoto
-
-_PLACES = 6
-
-_LEAST_WEIGHT = 0.02
-_SUPPORT_WEIGHT = 0.5
-"""Merit of a place with all votes, in photos that are fully trusted."""
-
-_SUPPORT_REACH = 2.0
-"""How far votes reach, in place radii."""
-
-_APART = 2.0
-"""Places nearer to each other, in place radii, could both be right: the better one stands for both."""
-
-_SPREAD, _SPREAD_AT = 0.3, 0.3
-"""Uncertainty of a position by its score: the first over the second plus the score, in place radii."""
-
-_MATCHES_ERR_TOGETHER = 6.0
-"""Factor on the uncertainty that the matches state, because they do not err independently."""
-
-_SPREAD_LEFT = 0.27
-"""Uncertainty of the best position, in place radii: the map's own positions are not better."""
-
-_PHOTO_SPREAD = 0.6
-"""Uncertainty of a place that is a photo's own, in place radii: two of three right ones are so near."""
-
-_FIXED = 1.0
-"""A position whose matches leave it more uncertain than this, in place radii, is none: one photo whose
-depths are not known fixes a line."""
-
-_AGREES = 0.25
-"""A photo speaks for a place from this agreement on."""
+from webapp.core.tuning import PlacesTuning
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerifiedPhoto:
-    """A shortlisted photo with its geometry.
+    """A shortlisted photo after geometric verification.
 
     Attributes
     ----------
-    matched : Shortlisted
+    matched : ShortlistedPhoto
     pose : RelativePose or NoPose
     query_ray, photo_ray : (m, 3) float64
         Of its matches, camera frames, depth 1.
     inverse_depth, sigma : (m,) float64
-        Inverse depths of what they show in the photo, per map pixel, and how uncertain; NaN where unknown.
+        Inverse depths of the matched points in the photo's frame, per map pixel, and their standard
+        deviations; NaN where unknown.
+    ray_sigma : (float, float)
+        Standard deviations of the query's and the photo's rays at depth 1.
     """
 
     matched: ShortlistedPhoto
@@ -71,6 +44,7 @@ class VerifiedPhoto:
     photo_ray: NDArray[np.float64]
     inverse_depth: NDArray[np.float64]
     sigma: NDArray[np.float64]
+    ray_sigma: tuple[float, float]
 
     @property
     def inliers(self) -> int:
@@ -85,7 +59,7 @@ class VerifiedPhoto:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceCandidate:
-    """A place that came out, before its probability.
+    """A candidate place, before its probability.
 
     Attributes
     ----------
@@ -94,13 +68,15 @@ class PlaceCandidate:
     heading : float or None
         Radians.
     sigma_px : float
-        What the estimate itself says of its uncertainty.
-    photos : list of Verified
-        That speak for it, the best first.
+        Uncertainty by the estimate itself, before calibration.
+    photos : list of VerifiedPhoto
+        That support it, the best first.
     score : float
         Sum of the trust in the photos that agree on it.
     support : float
         Share of the shortlist's votes that photos around it have, 0 to 1.
+    merit : float
+        What candidates are ranked by: the score, and where it is low, the votes.
     """
 
     kind: Literal["position", "photo"]
@@ -110,24 +86,20 @@ class PlaceCandidate:
     photos: list[VerifiedPhoto]
     score: float
     support: float
-
-    @property
-    def merit(self) -> float:
-        """What places are ranked by: geometry, and where there is little of it, votes."""
-        return self.score + _SUPPORT_WEIGHT * self.support
+    merit: float
 
 
 def estimate_places(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[PlaceCandidate]:
-    """Join the photos of the shortlist into places.
+    """Cluster the photos of the shortlist into candidate places.
 
     Parameters
     ----------
     indexed : IndexedMap
-    checked : list of Verified
+    checked : list of VerifiedPhoto
 
     Returns
     -------
-    list of Place
+    list of PlaceCandidate
         The best first, any two at least twice the place radius apart; at most six, or one of two photos.
     """
     places: list[PlaceCandidate] = []
@@ -140,45 +112,70 @@ def estimate_places(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[P
     for n in np.argsort(-support, kind="stable"):
         if not _is_occupied(places, MapPixel(*map(float, where[n])), indexed):
             places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
-    return sorted(places, key=lambda p: -p.merit)[: max(_PLACES, len(checked) // 2)]
+    return sorted(places, key=lambda p: -p.merit)[: max(indexed.tuning.places.most, len(checked) // 2)]
 
 
 def _from_poses(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[PlaceCandidate]:
-    """Places from all matches with photos of known orientation; the best score first."""
+    """Estimate places from all matches with photos of known extrinsics; the best score first."""
     if indexed.extrinsics is None:
         return []
     usable = [v for v in checked if isinstance(v.pose, RelativePose)]
     views = [
-        VerifiedView(v.matched.photo, v.pose, v.query_ray, v.photo_ray, v.inverse_depth, v.sigma)
+        VerifiedView(v.matched.photo, v.pose, v.query_ray, v.photo_ray, v.inverse_depth, v.sigma, v.ray_sigma)
         for v in usable
         if isinstance(v.pose, RelativePose)
     ]
+    radius, tuning = indexed.place_radius_px, indexed.tuning.places
     places = []
     for pose in estimate_poses(
-        views, indexed.position, extrinsics=indexed.extrinsics, place_radius_px=indexed.place_radius_px
+        views,
+        indexed.position,
+        extrinsics=indexed.extrinsics,
+        place_radius_px=radius,
+        tuning=indexed.tuning.pose,
     ):
-        near = [(a, v) for a, v in zip(pose.agreement, usable, strict=True) if a >= _AGREES]
+        near = [(a, v) for a, v in zip(pose.agreement, usable, strict=True) if a >= tuning.min_agreement]
         photos = [v for _, v in sorted(near, key=lambda pair: -pair[0])]
         if not photos:
             continue
         support = float(support_at(indexed, checked, position=np.array([[pose.x, pose.y]]))[0])
-        if _sigma_from_matches(pose) > _FIXED * indexed.place_radius_px:
+        if _sigma_from_matches(pose, tuning) > tuning.max_sigma * radius:
             places.append(_photo_place(indexed, photos, score=pose.score, support=support))
             continue
-        position, spread = MapPixel(pose.x, pose.y), _sigma_px(pose, indexed.place_radius_px)
-        places.append(PlaceCandidate("position", position, pose.heading, spread, photos, pose.score, support))
+        sigma_px = _sigma_px(pose, radius, tuning=tuning)
+        places.append(_computed_place(indexed, pose, photos, sigma_px=sigma_px, support=support))
     return places
 
 
-def _sigma_px(pose: PoseEstimate, radius: float) -> float:
-    """State the uncertainty of a position, map pixels: by its matches, and by how much agrees with it."""
-    by_score = radius * _SPREAD / (_SPREAD_AT + pose.score)
-    return math.hypot(_sigma_from_matches(pose), by_score, _SPREAD_LEFT * radius)
+def _computed_place(
+    indexed: IndexedMap,
+    found: PoseEstimate | Fix,
+    photos: list[VerifiedPhoto],
+    *,
+    sigma_px: float,
+    support: float,
+) -> PlaceCandidate:
+    return PlaceCandidate(
+        "position",
+        MapPixel(found.x, found.y),
+        found.heading,
+        sigma_px,
+        photos,
+        found.score,
+        support,
+        merit=found.score + indexed.tuning.places.support_weight * support,
+    )
 
 
-def _sigma_from_matches(pose: PoseEstimate) -> float:
-    """Tell how uncertain the matches alone leave a position, map pixels."""
-    return _MATCHES_ERR_TOGETHER * math.sqrt(float(np.trace(pose.covariance_px2)))
+def _sigma_px(pose: PoseEstimate, radius: float, *, tuning: PlacesTuning) -> float:
+    """Combine the uncertainty of a position by its matches with that by its score, map pixels."""
+    by_score = radius * tuning.score_sigma / (tuning.score_offset + pose.score)
+    return math.hypot(_sigma_from_matches(pose, tuning), by_score, tuning.floor_sigma * radius)
+
+
+def _sigma_from_matches(pose: PoseEstimate, tuning: PlacesTuning) -> float:
+    """Compute the uncertainty of a position by its matches alone, map pixels."""
+    return tuning.correlation * math.sqrt(float(np.trace(pose.covariance_px2)))
 
 
 def _has_extrinsics(indexed: IndexedMap, verified: VerifiedPhoto) -> bool:
@@ -189,16 +186,17 @@ def _has_extrinsics(indexed: IndexedMap, verified: VerifiedPhoto) -> bool:
 def _from_bearings(
     indexed: IndexedMap, checked: list[VerifiedPhoto], *, others: list[VerifiedPhoto]
 ) -> list[PlaceCandidate]:
-    """Places from the bearings of `others` alone, whose orientations are not known; the best score first."""
-    usable = sorted((v for v in others if v.weight >= _LEAST_WEIGHT), key=lambda v: -v.inliers)
+    """Estimate places from the bearings of `others`, whose extrinsics are not known; the best score first."""
+    tuning = indexed.tuning.places
+    usable = sorted((v for v in others if v.weight >= tuning.min_weight), key=lambda v: -v.inliers)
     places = []
     for fix in resect(
         _bearings(indexed, usable),
         indexed.position,
         place_radius_px=indexed.place_radius_px,
-        most=_PLACES,
+        most=tuning.most,
     ):
-        near = [v for v, agrees in zip(usable, fix.agreement, strict=True) if agrees >= _AGREES]
+        near = [v for v, a in zip(usable, fix.agreement, strict=True) if a >= tuning.min_agreement]
         at = np.array([[fix.x, fix.y]])
         if near:
             support = float(support_at(indexed, checked, position=at)[0])
@@ -209,12 +207,12 @@ def _from_bearings(
 def support_at(
     indexed: IndexedMap, checked: list[VerifiedPhoto], *, position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Tell which share of the votes is around positions: photos of one place vote together.
+    """Compute the share of the votes around positions: photos of one place vote together.
 
     Parameters
     ----------
     indexed : IndexedMap
-    checked : list of Verified
+    checked : list of VerifiedPhoto
         Whose votes count.
     position : (m, 2) float64
         Map pixels.
@@ -229,7 +227,7 @@ def support_at(
         return np.zeros(len(position))
     voters = indexed.position[[v.matched.photo for v in checked]]
     squared = ((position[:, None] - voters[None]) ** 2).sum(-1)
-    near = np.exp(-squared / (2.0 * (_SUPPORT_REACH * indexed.place_radius_px) ** 2))
+    near = np.exp(-squared / (2.0 * (indexed.tuning.places.support_reach * indexed.place_radius_px) ** 2))
     share: NDArray[np.float64] = near @ votes / votes.sum()
     return share
 
@@ -245,7 +243,8 @@ def _bearings(indexed: IndexedMap, usable: list[VerifiedPhoto]) -> Bearings:
 
 
 def _is_occupied(places: list[PlaceCandidate], position: MapPixel, indexed: IndexedMap) -> bool:
-    return any(math.dist(p.position, position) <= _APART * indexed.place_radius_px for p in places)
+    apart = indexed.tuning.places.apart * indexed.place_radius_px
+    return any(math.dist(p.position, position) <= apart for p in places)
 
 
 def _place_from_fix(
@@ -254,14 +253,14 @@ def _place_from_fix(
     """Take the fix as it is, or with too few photos for one, the best photo's place."""
     if len(photos) < MIN_BEARINGS:
         return _photo_place(indexed, photos, score=fix.score, support=support)
-    position = MapPixel(fix.x, fix.y)
-    return PlaceCandidate("position", position, fix.heading, fix.sigma_px, photos, fix.score, support)
+    return _computed_place(indexed, fix, photos, sigma_px=fix.sigma_px, support=support)
 
 
 def _photo_place(
     indexed: IndexedMap, photos: list[VerifiedPhoto], *, score: float, support: float
 ) -> PlaceCandidate:
     position = MapPixel(*map(float, indexed.position[photos[0].matched.photo]))
-    return PlaceCandidate(
-        "photo", position, None, _PHOTO_SPREAD * indexed.place_radius_px, photos, score, support
-    )
+    tuning = indexed.tuning.places
+    merit = score + tuning.support_weight * support
+    sigma_px = tuning.photo_sigma * indexed.place_radius_px
+    return PlaceCandidate("photo", position, None, sigma_px, photos, score, support, merit)

@@ -1,10 +1,11 @@
-"""Position and heading from all matches with photos whose orientations are known.
+"""Position and heading of the query from all matches with photos of known extrinsics.
 
-Each verified photo, with its relative pose, says how the query was held and on which line through the photo
-it was taken. Points along these lines are starting points; each is judged by how many matches, of all photos,
-lie on their epipolar lines, and the best are refined by all matches at once. Matches whose depth in the map's
-photo is known must also lie at the right place of their line: they tell how far away the photo was taken, so
-that one photo can be enough. The camera is held about level; its height is about that of the map's cameras.
+The relative pose of each verified photo gives the query's rotation and a line through the photo on which it
+was taken. Points along these lines are starting poses; each is scored by how many matches, of all photos, are
+inliers to their epipolar lines, and the best are refined by all matches at once: iteratively reweighted least
+squares with a Geman-McClure kernel and graduated non-convexity. Matches whose depth in the map's photo is
+known must also lie at the right place on their line: they fix the distance to the photo, so that one photo
+can be enough. Priors hold the camera level and at about the height of the map's cameras.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from numpy.typing import NDArray
 
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
+from webapp.core.geometry.robust import geman_mcclure, truncated_quadratic
 from webapp.core.localize.pose_residuals import (
-    NOISE,
     Correspondences,
     DepthResidual,
     EpipolarResidual,
@@ -28,33 +29,9 @@ from webapp.core.localize.pose_residuals import (
     depth_residual,
     epipolar_residual,
 )
+from webapp.core.tuning import DEFAULT, PoseTuning
 
 Array = NDArray[np.float64]
-
-_DISTANCES = (0.15, 0.5, 1.0, 2.0)
-"""Starting points on the line through a photo, in place radii from it."""
-
-_LEAST_TRUST = 0.15
-_STARTS = 4
-"""So many starting points are refined."""
-
-_STARTS_APART = 0.3
-"""Starting points nearer to each other, in place radii, are one."""
-
-_TOLERANCE = 1.25
-"""Up to here a match agrees, in units of its spread; three times as far for starting points."""
-
-_NEAR = 3.0
-"""How fast a photo's say fades with its distance, in place radii."""
-
-_BY_CHANCE, _MANY = 2.0, 20.0
-"""Agreeing matches of a photo that mean nothing, and a scale for more of them."""
-
-_ROLL_DEG = 6.0
-_ROUNDS = 10
-_WIDER, _NARROWING = 15.0, 0.65
-_ROLL_SPREAD, _PITCH_SPREAD, _HEIGHT_SPREAD = 0.035, 0.35, 0.3
-_MOST_TURN, _MOST_STEP = 0.2, 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,36 +66,45 @@ def estimate_poses(
     *,
     extrinsics: MapExtrinsics,
     place_radius_px: float,
+    tuning: PoseTuning = DEFAULT.pose,
 ) -> list[PoseEstimate]:
-    """Find poses of the query.
+    """Estimate poses of the query.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of VerifiedView
         n verified photos.
     position : (p, 2) float64
         Of the map's photos, map pixels.
     extrinsics : MapExtrinsics
         Of the map's photos.
     place_radius_px : float
+    tuning : PoseTuning
 
     Returns
     -------
-    list of Pose
-        The best first; empty when no photo with a known orientation was verified.
+    list of PoseEstimate
+        The best first; empty when no photo of known extrinsics was verified.
     """
     world = extrinsics.centres(position)
     usable = [n for n, v in enumerate(views) if extrinsics.trust[v.photo] >= MIN_TRUST]
     rotation, centre = _initial_poses(
-        [views[n] for n in usable], world, extrinsics=extrinsics, radius=place_radius_px
+        [views[n] for n in usable], world, extrinsics=extrinsics, radius=place_radius_px, tuning=tuning
     )
     if not len(rotation):
         return []
-    scene = collect_correspondences(views, usable, world=world, extrinsics=extrinsics, radius=place_radius_px)
-    score, _ = _score(scene, rotation, centre, tolerance=3.0 * _TOLERANCE)
-    chosen = _suppress_neighbours(centre, score, _STARTS_APART * place_radius_px)[:_STARTS]
-    rotation, centre, information = _refine(scene, rotation[chosen], centre[chosen])
-    score, agreement = _score(scene, rotation, centre, tolerance=_TOLERANCE)
+    matches = collect_correspondences(
+        views,
+        usable,
+        world=world,
+        extrinsics=extrinsics,
+        radius=place_radius_px,
+        min_depth=tuning.min_depth * place_radius_px,
+    )
+    score, _ = _score(matches, rotation, centre, inlier_sigmas=tuning.start_inlier_sigmas, tuning=tuning)
+    chosen = _suppress_neighbours(centre, score, tuning.starts_apart * place_radius_px)[: tuning.starts]
+    rotation, centre, information = _refine(matches, rotation[chosen], centre[chosen], tuning=tuning)
+    score, agreement = _score(matches, rotation, centre, inlier_sigmas=tuning.inlier_sigmas, tuning=tuning)
     heading = so3.heading(rotation)
     poses = [
         PoseEstimate(
@@ -135,28 +121,34 @@ def estimate_poses(
 
 
 def _initial_poses(
-    views: Sequence[VerifiedView], world: Array, *, extrinsics: MapExtrinsics, radius: float
+    views: Sequence[VerifiedView],
+    world: Array,
+    *,
+    extrinsics: MapExtrinsics,
+    radius: float,
+    tuning: PoseTuning,
 ) -> tuple[Array, Array]:
-    """Give (s, 3, 3) rotations and (s, 3) centres to start from."""
+    """Compute (s, 3, 3) rotations and (s, 3) centres to start from."""
     rotations, centres = [], []
     for view in views:
-        if view.pose.trust < _LEAST_TRUST:
+        if view.pose.trust < tuning.min_trust:
             continue
         photo = extrinsics.rotation[view.photo]
         to_query = photo.T @ view.pose.translation
         rotation = view.pose.rotation.T @ photo
-        for distance in (*(radius * d for d in _DISTANCES), *_distance_from_depths(view, photo, to_query)):
+        starts = (radius * d for d in tuning.start_distances)
+        for distance in (*starts, *_distance_from_depths(view, photo, to_query)):
             rotations.append(rotation)
             centres.append(world[view.photo] + distance * to_query)
     return np.array(rotations).reshape(-1, 3, 3), np.array(centres).reshape(-1, 3)
 
 
 def _distance_from_depths(view: VerifiedView, photo: Array, to_query: Array) -> list[float]:
-    """Tell at which distance from a photo the query was taken by the depths of what both see, if any.
+    """Estimate the distance from a photo to the query from the known depths, as a weighted median.
 
     Parameters
     ----------
-    view : View
+    view : VerifiedView
     photo : (3, 3) float64
         Photo's camera from world.
     to_query : (3,) float64
@@ -176,7 +168,7 @@ def _distance_from_depths(view: VerifiedView, photo: Array, to_query: Array) -> 
 
 
 def _suppress_neighbours(centre: Array, score: Array, distance: float) -> list[int]:
-    """Number the points by falling score, without those near a better one."""
+    """Sort points by falling score and drop those close to a better one (non-maximum suppression)."""
     near = np.linalg.norm(centre[:, None] - centre[None], axis=2) <= distance
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable").tolist():
@@ -186,72 +178,79 @@ def _suppress_neighbours(centre: Array, score: Array, distance: float) -> list[i
 
 
 def _score(
-    scene: Correspondences, rotation: Array, centre: Array, *, tolerance: float
+    matches: Correspondences, rotation: Array, centre: Array, *, inlier_sigmas: float, tuning: PoseTuning
 ) -> tuple[Array, Array]:
-    """Score s poses; returns (s,) scores and (s, n) agreements of the views."""
-    agrees = _inlier_weight(epipolar_residual(scene, rotation=rotation, centre=centre), tolerance * NOISE)
-    where = depth_residual(scene, rotation=rotation, centre=centre)
-    agrees[:, : len(scene.inverse_depth)] *= _inlier_weight(where, tolerance * NOISE * where.sigma)
-    distance = np.hypot(
-        scene.centre[None, :, 0] - centre[:, None, 0], scene.centre[None, :, 2] - centre[:, None, 2]
-    )
-    agrees = agrees * np.exp(-distance / (_NEAR * scene.radius))
-    counts = np.stack([np.bincount(scene.view, weights=row, minlength=scene.views) for row in agrees])
-    agreement = 1.0 - np.exp(-np.maximum(counts - _BY_CHANCE, 0.0) / _MANY)
+    """Score s poses by their inliers; returns (s,) scores and (s, n) agreements of the views."""
+    agrees = _inlier_score(epipolar_residual(matches, rotation=rotation, centre=centre), inlier_sigmas)
+    by_depth = depth_residual(matches, rotation=rotation, centre=centre)
+    agrees[:, : len(matches.inverse_depth)] *= _inlier_score(by_depth, inlier_sigmas)
+    offset = matches.centre[None] - centre[:, None]
+    agrees = agrees * np.exp(-np.hypot(offset[..., 0], offset[..., 2]) / (tuning.reach * matches.radius))
+    counts = np.stack([np.bincount(matches.view, weights=row, minlength=matches.views) for row in agrees])
+    agreement = 1.0 - np.exp(-np.maximum(counts - tuning.chance_inliers, 0.0) / tuning.inlier_scale)
     roll = np.degrees(np.arcsin(np.clip(rotation[:, 0, 1], -1.0, 1.0)))
-    return agreement.sum(1) / (1.0 + (roll / _ROLL_DEG) ** 2), agreement
+    return agreement.sum(1) / (1.0 + (roll / tuning.roll_deg) ** 2), agreement
 
 
-def _inlier_weight(found: EpipolarResidual | DepthResidual, tolerance: float | Array) -> Array:
-    agrees: Array = np.maximum(0.0, 1.0 - (found.value / tolerance) ** 2) * found.in_front
-    return agrees
+def _inlier_score(residual: EpipolarResidual | DepthResidual, sigmas: float) -> Array:
+    return truncated_quadratic(residual.value**2, sigmas * residual.sigma) * residual.in_front
 
 
-def _refine(scene: Correspondences, rotation: Array, centre: Array) -> tuple[Array, Array, Array]:
-    """Refine s poses by all matches; returns rotations, centres, and (s, 6, 6) information (turn, step)."""
-    level = float(np.median(scene.centre[:, 1]))
-    for number in range(_ROUNDS):
-        spread = NOISE * max(1.0, _WIDER * _NARROWING**number)
-        matrix, vector = _normal_equations(scene, rotation, centre, spread=spread, level=level)
+def _refine(
+    matches: Correspondences, rotation: Array, centre: Array, *, tuning: PoseTuning
+) -> tuple[Array, Array, Array]:
+    """Refine s poses by Gauss-Newton; returns rotations, centres, and (s, 6, 6) information."""
+    height = float(np.median(matches.centre[:, 1]))
+    for factor in tuning.annealing.factors():
+        matrix, vector = _normal_equations(
+            matches, rotation, centre, factor=factor, height=height, tuning=tuning
+        )
         step = so3.solve_batched(matrix + 1e-3 * np.eye(6), vector)
-        rotation = so3.retract(rotation, so3.clamp_norm(step[:, :3], _MOST_TURN))
-        centre = centre + so3.clamp_norm(step[:, 3:], _MOST_STEP) * scene.radius
-    return rotation, centre, _normal_equations(scene, rotation, centre, spread=NOISE, level=level)[0]
+        rotation = so3.retract(rotation, so3.clamp_norm(step[:, :3], tuning.max_rotation_step))
+        centre = centre + so3.clamp_norm(step[:, 3:], tuning.max_translation_step) * matches.radius
+    information, _ = _normal_equations(matches, rotation, centre, factor=1.0, height=height, tuning=tuning)
+    return rotation, centre, information
 
 
 def _normal_equations(
-    scene: Correspondences, rotation: Array, centre: Array, *, spread: float, level: float
+    matches: Correspondences,
+    rotation: Array,
+    centre: Array,
+    *,
+    factor: float,
+    height: float,
+    tuning: PoseTuning,
 ) -> tuple[Array, Array]:
-    """Normal equations of s poses: (s, 6, 6) and (s, 6), by turn and step.
+    """Build the normal equations of s poses: (s, 6, 6) and (s, 6), by rotation and translation in radii.
 
-    The camera is held about level, and about as high as the map's.
+    Residuals have `factor` times their sigma; priors hold the camera level and at a height.
     """
-    matrix, vector = _residual_equations(
-        epipolar_residual(scene, rotation=rotation, centre=centre), spread, radius=scene.radius
-    )
-    where = depth_residual(scene, rotation=rotation, centre=centre)
-    more = _residual_equations(where, spread * where.sigma, radius=scene.radius)
+    by_line = epipolar_residual(matches, rotation=rotation, centre=centre)
+    by_depth = depth_residual(matches, rotation=rotation, centre=centre)
+    matrix, vector = _residual_equations(by_line, factor=factor, radius=matches.radius)
+    more = _residual_equations(by_depth, factor=factor, radius=matches.radius)
     matrix, vector = matrix + more[0], vector + more[1]
-    for (sine, row), tilt in zip(so3.roll_pitch_sines(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True):
-        matrix[:, :3, :3] += row[:, :, None] * row[:, None, :] / tilt**2
-        vector[:, :3] -= row * sine[:, None] / tilt**2
-    matrix[:, 4, 4] += 1.0 / _HEIGHT_SPREAD**2
-    vector[:, 4] -= (centre[:, 1] - level) / scene.radius / _HEIGHT_SPREAD**2
+    level = tuning.level.normal_equations(rotation)
+    matrix[:, :3, :3] += level[0]
+    vector[:, :3] += level[1]
+    matrix[:, 4, 4] += 1.0 / tuning.height_sigma**2
+    vector[:, 4] -= (centre[:, 1] - height) / matches.radius / tuning.height_sigma**2
     return matrix, vector
 
 
 def _residual_equations(
-    found: EpipolarResidual | DepthResidual, spread: float | Array, *, radius: float
+    residual: EpipolarResidual | DepthResidual, *, factor: float, radius: float
 ) -> tuple[Array, Array]:
-    """Normal equations (s, 6, 6) and (s, 6) of residuals, of which the larger ones count less."""
-    strength = found.in_front / (1.0 + (found.value / spread) ** 2) ** 2 / spread**2
-    derivatives = found.derivatives(radius)
-    weighted = derivatives * strength[:, None]
-    return weighted @ np.swapaxes(derivatives, 1, 2), -(weighted @ found.value[..., None])[..., 0]
+    """Build the reweighted normal equations (s, 6, 6) and (s, 6) of residuals."""
+    sigma = factor * residual.sigma
+    weight = residual.in_front * geman_mcclure(residual.value**2, sigma) / sigma**2
+    jacobian = residual.derivatives(radius)
+    weighted = jacobian * weight[:, None]
+    return weighted @ np.swapaxes(jacobian, 1, 2), -(weighted @ residual.value[..., None])[..., 0]
 
 
 def _covariance(information: Array, radius: float) -> Array:
-    """Covariance of (x, y), map pixels squared, from the information of turn and step."""
+    """Compute the covariance of (x, y), map pixels squared, from the information matrix."""
     whole = np.linalg.inv(information + 1e-9 * np.eye(6))[np.ix_([3, 5], [3, 5])] * radius**2
     flip = np.diag([1.0, -1.0])  # y is down the map, z is north
     covariance: Array = flip @ whole @ flip

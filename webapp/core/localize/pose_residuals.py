@@ -1,7 +1,8 @@
-"""How far matches are from agreeing with poses of the query: off their epipolar lines, and along them.
+"""Residuals of matches under poses of the query: across their epipolar lines, and along them.
 
-Of every match it is known on which line of the query it must lie. Where the point's depth in the map's photo
-is known too, it is known where on the line.
+A match restricts the query's keypoint to an epipolar line. Where the depth of the point in the map's photo
+is known, its position on the line is known too. Both residuals are scalars with a standard deviation, in the
+unit of rays at depth 1, that follows from the noise of keypoints in the query and in the photo.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ from webapp.core.geometry.relative_pose import RelativePose
 
 Array = NDArray[np.float64]
 
-NOISE = 2.0 / 450.0
-"""Spread of a right match, at depth 1, orientations of the map's photos included."""
-
-_PARALLEL = 1e-4
-"""Squared sine of the angle between rays that are too parallel to tell front from behind."""
+_PARALLEL_SIGMAS = 2.2
+"""Rays at a smaller angle than this many sigmas are parallel: their point may be at infinity."""
 
 _LEAST_DEPTH = 1e-3
 """Of a point in front of the query, over its depth in the map's photo."""
 
+_NO_MOTION = 1e-6
+"""Motion of a point, at depth 1, by its whole depth, below which there is no epipolar line."""
+
 MIN_DEPTHS = 3
-"""Fewer of a photo say nothing: one that is wrong would be believed."""
+"""Fewer depths of a photo are not used: a single wrong one would be believed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +43,10 @@ class VerifiedView:
     query_ray, photo_ray : (m, 3) float64
         Of all its matches, camera frames, depth 1.
     inverse_depth, sigma : (m,) float64
-        Inverse depths of what they show in the photo, per map pixel, and how uncertain; NaN where unknown.
+        Inverse depths of the points in the photo's frame, per map pixel, and their standard deviations; NaN
+        where unknown.
+    ray_sigma : (float, float)
+        Standard deviations of the query's and the photo's rays at depth 1.
     """
 
     photo: int
@@ -51,10 +55,11 @@ class VerifiedView:
     photo_ray: Array
     inverse_depth: Array
     sigma: Array
+    ray_sigma: tuple[float, float]
 
     @property
     def has_depths(self) -> bool:
-        """Whether its depths are enough to rely on."""
+        """Whether enough inliers have a depth to rely on."""
         return int(np.isfinite(self.inverse_depth[self.pose.inlier]).sum()) >= MIN_DEPTHS
 
 
@@ -69,14 +74,18 @@ class Correspondences:
     photo : (m, 3) float64
         Rays of the map's photos in the world.
     centre : (m, 3) float64
-        Where the photos were taken, world.
+        Camera centres of the photos, world.
     view : (m,) int64
         Number of the view.
-    inverse_depth, sigma : (d,) float64
+    inverse_depth, depth_sigma : (d,) float64
         Of the first d matches: inverse depths in the photos, per map pixel.
+    query_sigma, photo_sigma : (m,) float64
+        Standard deviations of the rays, at depth 1.
     views : int
     radius : float
-        The place radius.
+        The place radius, map pixels.
+    min_depth : float
+        Nearest point that a match can show, map pixels.
     """
 
     query: Array
@@ -84,9 +93,12 @@ class Correspondences:
     centre: Array
     view: NDArray[np.int64]
     inverse_depth: Array
-    sigma: Array
+    depth_sigma: Array
+    query_sigma: Array
+    photo_sigma: Array
     views: int
     radius: float
+    min_depth: float
 
 
 def collect_correspondences(
@@ -96,27 +108,44 @@ def collect_correspondences(
     world: Array,
     extrinsics: MapExtrinsics,
     radius: float,
+    min_depth: float,
 ) -> Correspondences:
-    """Put the matches of those views that are usable together; (p, 3) `world` tells where photos are."""
+    """Collect the matches of the usable views.
+
+    Parameters
+    ----------
+    views : sequence of VerifiedView
+    usable : list of int
+        Numbers of the views whose photos have extrinsics.
+    world : (p, 3) float64
+        Camera centres of the map's photos.
+    extrinsics : MapExtrinsics
+    radius, min_depth : float
+        Map pixels.
+    """
     chosen = [views[n] for n in usable]
     lengths = [len(v.query_ray) for v in chosen]
-    inverse = np.concatenate(
+    inverse_depth = np.concatenate(
         [
             v.inverse_depth if v.has_depths else np.full(n, np.nan)
             for v, n in zip(chosen, lengths, strict=True)
         ]
     )
-    order = np.argsort(np.isnan(inverse), kind="stable")
-    known = order[: np.isfinite(inverse).sum()]
+    order = np.argsort(np.isnan(inverse_depth), kind="stable")
+    known = order[: np.isfinite(inverse_depth).sum()]
+    query_sigma, photo_sigma = np.repeat([v.ray_sigma for v in chosen], lengths, axis=0)[order].T
     return Correspondences(
         query=np.concatenate([v.query_ray for v in chosen])[order],
         photo=np.concatenate([v.photo_ray @ extrinsics.rotation[v.photo] for v in chosen])[order],
         centre=np.repeat(world[[v.photo for v in chosen]], lengths, axis=0)[order],
         view=np.repeat(np.array(usable, np.int64), lengths)[order],
-        inverse_depth=inverse[known],
-        sigma=np.concatenate([v.sigma for v in chosen])[known],
+        inverse_depth=inverse_depth[known],
+        depth_sigma=np.concatenate([v.sigma for v in chosen])[known],
+        query_sigma=query_sigma,
+        photo_sigma=photo_sigma,
         views=len(views),
         radius=radius,
+        min_depth=min_depth,
     )
 
 
@@ -143,109 +172,134 @@ def _rows(rotation: Array) -> list[_Vectors]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpipolarResidual:
-    """How far m matches are off their epipolar lines under s poses; all arrays are (s, m).
+    """Residuals of m matches across their epipolar lines under s poses; all arrays are (s, m).
 
     Attributes
     ----------
     value : array
-        Sampson's distance at depth 1.
+        Sampson error at depth 1.
+    sigma : array
+        Standard deviation of `value` for a right match.
     in_front : array
-        1 where the matched point is in front of both cameras, or too far to tell; else 0.
+        1 where the point is in front of both cameras and not too near, or too far to decide; else 0.
     """
 
     value: Array
+    sigma: Array
     in_front: Array
     _query: _Vectors
     """The query's rays in the world."""
     _to_photo: _Vectors
-    """From the query to the photo, length 1."""
-    _photo_along: _Vectors
+    """Unit vectors from the query to the photo."""
+    _photo_baseline: _Vectors
     _query_photo: _Vectors
     """Cross products of the photo's ray with `_to_photo`, and of both rays."""
     _length: Array
-    """Distance of the photo."""
-    _size: Array
-    """What makes `value` of the error of the epipolar constraint."""
+    """Length of the baseline, map pixels."""
+    _gradient: Array
+    """What the epipolar constraint is divided by to give `value`."""
 
     def derivatives(self, radius: float) -> Array:
-        """Derivatives of `value` by a turn of the query in the world, and its place in radii; (s, 6, m)."""
-        turn = _cross(self._query, self._photo_along)
+        """Derivatives (s, 6, m) of `value` by the query's rotation in the world and position in radii."""
+        turn = _cross(self._query, self._photo_baseline)
         part = _dot(self._query_photo, self._to_photo)
         place = (v - part * w for v, w in zip(self._query_photo, self._to_photo, strict=True))
-        by_place = -radius / (self._length * self._size)
-        return np.stack([*(v / self._size for v in turn), *(v * by_place for v in place)], axis=1)
+        by_place = -radius / (self._length * self._gradient)
+        return np.stack([*(v / self._gradient for v in turn), *(v * by_place for v in place)], axis=1)
 
 
-def epipolar_residual(scene: Correspondences, *, rotation: Array, centre: Array) -> EpipolarResidual:
-    """Compare all matches with their epipolar lines under poses (s, 3, 3), (s, 3)."""
-    turned = np.swapaxes(rotation, 1, 2) @ scene.query.T
-    a, b = (turned[:, 0], turned[:, 1], turned[:, 2]), _vectors(scene.photo)
-    x, y, z = (scene.centre[:, i] - centre[:, i, None] for i in range(3))
+def epipolar_residual(matches: Correspondences, *, rotation: Array, centre: Array) -> EpipolarResidual:
+    """Compute the residuals of all matches across their epipolar lines under poses (s, 3, 3), (s, 3)."""
+    rotated = np.swapaxes(rotation, 1, 2) @ matches.query.T
+    a, b = (rotated[:, 0], rotated[:, 1], rotated[:, 2]), _vectors(matches.photo)
+    x, y, z = (matches.centre[:, i] - centre[:, i, None] for i in range(3))
     length = np.sqrt(_dot((x, y, z), (x, y, z))) + 1e-9
     to_photo = (x / length, y / length, z / length)
-    b_along, along_a, a_b = _cross(b, to_photo), _cross(to_photo, a), _cross(a, b)
-    in_query = [_dot(row, b_along) for row in _rows(rotation)[:2]]
+    b_t, t_a, a_b = _cross(b, to_photo), _cross(to_photo, a), _cross(a, b)
+    query_gradient = sum(_dot(row, b_t) ** 2 for row in _rows(rotation)[:2])
     # The photo's own image plane is not at hand; the whole vector differs little from its part in it.
-    size = np.sqrt(in_query[0] ** 2 + in_query[1] ** 2 + _dot(along_a, along_a)) + 1e-9
-    # The point lies where both rays meet; with d to the photo, (d x b)(a x b) and (d x a)(a x b) tell the
-    # signs of its depths.
-    ahead = (_dot(b_along, a_b) <= 0.0) & (_dot(along_a, a_b) >= 0.0) | (_dot(a_b, a_b) < _PARALLEL)
-    off = _dot(a, b_along) / size
-    return EpipolarResidual(off, ahead.astype(np.float64), a, to_photo, b_along, a_b, length, size)
+    along_query = _dot(t_a, t_a)
+    gradient = np.sqrt(query_gradient + along_query) + 1e-9
+    variance = matches.query_sigma**2 * query_gradient + matches.photo_sigma**2 * along_query
+    # The point lies where both rays meet; with t to the photo, (t x b)(a x b) and (t x a)(a x b) have the
+    # signs of its depths, which are the baseline times |t x b| and |t x a| over |a x b|.
+    ahead = (_dot(b_t, a_b) <= 0.0) & (_dot(t_a, a_b) >= 0.0)
+    angle = _dot(a_b, a_b)
+    far = np.minimum(along_query, _dot(b_t, b_t)) * length**2 >= matches.min_depth**2 * angle
+    parallel = angle < _PARALLEL_SIGMAS**2 * (matches.query_sigma**2 + matches.photo_sigma**2)
+    return EpipolarResidual(
+        value=_dot(a, b_t) / gradient,
+        sigma=np.sqrt(variance + 1e-18) / gradient,
+        in_front=((ahead & far) | parallel).astype(np.float64),
+        _query=a,
+        _to_photo=to_photo,
+        _photo_baseline=b_t,
+        _query_photo=a_b,
+        _length=length,
+        _gradient=gradient,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthResidual:
-    """How far the d matches of known depth are off along their epipolar lines; all arrays are (s, d).
+    """Residuals of the d matches of known depth along their epipolar lines; all arrays are (s, d).
 
     Attributes
     ----------
     value : array
         At depth 1.
+    sigma : array
+        Standard deviation of `value` for a right match, by both keypoints and the depth.
     in_front : array
         1 where the point is in front of the query; else 0.
-    sigma : array
-        Spread of `value` for a right match, in units of `NOISE`: by the query, the photo and the depth.
     """
 
     value: Array
-    in_front: Array
     sigma: Array
+    in_front: Array
     _point: _Vectors
     """From the query, times the inverse depth."""
     _slope: _Vectors
     """Derivative of `value` by `_point`."""
-    _inverse: Array
+    _inverse_depth: Array
 
     def derivatives(self, radius: float) -> Array:
-        """Derivatives of `value` by a turn of the query in the world, and its place in radii; (s, 6, d)."""
-        by_place = -radius * self._inverse
+        """Derivatives (s, 6, d) of `value` by the query's rotation in the world and position in radii."""
+        by_place = -radius * self._inverse_depth
         return np.stack([*_cross(self._slope, self._point), *(v * by_place for v in self._slope)], axis=1)
 
 
-def depth_residual(scene: Correspondences, *, rotation: Array, centre: Array) -> DepthResidual:
-    """Compare the matches of known depth with where their points are seen under poses (s, 3, 3), (s, 3)."""
-    count = len(scene.inverse_depth)
-    to_x, to_y, to_z = (scene.centre[:count, i] - centre[:, i, None] for i in range(3))
-    gap = (to_x, to_y, to_z)
-    x, y, z = (scene.inverse_depth * g + p for g, p in zip(gap, scene.photo[:count].T, strict=True))
+def depth_residual(matches: Correspondences, *, rotation: Array, centre: Array) -> DepthResidual:
+    """Compute the residuals of the matches of known depth along their lines under poses (s, 3, 3), (s, 3)."""
+    count = len(matches.inverse_depth)
+    baseline = tuple(matches.centre[:count, i] - centre[:, i, None] for i in range(3))
+    point = tuple(
+        matches.inverse_depth * g + p for g, p in zip(baseline, matches.photo[:count].T, strict=True)
+    )
     rows = _rows(rotation)
-    u, v, depth = (_dot(row, (x, y, z)) for row in rows)
+    u, v, depth = (_dot(row, (point[0], point[1], point[2])) for row in rows)
     ahead = depth > _LEAST_DEPTH
     depth = np.where(ahead, depth, _LEAST_DEPTH)
     u, v = u / depth, v / depth
-    # As the depth changes, the point moves along the epipolar line.
-    gap_u, gap_v, gap_depth = (_dot(row, gap) for row in rows)
+    du, dv = u - matches.query[:count, 0], v - matches.query[:count, 1]
+    # As the depth changes, the point moves along the epipolar line. Without a baseline there is no line: then
+    # the whole displacement counts.
+    gap_u, gap_v, gap_depth = (_dot(row, (baseline[0], baseline[1], baseline[2])) for row in rows)
     move_u, move_v = (gap_u - u * gap_depth) / depth, (gap_v - v * gap_depth) / depth
-    move = np.hypot(move_u, move_v) + 1e-9
-    by_u, by_v = move_u / move, move_v / move
-    off = (u - scene.query[:count, 0]) * by_u + (v - scene.query[:count, 1]) * by_v
+    move = np.hypot(move_u, move_v)
+    still = move * matches.inverse_depth < _NO_MOTION
+    line_u, line_v = np.where(still, du, move_u), np.where(still, dv, move_v)
+    length = np.hypot(line_u, line_v) + 1e-12
+    by_u, by_v = line_u / length, line_v / length
     by_depth = by_u * u + by_v * v
-    slope_x, slope_y, slope_z = (
-        (by_u * r + by_v * s - by_depth * t) / depth for r, s, t in zip(*rows, strict=True)
-    )
-    # Noise in the photo is seen the larger, the nearer the query is to the point.
-    wider = np.sqrt(1.0 + depth**-2.0 + (move * scene.sigma / NOISE) ** 2)
+    slope = [(by_u * r + by_v * s - by_depth * t) / depth for r, s, t in zip(*rows, strict=True)]
+    # Noise in the photo is magnified, the nearer the query is to the point.
+    variance = matches.query_sigma[:count] ** 2 + (matches.photo_sigma[:count] / depth) ** 2
     return DepthResidual(
-        off, ahead.astype(np.float64), wider, (x, y, z), (slope_x, slope_y, slope_z), scene.inverse_depth
+        value=du * by_u + dv * by_v,
+        sigma=np.sqrt(variance + (move * matches.depth_sigma) ** 2),
+        in_front=ahead.astype(np.float64),
+        _point=(point[0], point[1], point[2]),
+        _slope=(slope[0], slope[1], slope[2]),
+        _inverse_depth=matches.inverse_depth,
     )

@@ -40,7 +40,6 @@ from webapp.core.retrieval.shortlist import (
 )
 from webapp.threads import in_threads
 
-NEIGHBOURS = 10
 _EVIDENCE_PHOTOS = 5
 
 
@@ -134,10 +133,10 @@ def find_places(
     Found
     """
     clock = [time.perf_counter()]
-    nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=hide)
+    nearest = candidates(indexed, query.descriptors, k=indexed.tuning.retrieval.neighbours + 1, hide=hide)
     found = filter_by_rotation(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
-    listed = shortlist(indexed, query, found=found, votes=votes, most=indexed.shortlist_size)
+    listed = shortlist(indexed, query, found=found, votes=votes, most=indexed.tuning.retrieval.shortlist)
     voted = len(listed)
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
@@ -183,10 +182,11 @@ def _shortlist_among(
     Their votes are those of the whole map, so that they are compared with all other photos as ever.
     """
     others = indexed.ids[~np.isin(indexed.ids, [*closer])]
-    nearest = candidates(indexed, query.descriptors, k=NEIGHBOURS + 1, hide=others.tolist())
+    neighbours = indexed.tuning.retrieval.neighbours
+    nearest = candidates(indexed, query.descriptors, k=neighbours + 1, hide=others.tolist())
     found = filter_by_rotation(indexed, query, found=nearest)
     among = weighted_votes(found, len(indexed.ids))
-    further = shortlist(indexed, query, found=found, votes=among, most=indexed.shortlist_size)
+    further = shortlist(indexed, query, found=found, votes=among, most=indexed.tuning.retrieval.shortlist)
     return [replace(s, votes=float(votes[s.photo])) for s in further]
 
 
@@ -219,18 +219,23 @@ def _verify(
     upright: NDArray[np.float64],
     depths: KeypointDepths | DepthsExcluding,
 ) -> VerifiedPhoto:
-    theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
+    theirs = indexed.camera(matched.photo)
+    sigma_px, side_px = indexed.tuning.pose.keypoint_sigma_px, indexed.extract_side_px
     pose = relative_pose(matched.query_xy, matched.photo_xy, query=camera, photo=theirs)
     if isinstance(pose, RelativePose):
         pose = pose.rotated(upright)
-    inverse, spread = depths.lookup(matched.photo, matched.photo_row)
+    inverse_depth, sigma = depths.lookup(matched.photo, matched.photo_row)
     return VerifiedPhoto(
         matched,
         pose,
         query_ray=camera.rays(matched.query_xy.astype(np.float64)) @ upright.T,
         photo_ray=theirs.rays(matched.photo_xy.astype(np.float64)),
-        inverse_depth=inverse,
-        sigma=spread,
+        inverse_depth=inverse_depth,
+        sigma=sigma,
+        ray_sigma=(
+            camera.ray_sigma(sigma_px, extract_side_px=side_px),
+            theirs.ray_sigma(sigma_px, extract_side_px=side_px),
+        ),
     )
 
 

@@ -1,7 +1,9 @@
-"""Depths of what oriented photos see in common, by where their rays meet (triangulation).
+"""Depths of the keypoints of oriented photos, by triangulation.
 
-Each pair of photos that shows a point tells its depth in both. What several pairs say of a keypoint is
-averaged, but not taken to be surer than the best of them: they err together, by the positions of the photos.
+Each pair of photos that matches a keypoint gives its depth in both. The observations of a keypoint are fused
+by inverse variance, but the result is not taken to be more certain than the best of them: their errors are
+correlated by the positions of the photos. Inverse depths, because their errors are nearly Gaussian (Civera,
+Davison, Montiel, "Inverse Depth Parametrization for Monocular SLAM", 2008).
 """
 
 from __future__ import annotations
@@ -15,16 +17,9 @@ from numpy.typing import NDArray
 from webapp.core.geometry.epipolar import sampson_error
 from webapp.core.geometry.extrinsics import MIN_TRUST, KeypointDepths, MapExtrinsics, empty_depths
 from webapp.core.reconstruction.pairs import PhotoPairs, homogeneous
+from webapp.core.tuning import DEFAULT, ExtrinsicsTuning
 
 Array = NDArray[np.float64]
-
-_TOLERANCE = 2.0 / 450.0
-"""Rays farther apart than this, at depth 1, do not meet."""
-
-_NOISE = 1.0 / 450.0
-_LEAST_ANGLE = math.radians(1.0)
-_POSITION_ERROR = 0.1
-"""Of a photo on the map, in place radii: all depths of a pair err by it over their distance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,22 +93,31 @@ class DepthsExcluding:
 
 
 def triangulate_depths(
-    pairs: PhotoPairs, position: Array, *, extrinsics: MapExtrinsics, place_radius_px: float
+    pairs: PhotoPairs,
+    position: Array,
+    *,
+    extrinsics: MapExtrinsics,
+    ray_sigma: Array,
+    place_radius_px: float,
+    tuning: ExtrinsicsTuning = DEFAULT.extrinsics,
 ) -> DepthObservations:
-    """Find the depths of keypoints by each pair that shows them.
+    """Triangulate the inliers of each pair.
 
     Parameters
     ----------
-    pairs : Pairs
+    pairs : PhotoPairs
     position : (p, 2) float64
         Map pixels.
     extrinsics : MapExtrinsics
-        Of the p photos; their depths do not count.
+        Of the p photos; their depths are not used.
+    ray_sigma : (p,) float64
+        Standard deviation of a keypoint of each photo, at depth 1.
     place_radius_px : float
+    tuning : ExtrinsicsTuning
 
     Returns
     -------
-    Sightings
+    DepthObservations
     """
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
@@ -123,14 +127,25 @@ def triangulate_depths(
     both = np.flatnonzero(usable[first] & usable[second] & (gap[:, [0, 2]] != 0.0).any(1))
     first, second, gap = first[both], second[both], gap[both]
     cameras = (extrinsics.rotation[first], extrinsics.rotation[second])
+    sigmas = (ray_sigma[first], ray_sigma[second])
     one = np.einsum("mji,mj->mi", cameras[0], homogeneous(pairs.ray_first[both]))
     two = np.einsum("mji,mj->mi", cameras[1], homogeneous(pairs.ray_second[both]))
-    depth, meet = _triangulate(one, two, gap, cameras=cameras)
-    kept = np.flatnonzero(meet)
-    misplaced = math.sqrt(2.0) * _POSITION_ERROR * place_radius_px
-    spread = [
+    depth, sine = _triangulate(one, two, gap)
+    unit = gap / np.linalg.norm(gap, axis=1)[:, None]
+    error = sampson_error(one, two, baseline=unit, cameras=cameras, sigmas=sigmas)
+    kept = np.flatnonzero(
+        (np.abs(error.value) <= tuning.depth_inlier_sigmas * error.sigma)
+        & (depth > 0.0).all(0)
+        & (sine >= math.sin(math.radians(tuning.min_angle_deg)))
+    )
+    position_sigma = math.sqrt(2.0) * tuning.position_sigma * place_radius_px
+    sigma = [
         _inverse_depth_sigma(
-            ray[kept], gap[kept], own=depth[i, kept], other=depth[1 - i, kept], misplaced_px=misplaced
+            ray[kept],
+            gap[kept],
+            depths=(depth[i, kept], depth[1 - i, kept]),
+            sigmas=(sigmas[i][kept], sigmas[1 - i][kept]),
+            position_sigma_px=position_sigma,
         )
         for i, ray in enumerate((one, two))
     ]
@@ -140,55 +155,57 @@ def triangulate_depths(
             row=np.concatenate([pairs.row_first[both][kept], pairs.row_second[both][kept]]),
             partner=np.concatenate([second[kept], first[kept]]).astype(np.int32),
             inverse_depth=1.0 / depth[:, kept].ravel(),
-            sigma=np.concatenate(spread),
+            sigma=np.concatenate(sigma),
         )
     )
 
 
-def _triangulate(
-    one: Array, two: Array, gap: Array, *, cameras: tuple[Array, Array]
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Triangulate m matches from their rays in the world; returns (2, m) depths, and which are to be used.
+def _triangulate(one: Array, two: Array, gap: Array) -> tuple[Array, Array]:
+    """Intersect the rays (m, 3) of m matches, `gap` (m, 3) apart, all in the world.
 
-    Parameters
-    ----------
-    one, two : (m, 3) float64
-        Of depth 1 in their cameras.
-    gap : (m, 3) float64
-        From the first camera to the second.
-    cameras : two (m, 3, 3) float64
-        Camera from world.
+    Returns
+    -------
+    depth : (2, m) float64
+        In each camera, map pixels; negative behind it.
+    sine : (m,) float64
+        Of the angle between the rays.
     """
-    one_two = np.cross(one, two)
-    squared = np.maximum((one_two**2).sum(1), 1e-12)
-    depth = np.stack([(np.cross(gap, ray) * one_two).sum(1) / squared for ray in (two, one)])
-    off = sampson_error(one, two, along=gap / np.linalg.norm(gap, axis=1)[:, None], cameras=cameras).value
-    sine = np.sqrt(squared / ((one**2).sum(1) * (two**2).sum(1)))
-    return depth, (np.abs(off) <= _TOLERANCE) & (depth > 0.0).all(0) & (sine >= math.sin(_LEAST_ANGLE))
+    normal = np.cross(one, two)
+    squared = np.maximum((normal**2).sum(1), 1e-12)
+    depth = np.stack([(np.cross(gap, ray) * normal).sum(1) / squared for ray in (two, one)])
+    return depth, np.sqrt(squared / ((one**2).sum(1) * (two**2).sum(1)))
 
 
-def _inverse_depth_sigma(ray: Array, gap: Array, *, own: Array, other: Array, misplaced_px: float) -> Array:
-    """Tell how uncertain inverse depths are (m,).
+def _inverse_depth_sigma(
+    ray: Array,
+    gap: Array,
+    *,
+    depths: tuple[Array, Array],
+    sigmas: tuple[Array, Array],
+    position_sigma_px: float,
+) -> Array:
+    """Propagate the noise of keypoints and positions to inverse depths (m,).
 
-    Noise in an image puts its ray beside the point by the more, the farther away that is, which moves the
-    point along the other ray by the more, the shorter the base is across that. And where the photos are
-    farther apart than the map says, by some share, all their depths are too small by the same.
+    Noise of a ray, times its depth, moves the intersection along the other ray by the more, the shorter the
+    base is across that. And where the photos are farther apart than on the map, by some share, all their
+    depths are too small by the same.
 
     Parameters
     ----------
     ray : (m, 3) float64
         Of the photo whose depths these are, in the world.
     gap : (m, 3) float64
-    own, other : (m,) float64
-        Depths in this photo and in its partner.
-    misplaced_px : float
-        How far the distance of two photos on the map is off.
+    depths, sigmas : two (m,) float64
+        Depths, map pixels, and standard deviations of the rays, in this photo and in its partner.
+    position_sigma_px : float
+        Of the distance of two photos on the map.
     """
     across = np.linalg.norm(np.cross(gap, ray), axis=1) / np.linalg.norm(ray, axis=1)
+    own, other = depths
     ratio = other / own
-    by_noise = _NOISE * ratio * np.hypot(1.0, ratio) / np.maximum(across, 1e-6)
-    uncertain: Array = np.hypot(by_noise, misplaced_px / np.linalg.norm(gap, axis=1) / own)
-    return uncertain
+    by_noise = ratio * np.hypot(sigmas[0], ratio * sigmas[1]) / np.maximum(across, 1e-6)
+    sigma: Array = np.hypot(by_noise, position_sigma_px / np.linalg.norm(gap, axis=1) / own)
+    return sigma
 
 
 def _without_duplicates(found: DepthObservations) -> DepthObservations:

@@ -18,27 +18,23 @@ from numpy.typing import NDArray
 
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
+from webapp.core.geometry.robust import geman_mcclure
 from webapp.core.reconstruction.depths import triangulate_depths
 from webapp.core.reconstruction.pairs import PhotoPairs
 from webapp.core.reconstruction.refinement import refine_extrinsics
+from webapp.core.tuning import DEFAULT, ExtrinsicsTuning
 
 _FULL_PARALLAX = math.radians(2.0)
 """From this parallax on the direction between the cameras counts fully."""
 
+Array = NDArray[np.float64]
+
 _BINS = 120
 _BIN_SPREAD = math.radians(9.0)
 
-_ROUNDS = 60
 _TURN_SPREAD, _DIRECTION_SPREAD = 0.05, 0.12
 """Of right pairs, radians."""
 
-_WIDER, _NARROWING = 4.0, 0.9
-"""Spreads begin so much wider and shrink by this factor a round, so that a bad start can be left."""
-
-_ROLL_SPREAD, _PITCH_SPREAD = 0.04, 0.2
-"""How level cameras are held, radians."""
-
-_TILT_WEIGHT = 0.3
 _HEIGHT_WEIGHT = 0.25
 """The vertical part of a direction counts less: cameras are not all equally high."""
 
@@ -48,21 +44,29 @@ _KNOWN = 0.3
 
 
 def estimate_extrinsics(
-    pairs: PhotoPairs, position: NDArray[np.float64], *, place_radius_px: float
+    pairs: PhotoPairs,
+    position: Array,
+    *,
+    ray_sigma: Array,
+    place_radius_px: float,
+    tuning: ExtrinsicsTuning = DEFAULT.extrinsics,
 ) -> MapExtrinsics:
-    """Find out how photos were held.
+    """Estimate rotations and heights of a map's photos, and depths of their keypoints.
 
     Parameters
     ----------
-    pairs : Pairs
+    pairs : PhotoPairs
     position : (p, 2) float64
         Of all photos, map pixels.
+    ray_sigma : (p,) float64
+        Standard deviation of a keypoint of each photo, at depth 1; see `IndexedMap.ray_sigmas`.
     place_radius_px : float
         Scale of heights.
+    tuning : ExtrinsicsTuning
 
     Returns
     -------
-    Orientations
+    MapExtrinsics
     """
     apart = np.hypot(*(position[pairs.second] - position[pairs.first]).T) > 0.0
     which = np.flatnonzero(apart)
@@ -72,13 +76,28 @@ def estimate_extrinsics(
         return MapExtrinsics(
             so3.from_heading(np.zeros(count)), np.zeros(count), np.zeros(count), empty_depths()
         )
-    views = _baseline_directions(pairs, position)
-    heading, known = _vote_headings(views, len(position))
-    rotation, trust = _average_rotations(pairs, views, start=so3.from_heading(heading), known=known)
-    rotation, height = refine_extrinsics(pairs, position, rotation=rotation, scale_px=place_radius_px)
+    directions = _baseline_directions(pairs, position)
+    heading, known = _vote_headings(directions, len(position))
+    start = so3.from_heading(heading)
+    rotation, trust = _average_rotations(pairs, directions, start=start, known=known, tuning=tuning)
+    rotation, height = refine_extrinsics(
+        pairs.thinned(tuning.matches_per_pair),
+        position,
+        rotation=rotation,
+        ray_sigma=ray_sigma,
+        place_radius_px=place_radius_px,
+        tuning=tuning,
+    )
     found = MapExtrinsics(rotation, height, trust, empty_depths())
-    seen = triangulate_depths(pairs, position, extrinsics=found, place_radius_px=place_radius_px)
-    return replace(found, depths=seen.fuse())
+    depths = triangulate_depths(
+        pairs,
+        position,
+        extrinsics=found,
+        ray_sigma=ray_sigma,
+        place_radius_px=place_radius_px,
+        tuning=tuning,
+    )
+    return replace(found, depths=depths.fuse())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,12 +115,12 @@ class _Directions:
     """
 
     photo: NDArray[np.int64]
-    seen: NDArray[np.float64]
-    real: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    seen: Array
+    real: Array
+    weight: Array
 
 
-def _baseline_directions(pairs: PhotoPairs, position: NDArray[np.float64]) -> _Directions:
+def _baseline_directions(pairs: PhotoPairs, position: Array) -> _Directions:
     step = position[pairs.second] - position[pairs.first]
     real = np.column_stack([step[:, 0], np.zeros(len(step)), -step[:, 1]])
     real /= np.linalg.norm(real, axis=1)[:, None]
@@ -115,28 +134,22 @@ def _baseline_directions(pairs: PhotoPairs, position: NDArray[np.float64]) -> _D
     )
 
 
-def _vote_headings(views: _Directions, photos: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _vote_headings(views: _Directions, photos: int) -> tuple[Array, NDArray[np.bool_]]:
     """Let directions vote for headings; returns the most voted (p,), radians, and who has any (p,)."""
     voted = np.arctan2(views.real[:, 0], views.real[:, 2]) - np.arctan2(views.seen[:, 0], views.seen[:, 2])
     bins = np.floor(np.remainder(voted, 2.0 * np.pi) * _BINS / (2.0 * np.pi)).astype(np.int64) % _BINS
     votes = np.bincount(views.photo * _BINS + bins, weights=views.weight, minlength=photos * _BINS)
     votes = votes.reshape(photos, _BINS)
     offset = so3.wrap(2.0 * np.pi * np.arange(_BINS) / _BINS)
-    kernel = np.fft.rfft(_kernel(offset**2, _BIN_SPREAD))
+    kernel = np.fft.rfft(geman_mcclure(offset**2, _BIN_SPREAD))
     smooth = np.fft.irfft(np.fft.rfft(votes, axis=1) * kernel, _BINS, axis=1)
     heading = (smooth.argmax(1) + 0.5) * 2.0 * np.pi / _BINS
     return heading, votes.sum(1) > 0.0
 
 
-def _kernel(squared: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
-    """Weight of a residual, from 1 to 0 (Geman and McClure)."""
-    weight: NDArray[np.float64] = 1.0 / (1.0 + squared / spread**2) ** 2
-    return weight
-
-
 def _average_rotations(
-    pairs: PhotoPairs, views: _Directions, *, start: NDArray[np.float64], known: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    pairs: PhotoPairs, views: _Directions, *, start: Array, known: NDArray[np.bool_], tuning: ExtrinsicsTuning
+) -> tuple[Array, Array]:
     """Average turns and directions; returns rotations and the trust in each."""
     rotation, photos = start, len(start)
     to = np.concatenate([pairs.second, pairs.first])
@@ -145,17 +158,17 @@ def _average_rotations(
     weight = np.concatenate([pairs.trust, pairs.trust])
     known = known.copy()
     trust = np.zeros(photos)
-    for number in range(_ROUNDS):
-        wider = max(1.0, _WIDER * _NARROWING**number)
+    for wider in tuning.averaging.factors():
         wanted = turn @ rotation[source]
         off = so3.log(np.swapaxes(wanted, 1, 2) @ rotation[to])
-        by_turn = weight * known[source] * _kernel((off**2).sum(1), _TURN_SPREAD * wider)
+        by_turn = weight * known[source] * geman_mcclure((off**2).sum(1), _TURN_SPREAD * wider)
         strength = by_turn / (_TURN_SPREAD * wider) ** 2
         matrix = _scatter_add(to, strength[:, None, None] * np.eye(3), photos)
         vector = _scatter_add(to, strength[:, None] * off, photos)
         more = _direction_terms(views, rotation, spread=_DIRECTION_SPREAD * wider)
         matrix, vector = matrix + more.matrix, vector + more.vector
-        _add_tilts(matrix, vector, rotation)
+        level = tuning.averaging_level.normal_equations(rotation)
+        matrix, vector = matrix + level[0], vector + level[1]
         step = _DAMPING * so3.solve_batched(matrix + 1e-6 * np.eye(3), vector)
         rotation = so3.retract(rotation, so3.clamp_norm(step, _MOST_TURN))
         gained = _scatter_add(to, by_turn[:, None], photos)[:, 0]
@@ -167,15 +180,15 @@ def _average_rotations(
 class _DirectionTerms(NamedTuple):
     """What directions want: normal equations (p, 3, 3), (p, 3), and how far each agrees, (v,)."""
 
-    matrix: NDArray[np.float64]
-    vector: NDArray[np.float64]
-    agrees: NDArray[np.float64]
+    matrix: Array
+    vector: Array
+    agrees: Array
 
 
-def _direction_terms(views: _Directions, rotation: NDArray[np.float64], *, spread: float) -> _DirectionTerms:
+def _direction_terms(views: _Directions, rotation: Array, *, spread: float) -> _DirectionTerms:
     seen = np.einsum("vji,vj->vi", rotation[views.photo], views.seen)
     off = views.real - seen
-    agrees = views.weight * _kernel((off**2).sum(1), spread)
+    agrees = views.weight * geman_mcclure((off**2).sum(1), spread)
     # A small turn d moves the seen direction s by d x s.
     jacobian = np.zeros((len(seen), 3, 3))
     jacobian[:, 0, 1], jacobian[:, 0, 2], jacobian[:, 1, 2] = seen[:, 2], -seen[:, 1], seen[:, 0]
@@ -190,19 +203,7 @@ def _direction_terms(views: _Directions, rotation: NDArray[np.float64], *, sprea
     )
 
 
-def _add_tilts(
-    matrix: NDArray[np.float64], vector: NDArray[np.float64], rotation: NDArray[np.float64]
-) -> None:
-    """Add that cameras are held about level, in roll more than in pitch."""
-    for (sine, row), spread in zip(
-        so3.roll_pitch_sines(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True
-    ):
-        strength = _TILT_WEIGHT / spread**2
-        matrix += strength * row[:, :, None] * row[:, None, :]
-        vector -= strength * row * sine[:, None]
-
-
-def _scatter_add(where: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _scatter_add(where: NDArray[np.int64], values: Array, count: int) -> Array:
     """Sum (n, ...) values by their number, into (count, ...)."""
     flat = values.reshape(len(values), -1)
     total = np.empty((count, flat.shape[1]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,6 @@ from webapp.core.retrieval.shortlist import (
     shortlist,
     weighted_votes,
 )
-
-_NEIGHBOURS = 11
-_PARTNERS = 12
-"""Each photo is compared with so many others."""
-
-_MOST_MATCHES = 40
-"""Kept of each pair: more of them say the same again."""
 
 _SAME_SPOT_PX = 1.0
 """Photos taken at one spot say nothing about each other's headings."""
@@ -73,7 +66,7 @@ class PhotoPairs:
     def subset(
         self, which: NDArray[np.int64], *, first: NDArray[np.int64], second: NDArray[np.int64]
     ) -> PhotoPairs:
-        """Take out some pairs, by their numbers, and give their photos other numbers."""
+        """Select pairs by their numbers, and renumber their photos."""
         lengths = np.diff(self.start)[which]
         inside = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
         rows = np.repeat(self.start[which], lengths) + inside
@@ -85,6 +78,22 @@ class PhotoPairs:
             trust=self.trust[which],
             parallax=self.parallax[which],
             start=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+            row_first=self.row_first[rows],
+            row_second=self.row_second[rows],
+            ray_first=self.ray_first[rows],
+            ray_second=self.ray_second[rows],
+        )
+
+    def thinned(self, most: int) -> PhotoPairs:
+        """Keep at most so many matches of each pair, evenly spread over its inliers."""
+        lengths = np.diff(self.start)
+        kept = np.minimum(lengths, most)
+        start = np.concatenate([[0], np.cumsum(kept)]).astype(np.int64)
+        number = np.arange(start[-1]) - np.repeat(start[:-1], kept)
+        rows = np.repeat(self.start[:-1], kept) + number * np.repeat(lengths, kept) // np.repeat(kept, kept)
+        return replace(
+            self,
+            start=start,
             row_first=self.row_first[rows],
             row_second=self.row_second[rows],
             ray_first=self.ray_first[rows],
@@ -145,7 +154,7 @@ def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None 
     features = indexed.features(photo)
     if features is None or not len(features):
         return _empty()
-    nearest = candidates(indexed, features.descriptors, k=_NEIGHBOURS + 1)
+    nearest = candidates(indexed, features.descriptors, k=indexed.tuning.retrieval.pair_neighbours + 1)
     apart = np.hypot(*(indexed.position - indexed.position[photo]).T) > _SAME_SPOT_PX
     elsewhere = (nearest.photo >= 0) & apart[nearest.photo]
     found = Candidates(
@@ -153,8 +162,9 @@ def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None 
     )
     found = filter_by_rotation(indexed, features, found=found)
     votes = weighted_votes(found, len(indexed.ids))
-    ours = Camera(*features.photo_size, float(indexed.fov_deg[photo]))
-    listed = shortlist(indexed, features, found=found, votes=votes, most=_PARTNERS)
+    ours = indexed.camera(photo)
+    most = indexed.tuning.retrieval.pair_shortlist
+    listed = shortlist(indexed, features, found=found, votes=votes, most=most)
     if matcher is not None:
         listed = rematch_with_network(indexed, features, listed=listed, matcher=matcher)
     return concatenate(
@@ -163,12 +173,11 @@ def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None 
 
 
 def _pair(indexed: IndexedMap, photo: int, *, matched: ShortlistedPhoto, ours: Camera) -> PhotoPairs | None:
-    theirs = Camera(*indexed.photo_size(matched.photo), float(indexed.fov_deg[matched.photo]))
+    theirs = indexed.camera(matched.photo)
     pose = relative_pose(matched.query_xy, matched.photo_xy, query=ours, photo=theirs)
     if not isinstance(pose, RelativePose) or pose.trust <= 0.0:
         return None
     kept = np.flatnonzero(pose.inlier)
-    kept = kept[:: -(-len(kept) // _MOST_MATCHES)]
     return PhotoPairs(
         first=np.array([photo], np.int64),
         second=np.array([matched.photo], np.int64),

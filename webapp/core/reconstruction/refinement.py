@@ -14,20 +14,16 @@ from numpy.typing import NDArray
 
 from webapp.core.geometry import so3
 from webapp.core.geometry.epipolar import sampson_error
+from webapp.core.geometry.level_camera import LevelPrior
+from webapp.core.geometry.robust import cauchy
 from webapp.core.reconstruction.pairs import PhotoPairs, homogeneous
+from webapp.core.tuning import DEFAULT, ExtrinsicsTuning
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 30
-_NOISE = 1.0 / 450.0
-"""Spread of a right match, at depth 1: a pixel of a photo of 680 pixels."""
-
-_WIDER, _NARROWING = 8.0, 0.85
-_ROLL_SPREAD, _PITCH_SPREAD = 0.03, 0.3
-_HEIGHT_SPREAD = 0.2
-"""Of the cameras' heights, in place radii."""
-
 _DAMPING = 0.6
+"""Share of each step that is taken: all photos move at once, each as if the others stood still."""
+
 _STIFFNESS = 1.05
 _MOST_TURN, _MOST_RISE = 0.1, 0.1
 _TRUSTED_MATCHES = 5.0
@@ -35,20 +31,28 @@ _TRUSTED_MATCHES = 5.0
 
 
 def refine_extrinsics(
-    pairs: PhotoPairs, position: Array, *, rotation: Array, scale_px: float
+    pairs: PhotoPairs,
+    position: Array,
+    *,
+    rotation: Array,
+    ray_sigma: Array,
+    place_radius_px: float,
+    tuning: ExtrinsicsTuning = DEFAULT.extrinsics,
 ) -> tuple[Array, Array]:
-    """Correct orientations by all matches.
+    """Refine rotations and heights by all matches.
 
     Parameters
     ----------
-    pairs : Pairs
+    pairs : PhotoPairs
         Of photos at different positions.
     position : (p, 2) float64
         Map pixels.
     rotation : (p, 3, 3) float64
         Camera from world, to begin with.
-    scale_px : float
-        The place radius.
+    ray_sigma : (p,) float64
+        Standard deviation of a keypoint of each photo, at depth 1.
+    place_radius_px : float
+    tuning : ExtrinsicsTuning
 
     Returns
     -------
@@ -62,23 +66,26 @@ def refine_extrinsics(
     ours, theirs = homogeneous(pairs.ray_first), homogeneous(pairs.ray_second)
     world = np.column_stack([position[:, 0], np.zeros(len(position)), -position[:, 1]])
     length = np.linalg.norm(world[second] - world[first], axis=1)
-    for number in range(_ROUNDS):
-        spread = _NOISE * max(1.0, _WIDER * _NARROWING**number)
-        found = sampson_error(
+    height_sigma = tuning.height_sigma * place_radius_px
+    for factor in tuning.refinement.factors():
+        error = sampson_error(
             np.einsum("mji,mj->mi", rotation[first], ours),
             np.einsum("mji,mj->mi", rotation[second], theirs),
-            along=(world[second] - world[first]) / length[:, None],
+            baseline=(world[second] - world[first]) / length[:, None],
             cameras=(rotation[first], rotation[second]),
+            sigmas=(ray_sigma[first], ray_sigma[second]),
         )
-        strength = weight / (1.0 + (found.value / spread) ** 2) / spread**2
-        rise = (found.d_height / length)[:, None]
+        sigma = factor * error.sigma
+        strength = weight * cauchy(error.value**2, sigma) / sigma**2
+        rise = (error.d_height / length)[:, None]
         normal = _Equations.empty(len(world))
-        normal.add(first, np.column_stack([found.d_first, -rise]), value=found.value, strength=strength)
-        normal.add(second, np.column_stack([found.d_second, rise]), value=found.value, strength=strength)
-        normal.add_priors(rotation, world[:, 1], height_spread=_HEIGHT_SPREAD * scale_px)
+        normal.add(first, np.column_stack([error.d_first, -rise]), value=error.value, strength=strength)
+        normal.add(second, np.column_stack([error.d_second, rise]), value=error.value, strength=strength)
+        normal.add_priors(rotation, world[:, 1], level=tuning.refinement_level, height_sigma=height_sigma)
         step = _DAMPING * so3.solve_batched(normal.matrix, normal.vector)
         rotation = so3.retract(rotation, so3.clamp_norm(step[:, :3], _MOST_TURN))
-        world[:, 1] += np.clip(step[:, 3], -_MOST_RISE * scale_px, _MOST_RISE * scale_px)
+        most = _MOST_RISE * place_radius_px
+        world[:, 1] += np.clip(step[:, 3], -most, most)
     return rotation, world[:, 1]
 
 
@@ -112,15 +119,13 @@ class _Equations:
                 if column != row:
                     self.matrix[:, column, row] += total
 
-    def add_priors(self, rotation: Array, height: Array, *, height_spread: float) -> None:
-        """Add that cameras are held about level and equally high; every photo is solvable then."""
-        for (sine, row), spread in zip(
-            so3.roll_pitch_sines(rotation), (_ROLL_SPREAD, _PITCH_SPREAD), strict=True
-        ):
-            self.matrix[:, :3, :3] += row[:, :, None] * row[:, None, :] / spread**2
-            self.vector[:, :3] -= row * sine[:, None] / spread**2
-        self.matrix[:, 3, 3] += 1.0 / height_spread**2
-        self.vector[:, 3] -= height / height_spread**2
+    def add_priors(self, rotation: Array, height: Array, *, level: LevelPrior, height_sigma: float) -> None:
+        """Add that cameras are held level and equally high; every photo is solvable then."""
+        matrix, vector = level.normal_equations(rotation)
+        self.matrix[:, :3, :3] += matrix
+        self.vector[:, :3] += vector
+        self.matrix[:, 3, 3] += 1.0 / height_sigma**2
+        self.vector[:, 3] -= height / height_sigma**2
         self.matrix[...] += 1e-3 * np.eye(4)
         turns = np.arange(3)
         self.matrix[:, turns, turns] *= _STIFFNESS

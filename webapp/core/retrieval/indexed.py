@@ -13,10 +13,12 @@ from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.types import Features
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
+from webapp.core.geometry.relative_pose import Camera
 from webapp.core.hypotheses.path_prior import PathPrior, fit_path_prior
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.engines.types import DescriptorSearch
+from webapp.core.tuning import DEFAULT, Tuning
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +44,9 @@ class IndexedMap:
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
-    shortlist_size : int
-        Photos that are verified for each query.
+    tuning : Tuning
+    extract_side_px : float
+        Photos are scaled down to this longer side before keypoints are detected.
     first_row : (e + 1,) int64
         Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
     paths : Paths
@@ -59,7 +62,8 @@ class IndexedMap:
     place_radius_px: float
     extrinsics: MapExtrinsics | None = None
     pair_matcher: PairMatcher | None = None
-    shortlist_size: int = 12
+    tuning: Tuning = DEFAULT
+    extract_side_px: float = 800.0
     first_row: NDArray[np.int64] = field(init=False)
     paths: PathPrior = field(init=False)
     _entry_of_photo: NDArray[np.int64] = field(init=False)
@@ -76,13 +80,13 @@ class IndexedMap:
         object.__setattr__(self, "_entry_of_photo", entry)
 
     def photo_of_row(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Tell for rows, any shape, the number of their photo; -1 for row -1 or a removed photo."""
+        """Look up the photo of rows, any shape; -1 for row -1 or a removed photo."""
         entry = np.searchsorted(self.first_row, row, side="right") - 1
         photo = self.photo_of_entry[np.clip(entry, 0, len(self.photo_of_entry) - 1)]
         return np.where(row >= 0, photo, -1)
 
     def row_in_photo(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Tell for descriptor rows, any shape, which keypoint of their photo they are."""
+        """Convert descriptor rows, any shape, to keypoint numbers within their photo."""
         return row - self.first_row[np.searchsorted(self.first_row, row, side="right") - 1]
 
     def keypoint_angle(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -94,7 +98,7 @@ class IndexedMap:
         return self._gather(row, [s.xy for s in self.segments])
 
     def headings_deg(self) -> NDArray[np.float64]:
-        """Tell where the photos looked, as far as they were oriented: (p,), NaN where not known."""
+        """Compute the headings of the photos: (p,), degrees from north, NaN where not known."""
         if self.extrinsics is None:
             return np.full(len(self.ids), np.nan)
         known = self.extrinsics.trust >= MIN_TRUST
@@ -116,12 +120,34 @@ class IndexedMap:
         return None if place is None else place[0].entry(place[1]).features
 
     def photo_size(self, photo: int) -> tuple[int, int]:
-        """Tell width and height of an upright photo that has features."""
+        """Look up width and height of an upright photo that has features, pixels."""
         place = self._place(photo)
         if place is None:
             raise IndexError(f"photo {photo} has no features")
         width, height = place[0].photo_size[place[1]]
         return int(width), int(height)
+
+    def camera(self, photo: int) -> Camera:
+        """Build the camera of a photo that has features."""
+        return Camera(*self.photo_size(photo), float(self.fov_deg[photo]))
+
+    def ray_sigmas(self, sigma_px: float) -> NDArray[np.float64]:
+        """Convert the noise of keypoints to that of rays at depth 1, for each photo; see `Camera.ray_sigma`.
+
+        Parameters
+        ----------
+        sigma_px : float
+            Standard deviation, pixels of the photos as extracted.
+
+        Returns
+        -------
+        (p,) float64
+            NaN for photos without features.
+        """
+        sigma = np.full(len(self.ids), np.nan)
+        for photo in np.flatnonzero(self._entry_of_photo >= 0).tolist():
+            sigma[photo] = self.camera(photo).ray_sigma(sigma_px, extract_side_px=self.extract_side_px)
+        return sigma
 
     def _place(self, photo: int) -> tuple[Segment, int] | None:
         """Find a photo's segment and its number there."""

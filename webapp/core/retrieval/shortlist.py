@@ -36,12 +36,11 @@ class ShortlistedPhoto:
     photo_xy: NDArray[np.float32]
 
 
-_ROTATION_TOLERANCE_DEG = 20.0
 _ROTATION_BINS = 36
 
 
 def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidates) -> Candidates:
-    """Keep the neighbours whose keypoint is turned against the query's as most are.
+    """Keep the neighbours whose rotation against the query's keypoint is the dominant one.
 
     Right matches share the turn between the two photos, near zero where both are upright; wrong ones have
     any. This weak geometric consistency (Jégou et al. 2008) costs almost nothing and removes most of the
@@ -67,7 +66,7 @@ def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidate
     votes = np.bincount(bins.ravel(), weights=weight.ravel(), minlength=_ROTATION_BINS)
     most = int((votes + np.roll(votes, 1) + np.roll(votes, -1)).argmax())
     off = np.abs(np.remainder(turn - (most + 0.5) * wide + 180.0, 360.0) - 180.0)
-    keep = off <= _ROTATION_TOLERANCE_DEG
+    keep = off <= indexed.tuning.retrieval.rotation_tolerance_deg
     return Candidates(found.distance, np.where(keep, found.row, -1), np.where(keep, found.photo, -1))
 
 

@@ -10,7 +10,7 @@ from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.errors import StorageError
 from webapp.files import atomic
 
-FORMAT = 8
+FORMAT = 9
 """Another one where the evidence that the slopes belong to means something else."""
 
 

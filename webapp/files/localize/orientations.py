@@ -13,7 +13,7 @@ from webapp.core.reconstruction.pairs import PhotoPairs
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.localize.arrays import read_arrays, write_arrays
 
-FORMAT = 3
+FORMAT = 4
 """Another one where the arrays mean something else."""
 
 

@@ -109,7 +109,7 @@ def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> St
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's calibration may be; the last one is written."""
-    verified = opened.indexed.shortlist_size
+    verified = opened.indexed.tuning.retrieval.shortlist
     own = "" if verified == RetrievalSettings().shortlist else f"-shortlist{verified}"
     return opened.beside(f"calibration-{opened.method}-{opened.choice.matcher}{own}.json")
 

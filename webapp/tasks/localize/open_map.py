@@ -23,6 +23,7 @@ from webapp.core.retrieval.engines.tiers import tier_for
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.engines.types import DescriptorSearch
 from webapp.core.retrieval.indexed import IndexedMap
+from webapp.core.tuning import DEFAULT, RetrievalTuning
 from webapp.errors import IndexDamaged, MapError, NotReady
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest, read_search_index
@@ -173,7 +174,13 @@ def open_index(
         built = build_index.update_index(request, settings=settings, progress=progress)
     manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
     matcher = pair_matcher(choice.name, settings.models) if options.method == "thorough" else None
-    indexed = replace(indexed, pair_matcher=matcher, shortlist_size=settings.retrieval.shortlist)
+    tuning = replace(DEFAULT, retrieval=RetrievalTuning(shortlist=settings.retrieval.shortlist))
+    indexed = replace(
+        indexed,
+        pair_matcher=matcher,
+        tuning=tuning,
+        extract_side_px=settings.extract.max_side_px,
+    )
     choice = _as_built(choice, manifest)
     return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
 
@@ -214,7 +221,9 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
     old = opened.indexed
     loaded = _Loaded(old.segments, old.search)
     indexed = _indexed(the_map, loaded, manifest=opened.manifest, options=options)
-    indexed = replace(indexed, pair_matcher=old.pair_matcher, shortlist_size=old.shortlist_size)
+    indexed = replace(
+        indexed, pair_matcher=old.pair_matcher, tuning=old.tuning, extract_side_px=old.extract_side_px
+    )
     return replace(opened, map=the_map, indexed=indexed, built=None)
 
 

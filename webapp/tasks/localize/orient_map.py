@@ -17,6 +17,7 @@ from webapp.core.geometry.extrinsics import MapExtrinsics
 from webapp.core.reconstruction.depths import DepthObservations, triangulate_depths
 from webapp.core.reconstruction.orientation import estimate_extrinsics
 from webapp.core.reconstruction.pairs import PhotoPairs, best_of_each_pair, concatenate, match_photo
+from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
 from webapp.progress import Progress
@@ -91,12 +92,39 @@ def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservation
     known = opened.indexed.extrinsics
     if known is None:
         return None
-    pairs = best_of_each_pair(
-        concatenate([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None])
-    )
+    pairs = stored_pairs(opened, map_fov_deg=map_fov_deg)
     indexed = opened.indexed
     return triangulate_depths(
-        pairs, indexed.position, extrinsics=known, place_radius_px=indexed.place_radius_px
+        pairs,
+        indexed.position,
+        extrinsics=known,
+        ray_sigma=indexed.ray_sigmas(indexed.tuning.extrinsics.keypoint_sigma_px),
+        place_radius_px=indexed.place_radius_px,
+        tuning=indexed.tuning.extrinsics,
+    )
+
+
+def stored_pairs(opened: OpenMap, *, map_fov_deg: float | None) -> PhotoPairs:
+    """Read the stored pairs of a map's photos.
+
+    Raises
+    ------
+    StorageError
+    """
+    return best_of_each_pair(
+        concatenate([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None])
+    )
+
+
+def estimate(indexed: IndexedMap, pairs: PhotoPairs) -> MapExtrinsics:
+    """Estimate the extrinsics of a map from its pairs, with its own tuning."""
+    tuning = indexed.tuning.extrinsics
+    return estimate_extrinsics(
+        pairs,
+        indexed.position,
+        ray_sigma=indexed.ray_sigmas(tuning.keypoint_sigma_px),
+        place_radius_px=indexed.place_radius_px,
+        tuning=tuning,
     )
 
 
@@ -124,9 +152,8 @@ def _up_to_date(
         return known
     pairs = compare()
     progress.note("working out how the photos were held")
-    position = opened.indexed.position
-    found = estimate_extrinsics(pairs, position, place_radius_px=opened.indexed.place_radius_px)
-    stored = StoredOrientations(found, opened.contents, position, key)
+    found = estimate(opened.indexed, pairs)
+    stored = StoredOrientations(found, opened.contents, opened.indexed.position, key)
     orientations.write(files[-1], stored)
     return stored
 
