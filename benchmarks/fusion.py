@@ -31,7 +31,7 @@ from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
 from webapp.missions.render.track_picture import Shown, draw_tracks
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import Wishes
+from webapp.missions.tasks.read_track import ReadOptions
 
 CYCLE_S = 60.0
 KNOWN_S = 30.0
@@ -86,7 +86,7 @@ def recorded(path: Path) -> tuple[Poses | None, Poses | None]:
 
 
 def _read(path: Path, source: str, first: LatLon) -> Poses | None:
-    read = read_track.run(path, wishes=Wishes(start=Start(first, 90.0), min_move=MinMove(0.0, "m")))
+    read = read_track.run(path, options=ReadOptions(start=Start(first, 90.0), min_move=MinMove(0.0, "m")))
     return next((track.poses for track in read.tracks if track.source == source), None)
 
 
@@ -123,12 +123,12 @@ def told(fused: Fusion, out: Poses) -> dict[str, Any]:
     distance = (off[:, 0] ** 2 * north - 2 * off[:, 0] * off[:, 1] * both + off[:, 1] ** 2 * east) / (
         east * north - both**2
     )
-    judged = fused.judged["gps"]
+    gating = fused.gating["gps"]
     return {
         "within_95": float((distance < _95_SQUARED).mean()),
-        "gated": int(judged.gated.sum()),
+        "gated": int(gating.gated.sum()),
         "pieces": len(fused.begins_s),
-        "mean_distance": judged.mean_distance,
+        "mean_distance": gating.mean_distance,
         "odometry_errors_times": fused.fit.odometry,
         "receiver_errors_times": fused.fit.receiver,
     }
@@ -153,10 +153,10 @@ def picture(path: Path) -> Any:
         enu[int(at * len(gps))] += (east, north)
     astray = replace(gps, latlon=frame.latlon_from_enu(enu))
     fused = _fused(odometry, astray)
-    judged = fused.judged["gps"]
+    gating = fused.gating["gps"]
     gated = [
         (LatLon(*astray.latlon[number].tolist()), LatLon(*expected.tolist()))
-        for number, expected in zip(judged.number[judged.gated], judged.expected[judged.gated], strict=True)
+        for number, expected in zip(gating.number[gating.gated], gating.expected[gating.gated], strict=True)
     ]
     tracks: list[tuple[Source, Poses]] = [("odometry", odometry), ("gps", astray), ("fused", fused.poses)]
     return draw_tracks(Shown(tracks, gated, fused.begins_s))

@@ -38,7 +38,7 @@ from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import MissionSender, Track
 from webapp.missions.tasks import import_file
 from webapp.missions.tasks.import_file import Order
-from webapp.missions.tasks.read_track import Wishes
+from webapp.missions.tasks.read_track import ReadOptions
 from webapp.robot.content import has_spool, read_content
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
@@ -198,8 +198,8 @@ def _compare(library: Library, folder: Path, arguments: argparse.Namespace) -> d
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
         other = missions.create(session, "Imported", account_id=owner.id).id
-    wishes = Wishes(min_move=parse_min_move(arguments.min_move), topics=("/fix",))
-    order = Order(arguments.bag, arguments.bag.name, wishes)
+    options = ReadOptions(min_move=parse_min_move(arguments.min_move), topics=("/fix",))
+    order = Order(arguments.bag, arguments.bag.name, options)
     import_file.run(library, other, order=order, settings=Settings(library=library.folder))
     with library.database.read() as session:
         sent, poses = _track(session, spool.identity.mission)

@@ -34,10 +34,10 @@ def main() -> None:
     fixes = make_poses(drive.steps.times_s[drive.node[heard]], measured, covariance_m2=spread)
     fused = fuse(odometry, {"visual": fixes})
     assert isinstance(fused, Fusion)
-    judged = fused.judged["visual"]
+    gating = fused.gating["visual"]
     gated = [
         (LatLon(*fixes.latlon[number].tolist()), LatLon(*expected.tolist()))
-        for number, expected in zip(judged.number[judged.gated], judged.expected[judged.gated], strict=True)
+        for number, expected in zip(gating.number[gating.gated], gating.expected[gating.gated], strict=True)
     ]
     tracks: list[tuple[Source, Poses]] = [("odometry", odometry), ("gps", fixes), ("fused", fused.poses)]
     draw_tracks(Shown(tracks, gated, fused.begins_s)).save(PICTURE, optimize=True)

@@ -58,12 +58,12 @@ def test_fixes_that_are_left_out_are_told():
     drive = Drive(2)
     drive.measured[17] += (0, 70)
     found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
-    judged = found.judged["visual"]
-    assert judged.number[judged.gated].tolist() == [17]
-    assert judged.off_m[17] == pytest.approx(70, abs=6)
-    away = FRAME.enu_from_latlon(judged.expected[17:18])[0] - drive.truth[drive.node[17]]
+    gating = found.gating["visual"]
+    assert gating.number[gating.gated].tolist() == [17]
+    assert gating.innovation_m[17] == pytest.approx(70, abs=6)
+    away = FRAME.enu_from_latlon(gating.expected[17:18])[0] - drive.truth[drive.node[17]]
     assert np.hypot(*away) < 6
-    assert judged.mean_distance < 3
+    assert gating.mean_distance < 3
 
 
 def test_fixes_in_any_order_of_two_sources():
@@ -76,15 +76,15 @@ def test_fixes_in_any_order_of_two_sources():
     found = fuse(reckoned.take(rng.permutation(len(reckoned))), {"gps": gps, "visual": visual})
     assert np.all(np.diff(found.poses.times_s) > 0)
     assert error_m(found, drive) < 1.5
-    assert sorted(found.judged["gps"].number.tolist()) == list(range(len(gps)))
-    assert np.all(np.diff(gps.times_s[found.judged["gps"].number]) > 0)
+    assert sorted(found.gating["gps"].number.tolist()) == list(range(len(gps)))
+    assert np.all(np.diff(gps.times_s[found.gating["gps"].number]) > 0)
 
 
 def test_a_receiver_that_promises_too_much_is_not_believed():
     drive = Drive(4, nodes=1200, every=20)
     found = fuse(odometry_of(drive), {"gps": gps_of(drive, told_m=0.5)})
     assert found.fit.receiver == 4.0
-    assert not found.judged["gps"].gated.any()
+    assert not found.gating["gps"].gated.any()
     honest = fuse(odometry_of(drive), {"gps": gps_of(drive)})
     assert honest.fit.receiver == 1.0
 

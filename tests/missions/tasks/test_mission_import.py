@@ -15,11 +15,11 @@ from webapp.missions.store.objects import Page
 from webapp.missions.store.schema import Mission, Track
 from webapp.missions.tasks import import_file, read_track
 from webapp.missions.tasks.import_file import Order
-from webapp.missions.tasks.read_track import Wishes
+from webapp.missions.tasks.read_track import ReadOptions
 from webapp.progress import Progress
 from webapp.settings import Settings
 
-ALL = Wishes(min_move=MinMove(0.0))
+ALL = ReadOptions(min_move=MinMove(0.0))
 
 
 class Killed(BaseException):
@@ -53,8 +53,8 @@ def small_parts(monkeypatch):
     monkeypatch.setattr(import_file, "_AT_ONCE", 120)
 
 
-def order_for(path, wishes=ALL, name=None):
-    return Order(path, name or path.name, wishes)
+def order_for(path, options=ALL, name=None):
+    return Order(path, name or path.name, options)
 
 
 def imported(library, mission, order, **how):
@@ -78,7 +78,7 @@ def content(library, mission):
 
 def test_what_is_stored_is_what_is_read(library, mission, log, small_parts):
     done = imported(library, mission, order_for(log))
-    whole = read_track.run(log, wishes=ALL)
+    whole = read_track.run(log, options=ALL)
     stored, seen = content(library, mission)
     assert {name for _, name in stored} == {"log a", "log b"}
     for track in whole.tracks:
@@ -138,7 +138,7 @@ def test_a_file_that_comes_again_stores_nothing(library, mission, log):
 
 def test_read_in_another_way_it_makes_tracks_of_its_own(library, mission, log):
     imported(library, mission, order_for(log))
-    done = imported(library, mission, order_for(log, Wishes(min_move=MinMove(100.0, "m"))))
+    done = imported(library, mission, order_for(log, ReadOptions(min_move=MinMove(100.0, "m"))))
     assert sorted(track.name for track in done.tracks) == ["log a (2)", "log b (2)"]
     assert all(track.skipped > 400 for track in done.tracks)
 
@@ -146,7 +146,7 @@ def test_read_in_another_way_it_makes_tracks_of_its_own(library, mission, log):
 def test_the_distance_is_that_before_thinning(library, mission, tmp_path):
     path = tmp_path / "still.csv"
     path.write_text("time,lat,lon\n" + "".join(f"{i},50.00000{i % 2},14\n" for i in range(101)))
-    (track,) = imported(library, mission, order_for(path, Wishes())).tracks
+    (track,) = imported(library, mission, order_for(path, ReadOptions())).tracks
     assert (track.poses, track.skipped) == (1, 100)
     assert track.distance_m == pytest.approx(100 * 0.1112, rel=0.01)
 
@@ -181,7 +181,7 @@ def test_the_start_is_that_of_the_mission(library, mission, tmp_path):
         latlon = tracks.read(session, session.get_one(Track, track.id)).latlon
     assert latlon[1, 0] - 50.0 == pytest.approx(100 / 111_229, rel=1e-3)
     start = Start(LatLon(10.0, 10.0), 0.0)
-    (other,) = imported(library, mission, order_for(path, Wishes(start=start))).tracks
+    (other,) = imported(library, mission, order_for(path, ReadOptions(start=start))).tracks
     assert other.name == "way (2)"
 
 
@@ -229,3 +229,12 @@ def test_a_file_is_known_again_after_the_keys_of_batches_are_forgotten(library, 
         assert batches.answered(session, mission, "of a client") is None
     assert not imported(library, mission, order_for(log)).new
     assert content(library, mission) == before
+
+
+def test_the_options_in_an_import_key_are_written_as_in_0_7_0():
+    options = ReadOptions(start=Start(LatLon(50.0, 14.0), 30.0), topics=("/fix",))
+    assert import_file.options_key(options) == (
+        "Wishes(start=Start(position=LatLon(lat=50.0, lon=14.0), heading_deg=30.0), "
+        "min_move=MinMove(value=1e-05, unit='deg'), "
+        "topics=('/fix',), columns=None, source=None)"
+    )

@@ -6,14 +6,14 @@ import pytest
 from webapp.core.trajectory.batch import parse
 from webapp.core.trajectory.thinning import MinMove
 from webapp.missions.tasks import read_track, replay_track
-from webapp.missions.tasks.read_track import Wishes
+from webapp.missions.tasks.read_track import ReadOptions
 
 
 @pytest.mark.parametrize("least", [MinMove(), MinMove(0.0)])
 def test_a_replayed_bag_is_the_imported_one(shared_data, least):
     bag = shared_data / "robot" / "test1.bag"
     replayed = replay_track.run(bag, min_move=least)
-    (imported,) = read_track.run(bag, wishes=Wishes(min_move=least)).tracks
+    (imported,) = read_track.run(bag, options=ReadOptions(min_move=least)).tracks
     batch = parse([event.record for event in replayed.events])
     part = batch.tracks["gps", f"test1 {imported.name}"]  # as an import calls it
     for name in ("times_s", "latlon", "height_m", "covariance_m2", "travelled_m"):
@@ -34,7 +34,7 @@ def test_what_was_left_out_at_the_end_is_told(tmp_path):
     file = tmp_path / "stop.csv"
     file.write_text("time,lat,lon\n" + "".join(f"{n},{50 + min(n, 3) * 1e-3},14\n" for n in range(10)))
     replayed = replay_track.run(file, min_move=MinMove())
-    (imported,) = read_track.run(file, wishes=Wishes()).tracks
+    (imported,) = read_track.run(file, options=ReadOptions()).tracks
     records = [event.record for event in replayed.events]
     (part,) = parse([*records, {"type": "end", "left_out": replayed.rest}]).tracks.values()
     assert (len(part.poses), part.skipped) == (4, 6) == (len(imported.poses), imported.skipped)

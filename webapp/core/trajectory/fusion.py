@@ -1,4 +1,8 @@
-"""Dead reckoning put together with fixes: one corrected track, and what was thought of each fix."""
+"""Fuses dead reckoning with position fixes: one smoothed track, and the innovation and gating of each fix.
+
+An extended Kalman filter with innovation gating and an RTS smoother (H. Rauch, F. Tung, C. Striebel, "Maximum
+likelihood estimates of linear dynamic systems", AIAA Journal 3, 1965); see `webapp.core.trajectory.smoother`.
+"""
 
 from __future__ import annotations
 
@@ -14,54 +18,54 @@ from webapp.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
 from webapp.core.trajectory.noise_fit import Fit, fit
 from webapp.core.trajectory.records import Poses, Source, join, make_poses
 from webapp.core.trajectory.smoother import Smoothed, smooth
-from webapp.core.trajectory.steps import Fixes, Floats, Reckoning, Steps, make_steps
+from webapp.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
 
-UNTOLD_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
-"""Standard deviation to the east and to the north of fixes that do not tell theirs, by their source."""
+DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
+"""Standard deviation to the east and to the north of fixes without a covariance, by their source."""
 
-LEAST_M = 0.02
-"""No fix is believed to be better: a receiver that says 0 does not know."""
+MIN_SIGMA_M = 0.02
+"""Smallest standard deviation of a fix: a receiver that states 0 does not know it."""
 
 MOST_POSES = 100_000
 """Of a longer track so many are taken, evenly: of odometry, the movement between them is kept whole."""
 
 SAMPLE = 500
-"""Of so many fixes of each source, and four times as much odometry, it is found how wrong they are."""
+"""The noise is estimated from so many fixes of each source, and four times as many poses of odometry."""
 
 LEAST_SAMPLE = 8
-"""Fewer fixes tell nothing about that."""
+"""Fewer fixes are too few to estimate the noise from."""
 
-ALIKE_S = 20.0
-"""Fixes of one receiver within such a time err alike, by the same satellites and the same reflections:
-together they count as one."""
+CORRELATION_TIME_S = 20.0
+"""Errors of one receiver are correlated over such a time, by the same satellites and the same reflections:
+fixes within it count as one measurement."""
 
 LEAST_SPEED_MPS = 0.3
 """Without odometry, the heading is that of a movement that is faster, and faster than it is uncertain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
-    """What the filter thought of the fixes of one track.
+class GatingResult:
+    """Innovations of the fixes of one track, and which fixes the filter rejected.
 
     Attributes
     ----------
     number : (m,) intp
         Places in the track as it was given, ordered by time.
     distance : (m,) float64
-        Squared Mahalanobis distance from the prediction; 2 in the mean when all covariances are right.
+        Squared Mahalanobis distance of the innovation; its mean is 2 where all covariances are right.
     gated : (m,) bool
-        Which were left out.
+        Which were rejected as outliers.
     expected : (m, 2) float64
-        Where they were predicted, degrees north and east.
-    off_m : (m,) float64
-        How far from there they are.
+        Predicted positions, degrees north and east.
+    innovation_m : (m,) float64
+        Length of the innovation, metres.
     """
 
     number: NDArray[np.intp]
     distance: Floats
     gated: NDArray[np.bool_]
     expected: Floats
-    off_m: Floats
+    innovation_m: Floats
 
     @property
     def mean_distance(self) -> float:
@@ -78,22 +82,22 @@ class Fusion:
     ----------
     poses : Poses
         At each time of the odometry and of the fixes.
-    judged : dict of Source to Judged
+    gating : dict of Source to GatingResult
     begins_s : tuple of float
         When each piece begins; the first one begins with the track, at the others it was found elsewhere.
     fit : Fit
-        How much more wrong than usual, or than told, odometry and receiver turned out to be.
+        Factors on the noise of odometry and receiver, estimated from this track.
     """
 
     poses: Poses
-    judged: dict[Source, Judged]
+    gating: dict[Source, GatingResult]
     begins_s: tuple[float, ...]
     fit: Fit
 
 
 @dataclass(frozen=True, slots=True)
 class NoFusion:
-    """Nothing to put together, and why. Falsy."""
+    """Nothing to fuse, and why. Falsy."""
 
     reason: str
 
@@ -109,17 +113,17 @@ def fuse(
     noise: Noise | None = None,
     check: Callable[[int], None] = lambda _: None,
 ) -> Fusion | NoFusion:
-    """Correct a reckoned track by fixes, or smooth fixes alone.
+    """Smooth odometry and fixes, or fixes alone.
 
     Parameters
     ----------
     odometry : Poses or None
-        Reckoned; where it began, and its own covariance, count for nothing.
+        Only its relative motion is used, not its origin nor its covariance.
     fixes : mapping of Source to Poses
-        Their covariances are believed where they are told.
+        Their covariances are used where they have some.
     noise : Noise, optional
     check : callable
-        Told now and then how many nodes are done; what it raises ends the work.
+        Called now and then with the number of nodes done; what it raises ends the work.
     """
     tracks = {source: poses for source, poses in fixes.items() if len(poses)}
     if not tracks:
@@ -128,51 +132,53 @@ def fuse(
     frame = LocalFrame(centre_of(every.poses.latlon))
     usual = noise or Noise()
     found = _fit(odometry, tracks, frame=frame, usual=usual)
-    steps, told = _taken_in(odometry, every, frame=frame, most=MOST_POSES)
-    measured = found.fixes(told, of_receiver=every.source == "gps")
+    steps, stated = _filter_inputs(odometry, every, frame=frame, most=MOST_POSES)
+    measured = found.fixes(stated, of_receiver=every.source == "gps")
     done = smooth(steps, measured, noise=found.noise(usual), check=check)
     poses = _poses(steps, done, frame=frame, height_m=_heights(every, steps.times_s, done.gated))
     expected = frame.latlon_from_enu(done.expected)
-    off_m = np.hypot(*(measured.position - done.expected).T)
-    judged = {
-        source: Judged(every.number[mine], done.distance[mine], done.gated[mine], expected[mine], off_m[mine])
+    innovation_m = np.hypot(*(measured.position - done.expected).T)
+    gating = {
+        source: GatingResult(
+            every.number[mine], done.distance[mine], done.gated[mine], expected[mine], innovation_m[mine]
+        )
         for source in tracks
         for mine in [every.source == source]
     }
-    return Fusion(poses, judged, tuple(steps.times_s[list(done.begins)].tolist()), found)
+    return Fusion(poses, gating, tuple(steps.times_s[list(done.begins)].tolist()), found)
 
 
 def _fit(odometry: Poses | None, tracks: Mapping[Source, Poses], *, frame: LocalFrame, usual: Noise) -> Fit:
-    """Find how wrong odometry and receiver are, by fixes that err each on its own."""
-    apart = {source: _apart(poses) if source == "gps" else poses for source, poses in tracks.items()}
+    """Estimate the noise of odometry and receiver, from fixes with independent errors."""
+    apart = {source: _decorrelated(poses) if source == "gps" else poses for source, poses in tracks.items()}
     sample = _all_fixes(apart, most=SAMPLE)
     if len(sample.number) < LEAST_SAMPLE:
         return Fit()
-    steps, fixes = _taken_in(odometry, sample, frame=frame, most=4 * SAMPLE)
+    steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
     return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual)
 
 
-def _apart(poses: Poses) -> Poses:
-    """Give fixes that do not err alike."""
+def _decorrelated(poses: Poses) -> Poses:
+    """Return fixes with uncorrelated errors."""
     order = np.argsort(poses.times_s, kind="stable")
-    turn = np.floor((poses.times_s[order] - poses.times_s[order[0]]) / ALIKE_S)
+    turn = np.floor((poses.times_s[order] - poses.times_s[order[0]]) / CORRELATION_TIME_S)
     return poses.take(order[np.unique(turn, return_index=True)[1]])
 
 
-def _taken_in(
+def _filter_inputs(
     odometry: Poses | None, every: _AllFixes, *, frame: LocalFrame, most: int
 ) -> tuple[Steps, Fixes]:
-    """Bring odometry and fixes to what the filter takes in."""
-    reckoning = None if odometry is None else _reckoning(odometry, most)
+    """Convert odometry and fixes into steps and measurements in a local plane."""
+    odometry_path = None if odometry is None else _dead_reckoning(odometry, most)
     times = every.poses.times_s
-    nodes = np.unique(times if reckoning is None else np.concatenate([times, reckoning.times_s]))
+    nodes = np.unique(times if odometry_path is None else np.concatenate([times, odometry_path.times_s]))
     fixes = Fixes(
         np.searchsorted(nodes, times),
         frame.enu_from_latlon(every.poses.latlon),
         _covariances(every),
         _shares(every),
     )
-    return make_steps(nodes, reckoning), fixes
+    return make_steps(nodes, odometry_path), fixes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,49 +208,49 @@ def _all_fixes(fixes: Mapping[Source, Poses], *, most: int) -> _AllFixes:
 def _covariances(fixes: _AllFixes) -> Floats:
     """Give each fix a covariance (m, 2, 2): its own, or that of its source."""
     east, north, both = fixes.poses.covariance_m2.T
-    usual = np.array([UNTOLD_M[source] for source in fixes.source.tolist()]) ** 2
-    told = (east >= 0) & (north >= 0) & (both**2 <= east * north)
+    usual = np.array([DEFAULT_SIGMA_M[source] for source in fixes.source.tolist()]) ** 2
+    stated = (east >= 0) & (north >= 0) & (both**2 <= east * north)
     found = np.empty((len(usual), 2, 2))
-    found[:, 0, 0] = np.where(told, np.maximum(east, LEAST_M**2), usual)
-    found[:, 1, 1] = np.where(told, np.maximum(north, LEAST_M**2), usual)
-    found[:, 0, 1] = found[:, 1, 0] = np.where(told, both, 0.0)
+    found[:, 0, 0] = np.where(stated, np.maximum(east, MIN_SIGMA_M**2), usual)
+    found[:, 1, 1] = np.where(stated, np.maximum(north, MIN_SIGMA_M**2), usual)
+    found[:, 0, 1] = found[:, 1, 0] = np.where(stated, both, 0.0)
     return found
 
 
 def _shares(fixes: _AllFixes) -> Floats:
-    """Tell how much of an independent measurement each fix is, by the time to the one before it."""
+    """Weigh each fix as a share of an independent measurement, by the time since the one before."""
     found = np.ones(len(fixes.source))
     of_gps = fixes.source == "gps"
     waited = np.diff(fixes.poses.times_s[of_gps], prepend=-np.inf)
-    found[of_gps] = np.clip(waited / ALIKE_S, 1e-3, 1.0)
+    found[of_gps] = np.clip(waited / CORRELATION_TIME_S, 1e-3, 1.0)
     return found
 
 
-def _reckoning(odometry: Poses, most: int) -> Reckoning | None:
-    """Lay odometry into a plane of its own; None for too little of it."""
+def _dead_reckoning(odometry: Poses, most: int) -> DeadReckoning | None:
+    """Project odometry into a plane of its own; None with fewer than two poses."""
     poses = odometry.take(_in_time(odometry, most))
     poses = poses.take(np.unique(poses.times_s, return_index=True)[1])
     if len(poses) < 2:
         return None
     position = LocalFrame(centre_of(poses.latlon)).enu_from_latlon(poses.latlon)
-    return Reckoning(poses.times_s, position, _headings(np.radians(poses.heading_deg), position))
+    return DeadReckoning(poses.times_s, position, _headings(np.radians(poses.heading_deg), position))
 
 
-def _headings(told: Floats, position: Floats) -> Floats:
-    """Give each pose a heading without jumps: as most of them tell, else that of the way to the next."""
-    known = np.flatnonzero(np.isfinite(told))
-    if 2 * known.size >= len(told):
-        return np.interp(np.arange(len(told)), known, np.unwrap(told[known]))
+def _headings(stated: Floats, position: Floats) -> Floats:
+    """Unwrap headings: those of the poses where most have one, else the course to the next pose."""
+    known = np.flatnonzero(np.isfinite(stated))
+    if 2 * known.size >= len(stated):
+        return np.interp(np.arange(len(stated)), known, np.unwrap(stated[known]))
     moves = np.diff(position, axis=0)
     known = np.flatnonzero(np.hypot(*moves.T) > 0)
     if not known.size:
-        return np.zeros(len(told))
-    at = np.clip(np.searchsorted(known, np.arange(len(told))), 0, known.size - 1)
+        return np.zeros(len(stated))
+    at = np.clip(np.searchsorted(known, np.arange(len(stated))), 0, known.size - 1)
     return np.unwrap(np.arctan2(moves[:, 0], moves[:, 1])[known])[at]
 
 
 def _heights(fixes: _AllFixes, nodes: Floats, gated: NDArray[np.bool_]) -> Floats:
-    """Take the height of each node from the fixes around it that were used; NaN where none tells one."""
+    """Interpolate the height of each node between accepted fixes; NaN where none has one."""
     known = ~gated & np.isfinite(fixes.poses.height_m)
     if not known.any():
         return np.full(len(nodes), np.nan)

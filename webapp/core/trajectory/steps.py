@@ -1,4 +1,4 @@
-"""What a filter takes in: movement from node to node, as dead reckoning tells it, and fixes at some nodes.
+"""Inputs of the filter: odometry increments from node to node, and position fixes at some nodes.
 
 A node is a time at which something is known. Metres, radians and a local plane; no latitude any more.
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 MOST_SPEED_MPS = 40.0
-"""Odometry that says more was reset on the way: nothing is known about that movement."""
+"""A faster increment of odometry is a reset: nothing is known about that movement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,9 +26,9 @@ class Steps:
         Strictly ascending.
     moves : (n, 3) float64
         Since the node before, in the robot's own frame there: metres forward, metres to the right, and
-        radians turned clockwise. NaN where no odometry tells; so is the first.
+        radians turned clockwise. NaN without odometry; so is the first.
     heading_rad : (n,) float64
-        As the odometry itself believes, clockwise from north; NaN where there is none.
+        As the odometry has it, clockwise from north; NaN where there is none.
     """
 
     times_s: Floats
@@ -42,7 +42,7 @@ class Steps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fixes:
-    """Positions that were measured.
+    """Measured positions.
 
     Attributes
     ----------
@@ -71,8 +71,8 @@ class Fixes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reckoning:
-    """The path that odometry tells, in any plane: only what changes from pose to pose counts.
+class DeadReckoning:
+    """The path of the odometry, in any plane: only its increments count.
 
     Attributes
     ----------
@@ -89,37 +89,37 @@ class Reckoning:
     heading_rad: Floats
 
 
-def make_steps(times_s: Floats, reckoning: Reckoning | None) -> Steps:
-    """Cut a reckoned path into the movements between given times.
+def make_steps(times_s: Floats, odometry_path: DeadReckoning | None) -> Steps:
+    """Resample the odometry into increments between given times.
 
-    Between two poses of the odometry the robot is taken to move evenly.
+    Between two of its poses the robot moves at constant speed.
 
     Parameters
     ----------
     times_s : (n,) float64
         Strictly ascending.
-    reckoning : Reckoning or None
+    odometry_path : DeadReckoning or None
     """
     n = len(times_s)
-    if reckoning is None or len(reckoning.times_s) < 2:
+    if odometry_path is None or len(odometry_path.times_s) < 2:
         return Steps(times_s, np.full((n, 3), np.nan), np.full(n, np.nan))
-    known = reckoning.times_s
-    east, north = (np.interp(times_s, known, axis) for axis in reckoning.position.T)
-    heading = np.interp(times_s, known, reckoning.heading_rad)
+    known = odometry_path.times_s
+    east, north = (np.interp(times_s, known, axis) for axis in odometry_path.position.T)
+    heading = np.interp(times_s, known, odometry_path.heading_rad)
     moves = np.full((n, 3), np.nan)
     de, dn, before = np.diff(east), np.diff(north), heading[:-1]
     moves[1:, 0] = de * np.sin(before) + dn * np.cos(before)
     moves[1:, 1] = de * np.cos(before) - dn * np.sin(before)
     moves[1:, 2] = np.diff(heading)
     inside = (times_s >= known[0]) & (times_s <= known[-1])
-    moves[1:][~(inside[1:] & inside[:-1]) | _was_reset(times_s, reckoning)] = np.nan
+    moves[1:][~(inside[1:] & inside[:-1]) | _was_reset(times_s, odometry_path)] = np.nan
     return Steps(times_s, moves, np.where(inside, heading, np.nan))
 
 
-def _was_reset(times_s: Floats, reckoning: Reckoning) -> NDArray[np.bool_]:
-    """Tell which intervals between nodes lie where the odometry jumped, (n - 1,)."""
-    known = reckoning.times_s
-    speed = np.hypot(*np.diff(reckoning.position, axis=0).T) / np.diff(known)
+def _was_reset(times_s: Floats, odometry_path: DeadReckoning) -> NDArray[np.bool_]:
+    """Detect the intervals between nodes in which the odometry was reset, (n - 1,)."""
+    known = odometry_path.times_s
+    speed = np.hypot(*np.diff(odometry_path.position, axis=0).T) / np.diff(known)
     jumped = speed > MOST_SPEED_MPS
     middle = (times_s[1:] + times_s[:-1]) / 2
     at = np.clip(np.searchsorted(known, middle) - 1, 0, len(jumped) - 1)
@@ -127,7 +127,7 @@ def _was_reset(times_s: Floats, reckoning: Reckoning) -> NDArray[np.bool_]:
 
 
 def path(steps: Steps, first: int, *, last: int) -> Floats:
-    """Reckon the path from one node to another one, as if the heading at the first were north.
+    """Integrate the increments from one node to another, with the heading of the first as north.
 
     Parameters
     ----------

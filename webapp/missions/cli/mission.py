@@ -129,7 +129,7 @@ def import_files(
     with _opened(library) as place, terminal_progress("importing") as progress:
         for path in files:
             order = order_of(path, told | {"name": path.name, "topics": ",".join(told["topics"])})
-            order = replace(order, wishes=replace(order.wishes, start=told["start"]))
+            order = replace(order, options=replace(order.options, start=told["start"]))
             try:
                 done = import_file.run(
                     place, mission, order=order, settings=load_settings(), progress=progress

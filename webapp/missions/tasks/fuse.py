@@ -181,27 +181,27 @@ def _report(fusion: Fusion, fixed: Mapping[Source, Fixed], *, odometry: Track | 
 
 
 def _statistics(fusion: Fusion, source: Source) -> dict[str, Any]:
-    judged = fusion.judged[source]
-    used = int((~judged.gated).sum())
+    gating = fusion.gating[source]
+    used = int((~gating.gated).sum())
     return {
         "source": source,
         "used": used,
-        "gated": int(judged.gated.sum()),
-        "mean_distance": judged.mean_distance if used else None,
+        "gated": int(gating.gated.sum()),
+        "mean_distance": gating.mean_distance if used else None,
         "expected_between": list(mean_distance_bounds(used)) if used else None,
     }
 
 
 def _gated(fusion: Fusion, source: Source, fixes: Fixed) -> list[dict[str, Any]]:
-    judged = fusion.judged[source]
+    gating = fusion.gating[source]
     told = []
-    for at in np.flatnonzero(judged.gated).tolist():
-        number = int(judged.number[at])
+    for at in np.flatnonzero(gating.gated).tolist():
+        number = int(gating.number[at])
         track_id, kept = fixes.kept[number].tolist()
-        off, distance = float(judged.off_m[at]), float(judged.distance[at])
+        off, distance = float(gating.innovation_m[at]), float(gating.distance[at])
         most = off * math.sqrt(GATE / distance)
         lat, lon = fixes.poses.latlon[number].tolist()
-        expected_lat, expected_lon = judged.expected[at].tolist()
+        expected_lat, expected_lon = gating.expected[at].tolist()
         told.append(
             {
                 "source": source,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -26,7 +26,7 @@ from webapp.missions.files.track_format import TITLES, Kind, kind_of
 from webapp.missions.store import batches, missions, tracks
 from webapp.missions.store.schema import Mission, MissionSender, Track
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import TrackPart, Wishes
+from webapp.missions.tasks.read_track import ReadOptions, TrackPart
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.database import Writes
@@ -54,13 +54,13 @@ class Order:
         A file, or the folder of a ROS 2 bag.
     name : str
         What its sender calls it: tracks are named after it.
-    wishes : Wishes
+    options : ReadOptions
         Without a start, the mission's own counts.
     """
 
     path: Path
     name: str
-    wishes: Wishes
+    options: ReadOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
     seen: dict[Key, bool] = {}
     parts = records = objects = 0
     for part in read_track.stream(
-        order.path, wishes=order.wishes, findings=findings, progress=_Silent(progress)
+        order.path, options=order.options, findings=findings, progress=_Silent(progress)
     ):
         parts += 1
         if isinstance(part, TrackPart):
@@ -191,15 +191,15 @@ def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
             records += len(part.poses) + part.skipped
         else:
             objects += len(part)
-    kind = kind_of(order.path, table=order.wishes.columns is not None)
+    kind = kind_of(order.path, table=order.options.columns is not None)
     return _Survey(kind, seen, parts, records + objects, objects)
 
 
 def _parts(order: Order, progress: Progress) -> Iterator[Part]:
     """Read the file once more, with objects that are called after it where they have only numbers."""
-    numbered = kind_of(order.path, table=order.wishes.columns is not None) in _NUMBERED
+    numbered = kind_of(order.path, table=order.options.columns is not None) in _NUMBERED
     stem = PurePath(order.name).stem
-    for part in read_track.stream(order.path, wishes=order.wishes, findings=Findings(), progress=progress):
+    for part in read_track.stream(order.path, options=order.options, findings=Findings(), progress=progress):
         if numbered and not isinstance(part, TrackPart):
             yield tuple(replace(one, object_id=f"{stem}: {one.object_id}"[:_MAX_NAME]) for one in part)
         else:
@@ -277,7 +277,7 @@ def _mission(session: Session, mission_id: int) -> Mission:
 
 
 def _with_start(library: Library, mission_id: int, order: Order) -> Order:
-    if order.wishes.start is not None:
+    if order.options.start is not None:
         return order
     with library.database.read() as session:
         mission = session.get(Mission, mission_id)
@@ -285,7 +285,7 @@ def _with_start(library: Library, mission_id: int, order: Order) -> Order:
     if known is None:
         return order
     start = Start(LatLon(known["lat"], known["lon"]), known["heading_deg"])
-    return replace(order, wishes=replace(order.wishes, start=start))
+    return replace(order, options=replace(order.options, start=start))
 
 
 def _key(order: Order, progress: Progress) -> str:
@@ -293,7 +293,7 @@ def _key(order: Order, progress: Progress) -> str:
     files = [order.path]
     if order.path.is_dir():
         files = sorted(path for path in order.path.iterdir() if path.is_file())
-    digest = hashlib.sha256(repr(order.wishes).encode())
+    digest = hashlib.sha256(options_key(order.options).encode())
     try:
         for path in files:
             with path.open("rb") as file:
@@ -304,6 +304,12 @@ def _key(order: Order, progress: Progress) -> str:
         message = f"the file cannot be read: {error.strerror or error}"
         raise TrackError(message, where=order.name, hint="check its path") from error
     return f"{batches.FILE}{digest.hexdigest()[:32]}"
+
+
+def options_key(options: ReadOptions) -> str:
+    """Write options as the keys of imports have them since 0.7.0: a file imported then is recognized."""
+    values = ", ".join(f"{field.name}={getattr(options, field.name)!r}" for field in fields(options))
+    return f"Wishes({values})"
 
 
 @contextmanager

@@ -45,8 +45,8 @@ NO_START = "poses in the robot's own frame: the mission needs a start position a
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
-    """How a file is to be read.
+class ReadOptions:
+    """Options of reading a file with tracks.
 
     Attributes
     ----------
@@ -139,14 +139,14 @@ class Report:
     notes: tuple[str, ...]
 
 
-def run(path: Path, *, wishes: Wishes | None = None, progress: Progress | None = None) -> Report:
+def run(path: Path, *, options: ReadOptions | None = None, progress: Progress | None = None) -> Report:
     """Read a whole file into memory; for large ones there is `stream`.
 
     Parameters
     ----------
     path : Path
         A file, or the folder of a ROS 2 bag.
-    wishes : Wishes, optional
+    options : ReadOptions, optional
     progress : Progress, optional
         One step a pose or object.
 
@@ -165,7 +165,7 @@ def run(path: Path, *, wishes: Wishes | None = None, progress: Progress | None =
     findings = Findings()
     parts: dict[tuple[Source, str], list[TrackPart]] = {}
     sightings: list[Sighting] = []
-    for part in stream(path, wishes=wishes or Wishes(), findings=findings, progress=progress):
+    for part in stream(path, options=options or ReadOptions(), findings=findings, progress=progress):
         if isinstance(part, TrackPart):
             parts.setdefault((part.source, part.track), []).append(part)
         else:
@@ -180,7 +180,7 @@ def run(path: Path, *, wishes: Wishes | None = None, progress: Progress | None =
         )
         for (source, name), track in parts.items()
     )
-    kind = TITLES[_kind(path, wishes or Wishes())]
+    kind = TITLES[_kind(path, options or ReadOptions())]
     return Report(kind, tracks, tuple(sightings), findings.skipped(), tuple(findings.notes))
 
 
@@ -213,9 +213,9 @@ def title(file: str, track: str) -> str:
 
 
 def stream(
-    path: Path, *, wishes: Wishes, findings: Findings, progress: Progress | None = None
+    path: Path, *, options: ReadOptions, findings: Findings, progress: Progress | None = None
 ) -> Iterator[TrackPart | tuple[Sighting, ...]]:
-    """Read a file piece by piece; the same file with the same wishes gives the same pieces.
+    """Read a file piece by piece; the same file with the same options yields the same pieces.
 
     Parameters and errors are those of `run`, and:
 
@@ -231,8 +231,8 @@ def stream(
     progress = progress or Progress()
     with _about(path):
         found = False
-        places = _Places(wishes, findings)
-        for piece in _pieces(path, _kind(path, wishes), wishes, findings=findings):
+        places = _Places(options, findings)
+        for piece in _pieces(path, _kind(path, options), options, findings=findings):
             progress.check()
             for part in places.placed(piece):
                 found = True
@@ -247,7 +247,7 @@ def stream(
 class _Places:
     """Brings pieces to the Earth; knows how far each track has come."""
 
-    wishes: Wishes
+    options: ReadOptions
     findings: Findings
     _meters: dict[tuple[Source, str], tuple[Odometer, Thinner]] = field(default_factory=dict)
     _frames: dict[str, RobotFrame] = field(default_factory=dict)
@@ -258,10 +258,10 @@ class _Places:
             case WorldPiece():
                 yield from self._part(piece, piece.poses)
             case RobotPiece():
-                if self.wishes.start is None:
+                if self.options.start is None:
                     self.findings.skip(NO_START, where=piece.track or "line 1", count=len(piece.poses))
                 else:
-                    yield from self._part(piece, self._poses(piece, self.wishes.start))
+                    yield from self._part(piece, self._poses(piece, self.options.start))
             case WorldObjects():
                 yield from self._objects(piece.sightings)
             case RobotObjects():
@@ -276,8 +276,8 @@ class _Places:
         poses = poses.take(placed & timed)
         if not len(poses):
             return
-        key = (self.wishes.source or piece.source, piece.track)
-        odometer, thinner = self._meters.setdefault(key, (Odometer(), Thinner(self.wishes.min_move)))
+        key = (self.options.source or piece.source, piece.track)
+        odometer, thinner = self._meters.setdefault(key, (Odometer(), Thinner(self.options.min_move)))
         travelled = odometer.add(poses.latlon)
         measured = Poses(
             poses.times_s,
@@ -350,30 +350,30 @@ def _one_line(text: str, *, most: int = _MAX_NAME) -> str:
     return " ".join(printable.split())[:most].strip() or "?"
 
 
-def _pieces(path: Path, kind: Kind, wishes: Wishes, *, findings: Findings) -> Iterator[Piece]:
+def _pieces(path: Path, kind: Kind, options: ReadOptions, *, findings: Findings) -> Iterator[Piece]:
     if kind in _SUFFIX:
         suffix = _SUFFIX[kind]
-        yield from rosbag.read(path, suffix=suffix, wanted=wishes.topics, findings=findings)
+        yield from rosbag.read(path, suffix=suffix, wanted=options.topics, findings=findings)
     elif kind == "kmz":
         with opened_kml(path) as packed:
-            yield from kml_reader.read(packed, findings=findings, tracks=wishes.topics)
+            yield from kml_reader.read(packed, findings=findings, tracks=options.topics)
     else:
         with path.open("rb") as file:
             match kind:
                 case "gpx":
                     yield from gpx_reader.read(file, findings=findings)
                 case "kml":
-                    yield from kml_reader.read(file, findings=findings, tracks=wishes.topics)
+                    yield from kml_reader.read(file, findings=findings, tracks=options.topics)
                 case "nmea":
                     yield from nmea.read(file, findings=findings)
                 case "tum" | "kitti":
                     yield from trajectory_text.read(file, kind, findings=findings)
                 case _:
-                    yield from csv_reader.read(file, columns=wishes.columns, findings=findings)
+                    yield from csv_reader.read(file, columns=options.columns, findings=findings)
 
 
-def _kind(path: Path, wishes: Wishes) -> Kind:
-    return kind_of(path, table=wishes.columns is not None)
+def _kind(path: Path, options: ReadOptions) -> Kind:
+    return kind_of(path, table=options.columns is not None)
 
 
 @contextmanager

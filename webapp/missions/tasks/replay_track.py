@@ -16,7 +16,7 @@ from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove, Thinner
 from webapp.missions.files.track_chunks import Skipped
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import ReadTrack, Wishes
+from webapp.missions.tasks.read_track import ReadOptions, ReadTrack
 from webapp.progress import Progress
 
 
@@ -66,7 +66,7 @@ def run(
     start: Start | None = None,
     progress: Progress | None = None,
 ) -> Replay:
-    """Read a file; the same file with the same wishes gives the same events.
+    """Read a file; the same file with the same options gives the same events.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def run(
     TrackError
         The file is damaged, of no kind that is known, or has nothing that can be used.
     """
-    wishes = Wishes(start=start, min_move=MinMove(0.0), topics=topics)
-    found = read_track.run(path, wishes=wishes, progress=progress)
+    options = ReadOptions(start=start, min_move=MinMove(0.0), topics=topics)
+    found = read_track.run(path, options=options, progress=progress)
     kept = {id(track): Thinner(min_move).keep(track.poses.latlon) for track in found.tracks}
     parts = [_poses(track, kept[id(track)], file=path.name) for track in found.tracks]
     events = list(heapq.merge(*parts, _objects(found.sightings), key=lambda event: event.time_s))

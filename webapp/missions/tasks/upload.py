@@ -10,7 +10,7 @@ from webapp.core.trajectory.records import SOURCES, Source
 from webapp.core.trajectory.thinning import MinMove, parse_min_move
 from webapp.errors import UsageError
 from webapp.missions.tasks.import_file import Order
-from webapp.missions.tasks.read_track import Wishes
+from webapp.missions.tasks.read_track import ReadOptions
 from webapp.store.library import Library
 
 
@@ -45,8 +45,8 @@ def order_of(path: Path, told: Mapping[str, Any]) -> Order:
     topics = tuple(name for part in (told.get("topics") or "").split(",") if (name := part.strip()))
     min_move = parse_min_move(told["min_move"]) if told.get("min_move") else MinMove()
     columns, source = told.get("columns") or None, source_of(told.get("source"))
-    wishes = Wishes(topics=topics, min_move=min_move, columns=columns, source=source)
-    return Order(path, told["name"], wishes)
+    options = ReadOptions(topics=topics, min_move=min_move, columns=columns, source=source)
+    return Order(path, told["name"], options)
 
 
 def source_of(text: str | None) -> Source | None:

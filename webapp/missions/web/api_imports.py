@@ -90,7 +90,7 @@ def import_file(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
     kept = False
     try:
         receive(path, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
-        kind_of(path, table=order.wishes.columns is not None)
+        kind_of(path, table=order.options.columns is not None)
         arguments = told | {"mission": mission.id, "token": token}
         with place.database.write() as session:
             job = jobs.enqueue(
