@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import String
 from apiflask.validators import Length
 from flask import Response, request
+from sqlalchemy.orm import Session
 
-from webapp.missions.store.schema import Mission
+from webapp.missions.store import missions, tracks
+from webapp.missions.store import objects as mission_objects
+from webapp.missions.store.schema import Mission, Track
+from webapp.missions.tasks.build_pieces import table_of
+from webapp.missions.web.api_objects import object_json
+from webapp.missions.web.api_tracks import points_json
 from webapp.missions.web.context import open_mission
-from webapp.missions.web.events import event, revision_of
-from webapp.missions.web.state import read_cursor
+from webapp.missions.web.state import cursor, read_cursor, track_json
 from webapp.store.database import Database
 from webapp.web.context import library, settings
 from webapp.web.openapi import file_answer
@@ -27,6 +34,14 @@ _SHARE = 0.25
 _RETRY_MS = 1000
 _ALIVE_S = 10.0
 _MOST_CURSOR = 4000
+_MOST_POINTS = 500
+"""New poses of a track in one event: of more, only some are sent."""
+
+_MOST_OBJECTS = 2000
+"""Changed objects in one event; the others are in the next."""
+
+_AGAIN = 200
+"""Without a cursor, so many of the last poses are sent: they may have come since the page was made."""
 
 _turns = Turns("events", share=_SHARE)
 blueprint.record(_turns.set_up)
@@ -58,8 +73,8 @@ def events(mission_id: int, query: dict[str, Any]) -> Response:
     free = _turns.free()
     stays = free.acquire(blocking=False)
     limits = settings().missions
-    told = _Told(library().database, mission.id, known)
-    stream = _stream(told, seconds=limits.stream_s if stays else 0.0, look_s=limits.look_s)
+    follower = _Follower(library().database, mission.id, known)
+    stream = _stream(follower, seconds=limits.stream_s if stays else 0.0, look_s=limits.look_s)
     response = Response(stream, mimetype="text/event-stream")
     response.headers["X-Accel-Buffering"] = "no"  # nginx would keep events back
     response.headers["Cache-Control"] = "no-store"
@@ -68,7 +83,7 @@ def events(mission_id: int, query: dict[str, Any]) -> Response:
     return response
 
 
-class _Told:
+class _Follower:
     """Where a follower of a mission is."""
 
     def __init__(self, database: Database, mission_id: int, known: str | None) -> None:
@@ -78,8 +93,8 @@ class _Told:
 
     @property
     def _revision(self) -> int | None:
-        cursor = None if self._known is None else read_cursor(self._known)
-        return None if cursor is None else cursor[0]
+        before = None if self._known is None else read_cursor(self._known)
+        return None if before is None else before[0]
 
     def next(self) -> str | None:
         """Give the next event; an empty text when nothing is new, None when the mission is gone."""
@@ -88,16 +103,75 @@ class _Told:
             if revision is None or revision == self._revision:
                 return None if revision is None else ""
             mission = session.get_one(Mission, self._mission_id)
-            text, self._known = event(session, mission, known=self._known)
+            text, self._known = make_event(session, mission, known=self._known)
         return text
 
 
-def _stream(told: _Told, *, seconds: float, look_s: float) -> Iterator[str]:
+def revision_of(session: Session, mission_id: int) -> int | None:
+    """Return the revision of a mission; None when it is gone."""
+    mission = session.get(Mission, mission_id)
+    return None if mission is None or mission.binned_at is not None else mission.revision
+
+
+def make_event(session: Session, mission: Mission, *, known: str | None) -> tuple[str, str]:
+    """Make an event of all that is new since a cursor.
+
+    Parameters
+    ----------
+    session : Session
+    mission : Mission
+    known : str or None
+        A cursor; None or another text where nothing is said of what is known.
+
+    Returns
+    -------
+    str
+        The event as it is sent.
+    str
+        The cursor after it.
+    """
+    before = None if known is None else read_cursor(known)
+    revision, counts = before or (mission.revision, {})
+    found = tracks.listed(session, mission.id)
+    objects, until = mission_objects.changed(session, mission.id, since=revision, most=_MOST_OBJECTS)
+    after = cursor(mission.revision if until is None else until, {track.id: track.poses for track in found})
+    data = {
+        "revision": mission.revision,
+        "ended_at": None if mission.ended_at is None else mission.ended_at.isoformat(timespec="seconds"),
+        "photos": missions.counts(session, mission.id)[2],
+        "tracks": [
+            _track(session, track, known=counts.get(track.id, 0 if before else track.poses - _AGAIN))
+            for track in found
+            if before is None or counts.get(track.id) != track.poses
+        ],
+        "objects": [object_json(row) for row in objects],
+    }
+    return _encoded(data, after), after
+
+
+def _track(session: Session, track: Track, *, known: int) -> dict[str, Any]:
+    """Describe a track, with its poses from the number `known` on."""
+    first = min(max(known, 0), track.poses)
+    count = track.poses - first
+    if count <= _MOST_POINTS:
+        points = table_of(tracks.read(session, track, first=first), first=first)
+    else:
+        numbers = np.linspace(first, track.poses - 1, _MOST_POINTS).astype(np.int64)
+        points = table_of(tracks.at(session, track, numbers.tolist()), first=0)
+        points[:, 0] = numbers
+    return {**track_json(session, track), "new": points_json(points)}
+
+
+def _encoded(data: dict[str, Any], id: str) -> str:
+    return f"id: {id}\nevent: changed\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"
+
+
+def _stream(follower: _Follower, *, seconds: float, look_s: float) -> Iterator[str]:
     yield f"retry: {_RETRY_MS}\n\n"
     end = time.monotonic() + seconds
     alive = time.monotonic()
     while True:
-        text = told.next()
+        text = follower.next()
         if text is None:
             return
         if text or time.monotonic() - alive > _ALIVE_S:

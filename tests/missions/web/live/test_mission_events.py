@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from webapp.missions.web import events
+from webapp.missions.web import api_events
 from webapp.missions.web.state import cursor, read_cursor
 from webapp.settings import MissionSettings, Settings
 
@@ -145,7 +145,7 @@ def test_another_word_is_no_cursor(send, walk, follow):
 
 
 def test_of_very_many_objects_each_comes_once_in_several_events(send, follow, state, monkeypatch):
-    monkeypatch.setattr(events, "_MOST_OBJECTS", 10)
+    monkeypatch.setattr(api_events, "_MOST_OBJECTS", 10)
     known, first = state()["cursor"], 0
     for batch, count in enumerate([15, 4, 4, 4, 4, 4]):
         send([CAR | {"id": f"{batch}-{n}"} for n in range(count)], first=first)
