@@ -36,7 +36,7 @@ from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import queries_csv
-from webapp.files.localize.file_rows import FileRows, OpenFile
+from webapp.files.localize.arrays import FileRows, OpenFile
 from webapp.files.localize.models import network
 from webapp.files.photos.photo import read_gray
 from webapp.progress import Progress

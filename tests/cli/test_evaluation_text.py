@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from webapp.cli.evaluation_text import summary_table
+from webapp.cli.evaluate import summary_table
 from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.types import MapPixel

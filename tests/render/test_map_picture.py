@@ -9,9 +9,7 @@ from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.render.colours import EXPERIENCE, TRUTH, probability_colour
-from webapp.render.map_legend import BAND_PX, headline
-from webapp.render.map_picture import DISC_PX, draw_map
-from webapp.render.map_view import View, detail, overview, scale_bar
+from webapp.render.map_picture import BAND_PX, DISC_PX, View, detail, draw_map, headline, overview, scale_bar
 
 STATISTICS = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
 

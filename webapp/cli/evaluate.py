@@ -11,7 +11,6 @@ import click
 
 from webapp.cli import exitcodes
 from webapp.cli.build_text import tell_failed
-from webapp.cli.evaluation_text import summary_table
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
@@ -27,11 +26,46 @@ from webapp.configuration import load_settings
 from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
+from webapp.render.report import figures
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import evaluate as task
 from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
+
+
+def summary_table(evaluation: Evaluation) -> str:
+    """Write the figures as a table: what, value, 95 % interval.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+
+    Returns
+    -------
+    str
+        Lines without a line end after the last.
+    """
+    lines = figures(evaluation)
+    words, value = (
+        max(len(text) for text in texts) for texts in ([f.words for f in lines], [f.value for f in lines])
+    )
+    body = [f"{f.words:<{words}}  {f.value:>{value}}  {f.interval}".rstrip() for f in lines]
+    return "\n".join([heading(evaluation), "", *body])
+
+
+def heading(evaluation: Evaluation) -> str:
+    """Say in a line what was evaluated."""
+    subject = evaluation.subject
+    asked = {
+        "queries": f"{evaluation.summary.queries} queries",
+        "leave-one-out": f"{evaluation.summary.queries} of its own photos, each hidden",
+        "leave-one-place-out": f"{evaluation.summary.queries} of its own photos, "
+        f"all within {evaluation.hide_within_px or 0:.0f} px hidden",
+    }[evaluation.scheme]
+    photos = len(subject.map.experiences)
+    return f"{subject.method}, {subject.features}: map of {photos} photos, {asked}"
+
 
 _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
 

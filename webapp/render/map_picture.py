@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -11,10 +13,209 @@ from PIL import Image
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.core.mapmodel.model import Map
-from webapp.render.canvas import Canvas, Point
-from webapp.render.colours import EXPERIENCE, INK, PAPER, RGB, TRUTH, probability_colour, text_on
-from webapp.render.map_legend import BAND_PX, draw_legend
-from webapp.render.map_view import View, detail, ground, overview, scale_bar
+from webapp.render.canvas import Canvas, Point, text_width
+from webapp.render.colours import EXPERIENCE, INK, PAPER, QUIET, RGB, TRUTH, probability_colour, text_on
+
+MAX_SCALE = 8.0
+ZOOM = 3.0
+"""How much larger a detail is than the whole."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A part of the satellite image, scaled.
+
+    Attributes
+    ----------
+    left, top, right, bottom : int
+        Map pixels.
+    scale : float
+        Picture pixels a map pixel.
+    """
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    scale: float
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in the picture."""
+        width, height = (self.right - self.left) * self.scale, (self.bottom - self.top) * self.scale
+        return max(1, round(width)), max(1, round(height))
+
+    def shown(self, position: MapPixel) -> Point:
+        """Where a map position is in the view, counted from the centre of its first pixel."""
+        return (position.x - self.left) * self.scale - 0.5, (position.y - self.top) * self.scale - 0.5
+
+    def fitted(self, size: tuple[int, int]) -> View:
+        """Scale the same part to be as large as fits into `size`."""
+        width, height = self.right - self.left, self.bottom - self.top
+        scale = min(size[0] / width, size[1] / height, MAX_SCALE)
+        return View(self.left, self.top, self.right, self.bottom, scale)
+
+
+def overview(themap: Map, positions: list[MapPixel]) -> View:
+    """Show all experiences and all `positions` with a margin, at the image's own size."""
+    width, height = themap.satellite.width, themap.satellite.height
+    seen = np.array([*(e.position for e in themap.experiences), *positions], dtype=np.float64).reshape(-1, 2)
+    if not len(seen):
+        return View(0, 0, width, height, 1.0)
+    # A map with few photos still shows their surroundings: at least a quarter of the image.
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    spread = np.maximum(high - low, max(width, height) / 4) * 1.14
+    return _around((low + high) / 2, spread, (width, height), scale=1.0)
+
+
+def detail(themap: Map, whole: View, *, centre: MapPixel, size: tuple[int, int]) -> View:
+    """Show the surroundings of a position enlarged, in a picture of at most `size`."""
+    scale = min(ZOOM * whole.scale, MAX_SCALE)
+    spread = np.array(size, dtype=np.float64) / scale
+    image = themap.satellite.width, themap.satellite.height
+    return _around(np.array(centre), spread, image, scale=scale)
+
+
+def _around(
+    centre: NDArray[np.float64], spread: NDArray[np.float64], image: tuple[int, int], *, scale: float
+) -> View:
+    """Cut a box of this spread out of the image; where it would stick out it moves in, or is smaller."""
+    limit = np.array(image, dtype=np.float64)
+    spread = np.minimum(np.maximum(np.floor(spread), 1), limit)
+    left, top = np.floor(np.clip(centre - spread / 2, 0, limit - spread))
+    return View(int(left), int(top), int(left + spread[0]), int(top + spread[1]), scale)
+
+
+def ground(satellite: NDArray[np.uint8], themap: Map, *, view: View) -> NDArray[np.uint8]:
+    """Cut a view out of the satellite image, with its colours held back.
+
+    Parameters
+    ----------
+    satellite : (height, width, 3) uint8
+        Blue, green, red. It may have another size than the map states: positions follow the stated one.
+    themap : Map
+    view : View
+
+    Returns
+    -------
+    (height, width, 3) uint8
+        Red, green, blue.
+    """
+    height, width = satellite.shape[:2]
+    sx, sy = width / themap.satellite.width, height / themap.satellite.height
+    columns = slice(int(view.left * sx), max(int(view.left * sx) + 1, round(view.right * sx)))
+    rows = slice(int(view.top * sy), max(int(view.top * sy) + 1, round(view.bottom * sy)))
+    way = cv2.INTER_AREA if view.scale < 1 else cv2.INTER_CUBIC
+    part = cv2.resize(satellite[rows, columns], view.size, interpolation=way)
+    grey = cv2.cvtColor(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2RGB)
+    colour = cv2.cvtColor(part, cv2.COLOR_BGR2RGB)
+    return np.asarray(cv2.addWeighted(colour, 0.6, grey, 0.4, 0), dtype=np.uint8)
+
+
+def scale_bar(themap: Map, view: View) -> tuple[float, str]:
+    """Length in the picture and label of a round distance, at most 120 pixels long."""
+    middle = MapPixel((view.left + view.right) / 2, (view.top + view.bottom) / 2)
+    unit_px, unit = view.scale, "map pixels"
+    if themap.georeference is not None:
+        metres = themap.georeference.metres_per_pixel(middle)
+        if math.isfinite(metres) and metres > 0:
+            unit_px, unit = view.scale / metres, "m"
+    power = 10.0 ** math.floor(math.log10(120 / unit_px))
+    amount = max(step * power for step in (1, 2, 5) if step * power * unit_px <= 120)
+    return amount * unit_px, f"{amount:g} {unit}"
+
+
+BAND_PX = 104
+_NAMED = 5
+"""Places whose probability is written out; the colours tell the others."""
+
+_TEXT, _SMALL, _MARGIN, _BAR_PX = 20, 16, 16, 260
+
+
+def draw_legend(
+    canvas: Canvas, answer: Answer, *, top: int, scale_bar: tuple[float, str], truth: bool
+) -> None:
+    """Draw the legend.
+
+    Parameters
+    ----------
+    canvas : Canvas
+    answer : Answer
+    top : int
+        Where the band begins.
+    scale_bar : (float, str)
+        Length in pixels and label.
+    truth : bool
+        Whether the picture marks the true position.
+    """
+    canvas.text((_MARGIN, top + 34), headline(answer), size=_TEXT)
+    y = top + 70
+    x = _probability_bar(canvas, y)
+    x = _mark(canvas, (x, y), "photo of the map")
+    if any(h.radius_px is not None for h in answer.hypotheses):
+        x = _mark(canvas, (x, y), "68 % radius")
+    if truth:
+        x = _mark(canvas, (x, y), "true position")
+    length, label = scale_bar
+    right = canvas.size[0] - _MARGIN
+    canvas.line((right - length, y), (right, y), colour=INK, width=2)
+    for end in (right - length, right):
+        canvas.line((end, y - 5), (end, y + 5), colour=INK, width=2)
+    canvas.text((right, y + 22), label, size=_SMALL, colour=QUIET, anchor="rs")
+
+
+def headline(answer: Answer) -> str:
+    """Say the answer in a line: the places, or why there is none, and what is left for elsewhere."""
+    parts = []
+    if answer.hypotheses:
+        named = (f"{h.rank}: {_percent(h.probability)}" for h in answer.hypotheses[:_NAMED])
+        parts.append("Place " + ",  ".join(named))
+        if answer.abstained:
+            parts.insert(0, "Probably not on this map")
+    elif answer.no_pose is not None:
+        parts.append(f"No place found: {answer.no_pose.reason}")
+    if answer.other_probability > 0:
+        parts.append(f"places not shown: {_percent(answer.other_probability)}")
+    if answer.off_map_probability is not None:
+        parts.append(f"not on this map: {_percent(answer.off_map_probability)}")
+    return "  ·  ".join(parts)
+
+
+def _percent(probability: float) -> str:
+    percent = 100 * probability
+    if 0 < percent < 1:
+        return "under 1 %"
+    return "over 99 %" if 99 < percent < 100 else f"{percent:.0f} %"
+
+
+def _probability_bar(canvas: Canvas, y: int) -> float:
+    for i in range(_BAR_PX):
+        canvas.box((_MARGIN + i, y - 6), (1, 12), colour=probability_colour(i / (_BAR_PX - 1)))
+    for x, words, anchor in (
+        (_MARGIN, "0", "ls"),
+        (_MARGIN + _BAR_PX / 2, "probability of a place", "ms"),
+        (_MARGIN + _BAR_PX, "1", "rs"),
+    ):
+        canvas.text((x, y + 22), words, size=_SMALL, colour=QUIET, anchor=anchor)
+    return _MARGIN + _BAR_PX + 36
+
+
+def _mark(canvas: Canvas, at: tuple[float, int], words: str) -> float:
+    """Draw one mark with its meaning; gives where the next one begins."""
+    x, y = at
+    middle = (x + 8, y)
+    if words == "photo of the map":
+        canvas.disc(middle, 5, colour=INK)
+        canvas.disc(middle, 4, colour=EXPERIENCE)
+    elif words == "true position":
+        canvas.disc(middle, 2, colour=TRUTH)
+        for dx, dy in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            canvas.line((x + 8 + 5 * dx, y + 5 * dy), (x + 8 + 10 * dx, y + 10 * dy), colour=TRUTH, width=2)
+    else:
+        canvas.ring(middle, 8, colour=QUIET, width=2)
+    canvas.text((x + 26, y), words, size=_SMALL, colour=INK, anchor="lm")
+    return x + 26 + text_width(words, _SMALL) + 30
+
 
 WIDTH_PX = 1600
 HEIGHT_PX = 1100

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.sample.scene.facades import FLOOR_M, front
+from webapp.sample.scene.facades import FLOOR_M, front, window
 from webapp.sample.scene.masonry import PIXELS_PER_METRE, roof_surface, surface
-from webapp.sample.scene.openings import window
 from webapp.sample.scene.plan import Footprint
 from webapp.sample.scene.raster import Quad, Texture
 from webapp.sample.scene.style import Style
