@@ -22,9 +22,9 @@ from webapp.core.tuning import DEFAULT, Tuning, with_field
 from webapp.files.localize import queries_csv
 from webapp.files.localize.queries_csv import Query
 from webapp.progress import Progress
-from webapp.tasks.localize import orient_map, prepare
+from webapp.tasks.localize import orient_map
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.photo import PhotoLocalizer
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 
 WITHIN_PX = (10.0, 20.0, 50.0, 100.0)
 
@@ -41,7 +41,7 @@ def main() -> None:
     options = OpenOptions(
         method="verified", features=arguments.features, index=arguments.index, map_fov_deg=arguments.map_fov
     )
-    localizer = prepare.run(
+    localizer = open_pipeline(
         arguments.map, options, settings=load_settings(), progress=Progress(), fov_deg=arguments.fov
     )
     queries = queries_csv.select(queries_csv.read(arguments.queries), arguments.limit)
@@ -50,7 +50,7 @@ def main() -> None:
         print(_row(name, errors(tuned(localizer, tuning, map_fov=arguments.map_fov), queries)), flush=True)
 
 
-def tuned(localizer: PhotoLocalizer, tuning: Tuning, *, map_fov: float | None) -> PhotoLocalizer:
+def tuned(localizer: LocalizationPipeline, tuning: Tuning, *, map_fov: float | None) -> LocalizationPipeline:
     """Give a localizer other numbers; the map's extrinsics are estimated anew where theirs change."""
     opened = localizer.opened
     indexed = replace(opened.indexed, tuning=tuning)
@@ -60,7 +60,7 @@ def tuned(localizer: PhotoLocalizer, tuning: Tuning, *, map_fov: float | None) -
     return replace(localizer, opened=replace(opened, indexed=indexed))
 
 
-def errors(localizer: PhotoLocalizer, queries: list[Query]) -> list[float]:
+def errors(localizer: LocalizationPipeline, queries: list[Query]) -> list[float]:
     """Measure the error of the most probable place of each query, map pixels; infinite without one."""
     measured = []
     for query in queries:

@@ -5,7 +5,7 @@
 3. retrieve, verify, position: the map's photos that match, relative poses, positions (`core.localize`);
 4. calibrate: evidence becomes probabilities (`core.hypotheses.calibration`);
 5. prior: photos are taken where the photos of the map are, along the paths between them
-   (`core.hypotheses.paths`).
+   (`core.hypotheses.path_prior`).
 
 `observe` stops before the prior: several photos of one spot (`spot.py`) and the frames of a sequence
 (`sequence.py`) are combined first, and have priors of their own.
