@@ -64,3 +64,34 @@ class Odometer:
         travelled = self.metres + np.cumsum(steps_m(np.concatenate([begin, latlon])))
         self._last, self.metres = latlon[-1:], float(travelled[-1])
         return travelled
+
+
+def fill_travelled(
+    latlon: NDArray[np.float64],
+    travelled_m: NDArray[np.float64],
+    *,
+    before: tuple[float, float, float] | None,
+) -> NDArray[np.float64]:
+    """Fill in the distance travelled where a pose lacks it, by the steps since the last pose that has it.
+
+    Parameters
+    ----------
+    latlon : (n, 2) float64
+        Degrees north, degrees east.
+    travelled_m : (n,) float64
+        Metres; NaN where unknown.
+    before : (float, float, float) or None
+        Degrees north, degrees east and metres travelled of the pose before all these; None at the begin of a
+        track.
+
+    Returns
+    -------
+    (n,) float64
+    """
+    if not np.isnan(travelled_m).any():
+        return travelled_m
+    lat, lon, metres = before or (*latlon[0], 0.0)
+    known = np.concatenate([[metres], travelled_m])
+    way = np.concatenate([[0.0], np.cumsum(steps_m(np.vstack([[lat, lon], latlon])))])
+    last = np.maximum.accumulate(np.where(np.isnan(known), 0, np.arange(len(known))))
+    return np.asarray((known[last] + way - way[last])[1:], dtype=np.float64)

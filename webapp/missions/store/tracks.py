@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from sqlalchemy import Select, delete, select
 from sqlalchemy.orm import Session
 
+from webapp.core.trajectory.distance import fill_travelled
 from webapp.core.trajectory.records import Poses, join, make_poses
-from webapp.core.trajectory.travelled import filled
 from webapp.errors import NotFound
 from webapp.missions.store.schema import Pose, Track, TrackPiece, TrackProfile
 from webapp.store.operate import jobs
@@ -85,7 +85,7 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
     track.skipped += skipped
     if not len(poses):
         return
-    travelled = filled(poses.latlon, poses.travelled_m, before=_end(session, track))
+    travelled = fill_travelled(poses.latlon, poses.travelled_m, before=_end(session, track))
     numbers = range(track.poses, track.poses + len(poses))
     columns = (
         poses.times_s.tolist(),
