@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from webapp.jobs import kinds
 from webapp.jobs.kinds import Duties
-from webapp.missions import jobs as mission_jobs
 from webapp.missions.tasks import delete as delete_mission
 
+_KINDS = {
+    **kinds.KINDS,
+    "mission-delete": "webapp.missions.jobs:delete_mission",
+    "mission-fix": "webapp.missions.jobs:localize_mission_photos",
+    "mission-fuse": "webapp.missions.jobs:fuse_mission",
+    "mission-import": "webapp.missions.jobs:import_mission_file",
+    "mission-pieces": "webapp.missions.jobs:build_track_pieces",
+    "sample": "webapp.sample.job:run",
+}
+"""Name of each kind of job to "module:function", imported when the first job of its kind comes."""
+
 DUTIES = Duties(
-    kinds={**kinds.KINDS, **mission_jobs.KINDS, "sample": "webapp.sample.job:run"},
+    kinds=_KINDS,
     sweeps=(delete_mission.sweep,),
 )

@@ -22,13 +22,13 @@ Sweep = Callable[[Library], object]
 """Deletes what interrupted work has left behind."""
 
 KINDS: dict[str, str] = {
-    "evaluate": "webapp.jobs.evaluate:run",
-    "export": "webapp.jobs.export:run",
-    "health": "webapp.jobs.health:run",
-    "import": "webapp.jobs.import_map:run",
-    "index": "webapp.jobs.index:run",
-    "satellite-pyramid": "webapp.jobs.satellite_pyramid:run",
-    "satellite-tiles": "webapp.jobs.satellite_tiles:run",
+    "evaluate": "webapp.jobs.map_jobs:evaluate_map",
+    "export": "webapp.jobs.map_jobs:export_map_file",
+    "health": "webapp.jobs.map_jobs:find_weak_photos",
+    "import": "webapp.jobs.map_jobs:import_map_zip",
+    "index": "webapp.jobs.map_jobs:build_map_index",
+    "satellite-pyramid": "webapp.jobs.map_jobs:make_satellite_tiles",
+    "satellite-tiles": "webapp.jobs.map_jobs:fetch_satellite_tiles",
 }
 """Name of each kind to "module:function"."""
 

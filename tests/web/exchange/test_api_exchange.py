@@ -6,8 +6,7 @@ import zipfile
 
 import pytest
 
-from webapp.jobs import export as export_job
-from webapp.jobs import import_map as import_job
+from webapp.jobs import map_jobs
 from webapp.jobs.context import Context
 from webapp.jobs.progress import JobProgress
 from webapp.store.operate import jobs
@@ -155,7 +154,7 @@ def test_a_large_zip_is_imported_by_a_job(client, park, work, monkeypatch, libra
     answer = bring(client, client.get(f"/api/v1/maps/{park}/export.zip").data, name="Later")
     assert answer.status_code == 202 and answer.json["slug"] == "later"
     assert client.get("/api/v1/maps/later").json["photos"] == []
-    assert work(import_job.run) == {"findings": [], "left_out": []}
+    assert work(map_jobs.import_map_zip) == {"findings": [], "left_out": []}
     assert len(client.get("/api/v1/maps/later").json["photos"]) == 3
     assert list((library.inner / "imports").iterdir()) == []
 
@@ -163,7 +162,7 @@ def test_a_large_zip_is_imported_by_a_job(client, park, work, monkeypatch, libra
 def test_an_export_by_a_job_is_fetched(client, park, work):
     answer = client.post(f"/api/v1/maps/{park}/exports", json={"format": "kmz"})
     assert answer.status_code == 202
-    done = work(export_job.run)
+    done = work(map_jobs.export_map_file)
     with client.get(f"/api/v1/maps/{park}/exports/{done['file']}") as fetched:
         assert fetched.data.startswith(b"PK") and "attachment" in fetched.headers["Content-Disposition"]
     assert client.post(f"/api/v1/maps/{park}/exports", json={"format": "exe"}).status_code == 422

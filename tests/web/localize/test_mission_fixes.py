@@ -13,7 +13,7 @@ from sqlalchemy import select
 from webapp.app.jobs import DUTIES
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.jobs import index
+from webapp.jobs import map_jobs
 from webapp.jobs.worker import Worker
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import MissionPhoto
@@ -178,7 +178,7 @@ def test_the_index_is_built_where_it_is_missing(
         shutil.copytree(ready_sample / "derived", derived, dirs_exist_ok=True)
         return {}
 
-    monkeypatch.setattr(index, "run", build)
+    monkeypatch.setattr(map_jobs, "build_map_index", build)
     send(f"{mission}/photos?fix=1", queries / "query_01.jpg", time=10)
     Worker(library, settings, duties=DUTIES).run(once=True)
     assert client.get(f"{mission}/photos").json["photos"][0]["fix_state"] == "done"

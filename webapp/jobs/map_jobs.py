@@ -1,0 +1,169 @@
+"""The jobs of maps; `kinds.py` names them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from webapp.core.geo.tilegrid import Box
+from webapp.errors import NotFound
+from webapp.jobs.context import Context
+from webapp.render import export_file
+from webapp.store.maps import maps
+from webapp.tasks.exchange import import_map
+from webapp.tasks.exchange.import_map import archive_path
+from webapp.tasks.localize import build_map, evaluate, stored_evaluation
+from webapp.tasks.localize.calibrate import MOST_PHOTOS
+from webapp.tasks.localize.evaluation_types import EvaluateOptions
+from webapp.tasks.localize.map_cache import MethodChoice
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.maps import export, health
+from webapp.tasks.satellite import display, tiles
+from webapp.tasks.satellite.apply import Choice, set_image
+from webapp.tasks.satellite.tiles import TileWish
+from webapp.tasks.satellite.unused import taken_back_if_refused
+
+_NAMED = 100
+"""At most so many photos or findings are named in a result."""
+
+
+def build_map_index(context: Context) -> dict[str, Any]:
+    """Build a map's index and calibration, as `expmap build` does; interrupted, finished parts stay.
+
+    The arguments `features` and `method` name others than the library's own.
+    """
+    usual = MethodChoice()
+    way = MethodChoice(
+        context.arguments.get("method", usual.method), context.arguments.get("features") or usual.features
+    )
+    method, features = way.resolved()
+    library, record = context.library, context.map()
+    export.export_map(library, record.id)
+    with library.database.read() as session:
+        _, placed = maps.counts(session, record)
+    by_network = [placed] if method == "thorough" else []
+    context.progress.plan(placed, placed, *by_network, min(placed, MOST_PHOTOS))
+    context.progress.note("describing photos")
+    report = build_map.build_map(
+        library.cfg(record.slug),
+        OpenOptions(method=method, features=features),
+        settings=context.settings,
+        progress=context.progress,
+    )
+    failed = [{"id": id, "photo": photo, "reason": reason} for id, photo, reason in report.index.failed]
+    return {
+        "photos": report.index.photos,
+        "computed": report.index.extracted,
+        "failed": failed[:_NAMED],
+        "features": report.features,
+        "method": method,
+        "seconds": round(report.index.seconds + (report.calibration_seconds or 0.0), 3),
+    }
+
+
+def evaluate_map(context: Context) -> dict[str, Any]:
+    """Localize each of a map's own photos as if it were not on the map, and keep the report.
+
+    The argument `limit` takes so many photos, evenly spread over the map.
+    """
+    library, record = context.library, context.map()
+    export.export_map(library, record.id)
+    cfg = library.cfg(record.slug)
+    with library.database.read() as session:
+        _, placed = maps.counts(session, record)
+    limit: int | None = context.arguments.get("limit")
+    context.progress.plan(0, min(placed, MOST_PHOTOS), 2 * min(placed, limit or placed))
+    context.progress.note("preparing the map")
+    localizer = open_pipeline(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
+    done = evaluate.evaluate_self(
+        with_hidden_photos(localizer),
+        map_folder=cfg.parent,
+        options=EvaluateOptions(limit=limit),
+        progress=context.progress,
+    )
+    forms = stored_evaluation.keep(cfg, done)
+    return {form["scheme"]: {name: form[name] for name in form if name != "per_query"} for form in forms}
+
+
+def find_weak_photos(context: Context) -> dict[str, Any]:
+    """Find photos that look alike, stand alone or show one side only; keep that beside the index."""
+    library, record = context.library, context.map()
+    export.export_map(library, record.id)
+    with library.database.read() as session:
+        _, placed = maps.counts(session, record)
+    context.progress.plan(0, min(placed, MOST_PHOTOS), 2 * min(placed, health.LIMIT))
+    found = health.run(library.cfg(record.slug), settings=context.settings, progress=context.progress)
+    return dict(Counter(photo["state"] for photo in found["photos"]))
+
+
+def import_map_zip(context: Context) -> dict[str, Any]:
+    """Import an uploaded zip into a map that is still empty.
+
+    The argument `token` names the zip. It is deleted once the map is there.
+    """
+    record = context.map()
+    archive = archive_path(context.library, context.arguments["token"])
+    if not archive.is_file():
+        raise NotFound("the uploaded zip is not there any more", hint="upload it again")
+    done = import_map.run_into(
+        context.library,
+        archive,
+        map_id=record.id,
+        settings=context.settings,
+        progress=context.progress,
+        writes=context.write,
+    )
+    archive.unlink(missing_ok=True)
+    findings = [{"code": f.code, "message": f.message, "fix": f.fix} for f in done.findings]
+    return {"findings": findings[:_NAMED], "left_out": list(done.left_out[:_NAMED])}
+
+
+def export_map_file(context: Context) -> dict[str, Any]:
+    """Export a map to a file, which is kept to be fetched; the argument `format` says of which kind."""
+    record = context.map()
+    download = export_file.run(
+        context.library,
+        record.id,
+        form=context.arguments["format"],
+        settings=context.settings,
+        progress=context.progress,
+    )
+    name = export_file.keep(context.library, record.slug, download=download)
+    return {"file": name, "media_type": download.media_type, "revision": record.revision}
+
+
+def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
+    """Set a map's image from a tile service; tiles that are there already are not fetched again."""
+    record = context.map()
+    asked = context.arguments
+    box = Box(**{name: float(asked[name]) for name in Box._fields})
+    fetched = tiles.run(
+        context.library,
+        record.id,
+        wish=TileWish(str(asked["service"]), box, int(asked["zoom"])),
+        settings=context.settings,
+        progress=context.progress,
+    )
+    choice = Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
+    with taken_back_if_refused(context.library, record.id, name=fetched.new.path):
+        applied = set_image(context.changing, record.id, new=fetched.new, choice=choice)
+    return {
+        "width": fetched.new.image.width,
+        "height": fetched.new.image.height,
+        "metres_per_pixel": fetched.metres_per_pixel,
+        "tiles": fetched.tiles,
+        "missing": fetched.missing,
+        "attribution": fetched.attribution,
+        "warnings": list(fetched.warnings),
+        "to_tray": applied.to_tray,
+        "from_tray": applied.from_tray,
+    }
+
+
+def make_satellite_tiles(context: Context) -> dict[str, Any]:
+    """Make tiles for display of a map's large image, where it has none yet."""
+    made = display.make_tiles(
+        context.library, context.map().id, settings=context.settings, progress=context.progress
+    )
+    return {"tiles": made}

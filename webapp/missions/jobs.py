@@ -1,0 +1,84 @@
+"""The jobs of missions; `webapp.app.jobs` names them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from webapp.errors import IndexDamaged, InputError, NotFound, NotReady, UsageError
+from webapp.jobs import map_jobs
+from webapp.jobs.context import Context
+from webapp.missions.tasks import build_pieces, delete, fuse, import_file, localize_photos
+from webapp.missions.tasks.upload import order_of, waiting_path
+from webapp.tasks.localize.map_cache import MapCache
+
+_LISTED = 100
+"""At most so many rejected fixes are listed in the result of a fusion; the report has all."""
+
+
+def import_mission_file(context: Context) -> Mapping[str, Any]:
+    """Import an uploaded file into a mission.
+
+    The argument `token` names the file. It is deleted once all of it is there.
+    """
+    arguments = context.arguments
+    path = waiting_path(context.library, arguments["token"])
+    if not path.is_file():
+        raise NotFound("the uploaded file is not there any more", hint="upload it again")
+    try:
+        done = import_file.run(
+            context.library,
+            int(arguments["mission"]),
+            order=order_of(path, arguments),
+            settings=context.settings,
+            progress=context.progress,
+            writes=context.write,
+        )
+    except (InputError, UsageError):
+        path.unlink(missing_ok=True)  # it is refused the next time too
+        raise
+    path.unlink(missing_ok=True)
+    return asdict(done) | {"mission": int(arguments["mission"])}
+
+
+def localize_mission_photos(context: Context) -> dict[str, Any]:
+    """Localize what waits on the mission that the argument `mission` names; what is done stays so."""
+    try:
+        return _localize(context)
+    except (NotReady, IndexDamaged):
+        context.progress.note("building the index of the map")
+        map_jobs.build_map_index(replace(context, arguments={}))
+        return _localize(context)
+
+
+def _localize(context: Context) -> dict[str, Any]:
+    return localize_photos.run(
+        context.library,
+        int(context.arguments["mission"]),
+        map_cache=MapCache(context.library, context.settings),
+        settings=context.settings,
+        write=context.write,
+        progress=context.progress,
+    )
+
+
+def fuse_mission(context: Context) -> dict[str, Any]:
+    """Fuse the mission that the argument `mission` names; killed, the former fused track stays."""
+    report = fuse.run(
+        context.library, int(context.arguments["mission"]), write=context.write, progress=context.progress
+    )
+    return {**report, "gated": report["gated"][:_LISTED]}
+
+
+def build_track_pieces(context: Context) -> dict[str, Any]:
+    """Prepare what is new of the mission that the argument `mission` names; what is finished stays so."""
+    mission_id = int(context.arguments["mission"])
+    built = build_pieces.run(context.library, mission_id, write=context.write, progress=context.progress)
+    return {"pieces": built}
+
+
+def delete_mission(context: Context) -> None:
+    """Delete the mission that the argument `mission` names; what is deleted stays so."""
+    mission_id = int(context.arguments["mission"])
+    delete.run(context.library, mission_id, write=context.write, progress=context.progress)
