@@ -10,6 +10,7 @@ from sqlalchemy import ForeignKey, Index, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from webapp.store.base import Base as Base
+from webapp.store.base import ShareColumns
 from webapp.store.clock import now
 
 
@@ -295,23 +296,14 @@ class QueryRecord(Base):
     """That the sender chose: sent once more with it, the photo is not asked about again."""
 
 
-class Share(Base):
+class Share(ShareColumns, Base):
     """A view of a map, or of one answer, that is open without a sign-in."""
 
     __tablename__ = "share"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), index=True)
     query_id: Mapped[int | None] = mapped_column(ForeignKey("query.id", ondelete="CASCADE"))
     """Of the only answer that is shown; None for the whole map."""
-    token_hash: Mapped[str] = mapped_column(unique=True)
-    public_token: Mapped[str | None]
-    """The end of the address, of a share that is listed for everybody; of a secret one nothing is kept."""
-    account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
-    """Who made it."""
-    created_at: Mapped[datetime] = mapped_column(default=now)
-    photos: Mapped[bool] = mapped_column(default=False)
-    """Whether previews of photos are shown."""
     localize: Mapped[bool] = mapped_column(default=False)
     """Whether visitors may ask about photos of their own."""
     originals: Mapped[bool] = mapped_column(default=False)

@@ -8,6 +8,7 @@ import piexif
 import pytest
 from PIL import Image
 
+from webapp.errors import NotFound
 from webapp.store.localize import queries
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, QueryRecord, Share
@@ -337,5 +338,5 @@ def test_shares_are_found_by_their_token_alone(library, full, owner):
         record = maps.find(session, full, account=owner)
         made, token = shares.create(session, record, allows=shares.Allows(), account_id=owner.id)
         assert shares.opened(session, token).map.id == record.id
-        with pytest.raises(shares.NotFound):
+        with pytest.raises(NotFound):
             shares.opened(session, made.token_hash)

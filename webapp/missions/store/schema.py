@@ -11,6 +11,7 @@ from typing import Any
 from sqlalchemy import ForeignKey, Index, LargeBinary, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
+from webapp.store.base import ShareColumns
 from webapp.store.clock import now
 from webapp.store.schema import Base
 
@@ -233,18 +234,9 @@ class MissionPhoto(Base):
     """`queued`, `done` or `failed`; None where nobody asked."""
 
 
-class MissionShare(Base):
+class MissionShare(ShareColumns, Base):
     """A view of a mission that is open without a sign-in."""
 
     __tablename__ = "mission_share"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"), index=True)
-    token_hash: Mapped[str] = mapped_column(unique=True)
-    public_token: Mapped[str | None]
-    """The end of the address, of a share that is listed for everybody; of a secret one nothing is kept."""
-    account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
-    """Who made it."""
-    created_at: Mapped[datetime] = mapped_column(default=now)
-    photos: Mapped[bool] = mapped_column(default=False)
-    """Whether photos are shown."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import secrets
 from dataclasses import dataclass
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.errors import NotFound
 from webapp.missions.store.schema import Mission, MissionShare
-from webapp.store.accounts.accounts import hashed
+from webapp.store.sharing import links
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,23 +48,13 @@ def create(
     str
         End of its address. Of a secret one it is kept nowhere, only its hash.
     """
-    token = secrets.token_urlsafe(24)
-    share = MissionShare(
-        mission_id=mission.id,
-        token_hash=hashed(token),
-        public_token=token if public else None,
-        account_id=account_id,
-        photos=photos,
-    )
-    session.add(share)
-    session.flush()
-    return share, token
+    share = MissionShare(mission_id=mission.id, account_id=account_id, photos=photos)
+    return share, links.open_link(session, share, public=public)
 
 
 def listed(session: Session, mission: Mission) -> list[MissionShare]:
     """List the shares of a mission, the newest first."""
-    found = select(MissionShare).where(MissionShare.mission_id == mission.id)
-    return list(session.scalars(found.order_by(MissionShare.id.desc())))
+    return links.listed(session, MissionShare, where=MissionShare.mission_id == mission.id)
 
 
 def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
@@ -76,28 +64,21 @@ def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
     ------
     NotFound
     """
-    share = session.get(MissionShare, id)
-    if share is None or share.mission_id != mission.id:
-        raise NotFound("the mission has no such link", hint="it may have been taken back: reload the page")
-    return share
+    return links.find(session, MissionShare, id=id, where=MissionShare.mission_id == mission.id)
 
 
 def opened(session: Session, token: str) -> OpenedMission:
-    """Tell what the end of an address opens.
+    """Find what the end of an address opens.
 
     Raises
     ------
     NotFound
-        Nothing: it was never one, it was taken back, or the mission is in the bin. Visitors are not told
-        which.
+        It opens nothing, or the mission is in the bin.
     """
-    found = select(MissionShare).where(MissionShare.token_hash == hashed(token))
-    share = session.scalars(found).first()
+    share = links.by_token(session, MissionShare, token)
     mission = None if share is None else session.get_one(Mission, share.mission_id)
     if share is None or mission is None or mission.binned_at is not None:
-        raise NotFound(
-            "this link is not valid, or no longer valid", hint="ask the person who sent it for a new one"
-        )
+        raise links.not_valid()
     return OpenedMission(share, mission)
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import secrets
 from dataclasses import dataclass
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.errors import NotFound
-from webapp.store.accounts.accounts import hashed
 from webapp.store.localize import queries
 from webapp.store.schema import MapRecord, QueryRecord, Share
+from webapp.store.sharing import links
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,18 +85,9 @@ def create(
     """
     if query_id is not None:
         queries.find(session, record, query_id)
-    token = secrets.token_urlsafe(24)
-    share = Share(
-        map_id=record.id,
-        query_id=query_id,
-        token_hash=hashed(token),
-        public_token=token if public else None,
-        account_id=account_id,
-    )
+    share = Share(map_id=record.id, query_id=query_id, account_id=account_id)
     change(share, allows)
-    session.add(share)
-    session.flush()
-    return share, token
+    return share, links.open_link(session, share, public=public)
 
 
 def change(share: Share, allows: Allows) -> None:
@@ -110,8 +99,7 @@ def change(share: Share, allows: Allows) -> None:
 
 def listed(session: Session, record: MapRecord) -> list[Share]:
     """List the shares of a map and of its answers, the newest first."""
-    found = select(Share).where(Share.map_id == record.id)
-    return list(session.scalars(found.order_by(Share.id.desc())))
+    return links.listed(session, Share, where=Share.map_id == record.id)
 
 
 def find(session: Session, record: MapRecord, id: int) -> Share:
@@ -121,26 +109,21 @@ def find(session: Session, record: MapRecord, id: int) -> Share:
     ------
     NotFound
     """
-    share = session.get(Share, id)
-    if share is None or share.map_id != record.id:
-        raise NotFound("the map has no such link", hint="it may have been taken back: reload the page")
-    return share
+    return links.find(session, Share, id=id, where=Share.map_id == record.id)
 
 
 def opened(session: Session, token: str) -> Opened:
-    """Tell what the end of an address opens.
+    """Find what the end of an address opens.
 
     Raises
     ------
     NotFound
-        Nothing: it was never one, it was taken back, or the map is in the bin. Visitors are not told which.
+        It opens nothing, or the map is in the bin.
     """
-    share = session.scalars(select(Share).where(Share.token_hash == hashed(token))).first()
+    share = links.by_token(session, Share, token)
     record = None if share is None else session.get_one(MapRecord, share.map_id)
     if share is None or record is None or record.binned_at is not None:
-        raise NotFound(
-            "this link is not valid, or no longer valid", hint="ask the person who sent it for a new one"
-        )
+        raise links.not_valid()
     query = None if share.query_id is None else session.get_one(QueryRecord, share.query_id)
     return Opened(share, record, query)
 
