@@ -130,7 +130,7 @@ def test_time_goes_back_and_runs(page, mission, send):
     expect(by_id(page, "play")).to_have_accessible_name("Pause")
     by_id(page, "play").click()
     expect(by_id(page, "play")).to_have_accessible_name("Replay")
-    page.get_by_role("button", name="Now").click()
+    page.get_by_role("button", name="Follow latest").click()
     wait_for_pixels(page, lambda count: count >= whole * 0.9)
     expect(by_id(page, "profile-facts")).to_contain_text("Distance")
     page.get_by_role("button", name="Height").click()
