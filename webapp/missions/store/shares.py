@@ -75,7 +75,7 @@ def opened(session: Session, token: str) -> OpenedMission:
     NotFound
         It opens nothing, or the mission is in the bin.
     """
-    share = links.by_token(session, MissionShare, token)
+    share = links.by_token(session, MissionShare, token=token)
     mission = None if share is None else session.get_one(Mission, share.mission_id)
     if share is None or mission is None or mission.binned_at is not None:
         raise links.not_valid()

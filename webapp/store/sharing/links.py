@@ -63,7 +63,7 @@ def find(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bo
     return share
 
 
-def by_token(session: Session, kind: type[Kind], token: str) -> Kind | None:
+def by_token(session: Session, kind: type[Kind], *, token: str) -> Kind | None:
     """Find the share that the end of an address opens."""
     return session.scalars(select(kind).where(kind.token_hash == hashed(token))).first()
 

@@ -120,7 +120,7 @@ def opened(session: Session, token: str) -> Opened:
     NotFound
         It opens nothing, or the map is in the bin.
     """
-    share = links.by_token(session, Share, token)
+    share = links.by_token(session, Share, token=token)
     record = None if share is None else session.get_one(MapRecord, share.map_id)
     if share is None or record is None or record.binned_at is not None:
         raise links.not_valid()
