@@ -86,7 +86,9 @@ def recorded(path: Path) -> tuple[Poses | None, Poses | None]:
 
 
 def _read(path: Path, source: str, first: LatLon) -> Poses | None:
-    read = read_track.run(path, options=ReadOptions(start=Start(first, 90.0), min_move=MinMove(0.0, "m")))
+    read = read_track.read_track(
+        path, options=ReadOptions(start=Start(first, 90.0), min_move=MinMove(0.0, "m"))
+    )
     return next((track.poses for track in read.tracks if track.source == source), None)
 
 

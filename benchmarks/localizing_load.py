@@ -101,7 +101,7 @@ def _copy_map(source: Path, library: Path) -> None:
     shutil.copytree(source, library / SLUG, ignore=shutil.ignore_patterns("derived"))
     with opened.database.write() as session:
         owner = accounts.ensure_owner(session)
-    adopt_map.run(opened, SLUG, account_id=owner.id)
+    adopt_map.adopt_map(opened, SLUG, account_id=owner.id)
     opened.database.close()
 
 

@@ -159,7 +159,7 @@ def _wander(count: int) -> Poses:
 def _prepare(library: Library, mission: int) -> float:
     """Prepare the track for display, as the background does; gives seconds."""
     begun = time.perf_counter()
-    build_pieces.run(library, mission, write=library.database.write, progress=Progress())
+    build_pieces.build_pieces(library, mission, write=library.database.write, progress=Progress())
     return round(time.perf_counter() - begun, 1)
 
 

@@ -200,7 +200,7 @@ def _compare(library: Library, folder: Path, arguments: argparse.Namespace) -> d
         other = missions.create(session, "Imported", account_id=owner.id).id
     options = ReadOptions(min_move=parse_min_move(arguments.min_move), topics=("/fix",))
     order = Order(arguments.bag, arguments.bag.name, options)
-    import_file.run(library, other, order=order, settings=Settings(library=library.folder))
+    import_file.import_track_file(library, other, order=order, settings=Settings(library=library.folder))
     with library.database.read() as session:
         sent, poses = _track(session, spool.identity.mission)
         imported, expected = _track(session, other)

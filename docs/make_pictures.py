@@ -27,7 +27,7 @@ def main() -> None:
     """Write all pictures."""
     settings = Settings()
     with tempfile.TemporaryDirectory() as folder:
-        cfg = make.run(Path(folder) / "sample", settings=settings, progress=Progress()).cfg_path
+        cfg = make.make_sample(Path(folder) / "sample", settings=settings, progress=Progress()).cfg_path
         localizer = open_pipeline(cfg, OpenOptions(), settings=settings, progress=Progress())
         query = cfg.parent / QUERY
         answer = localizer.localize(query, top=5)

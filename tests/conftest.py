@@ -55,7 +55,9 @@ def sample_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.getbasetemp()
     base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     with FileLock(base / "sample.lock"):
-        report = make_sample.run(base / "library" / "sample", settings=Settings(), progress=Progress())
+        report = make_sample.make_sample(
+            base / "library" / "sample", settings=Settings(), progress=Progress()
+        )
     return report.cfg_path.parent
 
 

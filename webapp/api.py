@@ -59,7 +59,6 @@ class PhotoMap:
 
         Parameters
         ----------
-        photo : str or Path
         top : int
             At most so many hypotheses.
 
@@ -88,7 +87,6 @@ class PhotoMap:
         ----------
         queries : str or Path
             Table `path;x;y` with a header; paths are relative to it, positions are map pixels.
-        options : EvaluateOptions, optional
         progress : Progress, optional
             One step a photo.
 
@@ -182,7 +180,7 @@ def place_photos(
     GeoreferenceError, TableError, PhotoError
         The georeference, the positions or the image cannot be read.
     """
-    return from_photos.run(
+    return from_photos.map_from_photos(
         Path(folder),
         options=options,
         settings=settings or load_settings(),

@@ -41,7 +41,6 @@ class Setting:
     key : str
         Section and name, or the name alone.
     kind : {int, float, str, Path}
-    default : object
     minimum : AtLeast or None
         Least number; None where it only has to be more than 0.
     """
@@ -100,8 +99,6 @@ class Effective:
 
     Attributes
     ----------
-    setting : Setting
-    value : object
     source : str
         The variable or the file that it is from, or "default".
     """

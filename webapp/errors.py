@@ -90,10 +90,8 @@ class TooMany(ExpMapError):
 
     Parameters
     ----------
-    message : str
     wait_s : int
         Seconds after which to try again.
-    where, hint : str, optional
     """
 
     def __init__(
@@ -120,12 +118,10 @@ class CfgError(MapError):
 
     Parameters
     ----------
-    message : str
     line, column : int
         Both from 1; the column counts characters.
     where : str, optional
         The file.
-    hint : str, optional
     """
 
     def __init__(

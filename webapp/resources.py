@@ -22,10 +22,6 @@ def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     package : Path
         Folder of the package.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     MissingPart

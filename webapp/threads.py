@@ -25,7 +25,6 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
     ----------
     function : callable
         Safe to be called from several threads at once.
-    items : iterable
 
     Returns
     -------

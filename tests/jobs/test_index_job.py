@@ -19,7 +19,7 @@ def row(library, make_map):
     make_map(library.map_folder("row"), 4)
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
-    return adopt_map.run(library, "row", account_id=owner.id)
+    return adopt_map.adopt_map(library, "row", account_id=owner.id)
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_a_map_without_image_has_no_index_and_says_so(library, quick, queue, see
 def test_the_sample_of_a_new_library_is_made_once(library, settings, queue, seen, monkeypatch, make_map):
     made = []
     monkeypatch.setattr(
-        "webapp.sample.make.run",
+        "webapp.sample.make.make_sample",
         lambda _folder, *, settings, progress: made or made.append(make_map(settings.library / "sample", 2)),
     )
     with library.database.write() as session:

@@ -26,7 +26,7 @@ SETTINGS = Settings()
 
 
 def make(folder, **options):
-    return make_sample.run(folder, settings=SETTINGS, progress=Progress(), **options)
+    return make_sample.make_sample(folder, settings=SETTINGS, progress=Progress(), **options)
 
 
 def content(folder):
@@ -41,7 +41,7 @@ def small(tmp_path_factory):
 
 
 def test_the_map_is_clean(sample_folder):
-    report = check_map.run(sample_folder / "map.cfg", settings=SETTINGS, progress=Progress())
+    report = check_map.check_map(sample_folder / "map.cfg", settings=SETTINGS, progress=Progress())
     assert (report.photos, report.errors) == (60, 0)
     # the queries lie beside the map on purpose
     assert [f.message for f in report.findings if "'queries/" not in f.message] == []
@@ -77,7 +77,9 @@ def test_the_photos_make_the_map_again(sample_folder, tmp_path):
         copy=True,
     )
     options.cfg.parent.mkdir()
-    from_photos.run(sample_folder / "photos", options=options, settings=SETTINGS, progress=Progress())
+    from_photos.map_from_photos(
+        sample_folder / "photos", options=options, settings=SETTINGS, progress=Progress()
+    )
     again, truth = read_map(options.cfg), read_map(sample_folder / "map.cfg")
     assert len(again.experiences) == 60
     for ours, theirs in zip(truth.experiences, again.experiences, strict=True):
@@ -208,7 +210,7 @@ class Stopping(Progress):
 def test_stopping_leaves_nothing_behind(tmp_path):
     progress = Stopping()
     with pytest.raises(Cancelled):
-        make_sample.run(tmp_path / "sample", settings=SETTINGS, progress=progress, size=SMALL)
+        make_sample.make_sample(tmp_path / "sample", settings=SETTINGS, progress=progress, size=SMALL)
     assert progress.total == SMALL.photos + SMALL.queries + 2
     assert list(tmp_path.iterdir()) == []
 

@@ -104,9 +104,9 @@ def add_mission(library, settings, owner):
             id = missions.create(session, "Round", account_id=owner.id, map_id=map_id).id
         spot = {"time": 1.0, "lat": 60.4, "lon": 26.5}
         records = [{"type": "pose", **spot}, {"type": "object", "id": "car-1", "class": "car", **spot}]
-        store_batch.run(library, id, records=records, place=Numbered("robot", 0))
+        store_batch.store_batch(library, id, records=records, place=Numbered("robot", 0))
         (library.uploads / "m.part").write_bytes(picture())
-        photo = add_photo.run(
+        photo = add_photo.add_mission_photo(
             library,
             id,
             source=library.uploads / "m.part",
@@ -135,7 +135,7 @@ def fresh(library, owner, make_map, add_mission):
         slug = f"park-{next(numbers)}"
         cfg = make_map(library.map_folder(slug), 2)
         cfg.with_name("map.json").write_text(json.dumps(GEO))
-        map_id = adopt_map.run(library, slug, account_id=owner.id)
+        map_id = adopt_map.adopt_map(library, slug, account_id=owner.id)
         with library.database.write() as session:
             record = session.get_one(MapRecord, map_id)
             row = QueryRecord(

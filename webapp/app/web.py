@@ -24,7 +24,6 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
 
     Parameters
     ----------
-    settings : Settings
     library : Library, optional
         Opened already; else that of the settings is opened.
 

@@ -44,7 +44,9 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
     opened = open_library(folder)
     try:
         with terminal_progress("copying") as progress:
-            report = backup_library.run(opened, file, parts=composition.library_parts(), progress=progress)
+            report = backup_library.back_up(
+                opened, file, parts=composition.library_parts(), progress=progress
+            )
     finally:
         opened.database.close()
     for name in report.missing:
@@ -70,7 +72,7 @@ def restore(composition: Composition, file: Path, library: Path | None, force: b
     """
     folder = _folder(library)
     with terminal_progress("unpacking") as progress:
-        report = restore_library.run(
+        report = restore_library.restore(
             file, folder, parts=composition.library_parts(), force=force, progress=progress
         )
     if report.before is not None:

@@ -37,10 +37,6 @@ from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 def summary_table(evaluation: Evaluation) -> str:
     """Write the figures as a table: what, value, 95 % interval.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-
     Returns
     -------
     str

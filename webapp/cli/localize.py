@@ -42,7 +42,6 @@ def answer_text(answer: Answer, *, query: str, georeference: Georeference | None
 
     Parameters
     ----------
-    answer : Answer
     query : str
         The photo, as it was named.
     georeference : Georeference or None

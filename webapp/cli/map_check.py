@@ -28,7 +28,7 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
     Looks at the .cfg, the map.json and placements beside it, the satellite image and every photo.
     Exit code 3 when the map has errors; warnings alone leave it usable.
     """
-    report = check_map.run(cfg, settings=load_settings(), progress=Progress())
+    report = check_map.check_map(cfg, settings=load_settings(), progress=Progress())
     if as_json:
         click.echo(json.dumps(_as_json(report), indent=1))
     else:

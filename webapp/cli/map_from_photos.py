@@ -89,7 +89,9 @@ def from_photos(
         cfg, satellite, next(iter(kinds), None), positions=positions, copy=copy, force=force
     )
     with terminal_progress("photos") as progress:
-        report = map_from_photos.run(folder, options=options, settings=load_settings(), progress=progress)
+        report = map_from_photos.map_from_photos(
+            folder, options=options, settings=load_settings(), progress=progress
+        )
     _tell(report)
     click.echo(json.dumps(_as_json(report), indent=1, ensure_ascii=False) if as_json else _table(report))
     if report.count(State.UNREADABLE) or not report.written:

@@ -44,7 +44,6 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
     Parameters
     ----------
-    path : Path
     pieces : iterable of bytes or memoryview
         The content, which may be made while it is written.
 

@@ -80,7 +80,6 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
 
     Parameters
     ----------
-    image : PIL.Image.Image
     mode : {"L", "RGB"}
 
     Returns

@@ -21,13 +21,8 @@ def list_files(folder: Path, *, leave_out: Iterable[Path] = ()) -> list[str]:
 
     Parameters
     ----------
-    folder : Path
     leave_out : iterable of Path
         Folders not to enter.
-
-    Returns
-    -------
-    list of str
 
     Raises
     ------

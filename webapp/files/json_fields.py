@@ -134,7 +134,6 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
 
     Parameters
     ----------
-    data : bytes
     where : str
         Name of the file, for errors.
 

@@ -65,7 +65,6 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
     ----------
     part : Path
         Is made with the first piece.
-    data : bytes
     offset : int
         Where the sender believes the piece belongs.
     size : int
@@ -112,8 +111,6 @@ def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
     ----------
     part : Path
         New.
-    stream : binary file
-    max_bytes : int
 
     Returns
     -------
@@ -194,7 +191,6 @@ def told_as(name: str, path: Path | None = None) -> Iterator[None]:
 
     Parameters
     ----------
-    name : str
     path : Path, optional
         What it is called here; None for bytes without a name.
     """

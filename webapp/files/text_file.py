@@ -54,13 +54,8 @@ def read_bytes(path: Path, *, error: type[InputError]) -> bytes:
 
     Parameters
     ----------
-    path : Path
     error : type
         Raised when there is none, it may not be read, or it is larger than `MAX_BYTES`.
-
-    Returns
-    -------
-    bytes
     """
     try:
         with path.open("rb") as file:
@@ -90,7 +85,6 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[Row]]:
 
     Parameters
     ----------
-    path : Path
     headers : sequence of str
         The headers that are understood, such as `x;y;lat;lon`.
 
@@ -98,7 +92,6 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[Row]]:
     -------
     header : str
         The one it has.
-    rows : list of Row
 
     Raises
     ------

@@ -25,11 +25,8 @@ class Context:
 
     Attributes
     ----------
-    library : Library
-    settings : Settings
     progress : JobProgress
         Work that takes long calls its `check`.
-    lease : Lease
     map_id, account_id : int or None
         Whose map it is about, and who wants it.
     arguments : mapping

@@ -93,7 +93,9 @@ def find_weak_photos(context: Context) -> dict[str, Any]:
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
     context.progress.plan(0, min(placed, MOST_PHOTOS), 2 * min(placed, health.LIMIT))
-    found = health.run(library.cfg(record.slug), settings=context.settings, progress=context.progress)
+    found = health.find_weak_places(
+        library.cfg(record.slug), settings=context.settings, progress=context.progress
+    )
     return dict(Counter(photo["state"] for photo in found["photos"]))
 
 
@@ -138,7 +140,7 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
     record = context.map()
     asked = context.arguments
     box = Box(**{name: float(asked[name]) for name in Box._fields})
-    fetched = tiles.run(
+    fetched = tiles.fetch_tiles(
         context.library,
         record.id,
         wish=TileWish(str(asked["service"]), box, int(asked["zoom"])),

@@ -45,7 +45,6 @@ class Site:
     ----------
     app : str
         "module:function" that makes the application.
-    host : str
     port : int
         0 for any that is free.
     workers : int
@@ -66,8 +65,6 @@ def serve(site: Site, *, settings: Settings, tell: Callable[[str], None]) -> Non
 
     Parameters
     ----------
-    site : Site
-    settings : Settings
     tell : callable
         Called once with `listening on URL` and once with `sign in: URL`, when the server answers.
 

@@ -29,7 +29,6 @@ class Child:
     ----------
     name : str
         For the log.
-    command : sequence of str
     environment : mapping or None
         Of the process; None for that of this one.
     fds : sequence of int
@@ -109,7 +108,6 @@ def keep_running(children: Sequence[Child], *, each_tick: Callable[[], None], st
 
     Parameters
     ----------
-    children : sequence of Child
     each_tick : callable
         Called ten times a second; an error from it ends all.
     stop_s : float

@@ -24,7 +24,7 @@ def clean(library: Library, settings: Settings, *, more: Sequence[Sweep] = ()) -
     """Delete what interrupted uploads and deletions have left behind."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
-    sweeps: list[Sweep] = [*more, partial(sweep_uploads.run, settings=settings)]
+    sweeps: list[Sweep] = [*more, partial(sweep_uploads.sweep_uploads, settings=settings)]
     sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(unused.sweep, map_id=id, keep=keep) for id in ids]

@@ -32,7 +32,6 @@ class Server(BaseApplication):  # type: ignore[misc]
     ----------
     app : str
         "module:function", called with the settings in each worker process.
-    settings : Settings
     options : mapping
         Gunicorn's own.
     parent : int
@@ -100,7 +99,6 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
 
     Parameters
     ----------
-    settings : Settings
     fd : int
         File descriptor of a socket that listens already: requests wait there while gunicorn starts again.
     workers : int

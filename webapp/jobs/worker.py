@@ -49,9 +49,6 @@ class Worker:
 
     Parameters
     ----------
-    library : Library
-    settings : Settings
-    duties : Duties
     parent : int or None
         Id of the process that started this one, and without which it must not go on.
     """

@@ -27,7 +27,7 @@ def import_mission_file(context: Context) -> Mapping[str, Any]:
     if not path.is_file():
         raise NotFound("the uploaded file is not there any more", hint="upload it again")
     try:
-        done = import_file.run(
+        done = import_file.import_track_file(
             context.library,
             int(arguments["mission"]),
             order=order_of(path, arguments),
@@ -53,7 +53,7 @@ def localize_mission_photos(context: Context) -> dict[str, Any]:
 
 
 def _localize(context: Context) -> dict[str, Any]:
-    return localize_photos.run(
+    return localize_photos.localize_waiting_photos(
         context.library,
         int(context.arguments["mission"]),
         map_cache=MapCache(context.library, context.settings),
@@ -65,7 +65,7 @@ def _localize(context: Context) -> dict[str, Any]:
 
 def fuse_mission(context: Context) -> dict[str, Any]:
     """Fuse the mission that the argument `mission` names; killed, the former fused track stays."""
-    report = fuse.run(
+    report = fuse.fuse_mission(
         context.library, int(context.arguments["mission"]), write=context.write, progress=context.progress
     )
     return {**report, "gated": report["gated"][:_LISTED]}
@@ -74,11 +74,13 @@ def fuse_mission(context: Context) -> dict[str, Any]:
 def build_track_pieces(context: Context) -> dict[str, Any]:
     """Prepare what is new of the mission that the argument `mission` names; what is finished stays so."""
     mission_id = int(context.arguments["mission"])
-    built = build_pieces.run(context.library, mission_id, write=context.write, progress=context.progress)
+    built = build_pieces.build_pieces(
+        context.library, mission_id, write=context.write, progress=context.progress
+    )
     return {"pieces": built}
 
 
 def delete_mission(context: Context) -> None:
     """Delete the mission that the argument `mission` names; what is deleted stays so."""
     mission_id = int(context.arguments["mission"])
-    delete.run(context.library, mission_id, write=context.write, progress=context.progress)
+    delete.delete_mission(context.library, mission_id, write=context.write, progress=context.progress)

@@ -19,7 +19,6 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
 
     Parameters
     ----------
-    address : str
     size : int
         Bytes it has; no more are read.
     progress : Progress

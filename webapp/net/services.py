@@ -20,7 +20,6 @@ class TileService:
 
     Attributes
     ----------
-    name : str
     url : str
         With `{z}`, `{x}` and `{y}`, counted from the north.
     attribution : str

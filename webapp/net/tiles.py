@@ -38,10 +38,8 @@ class TileFetcher:
 
     Parameters
     ----------
-    service : TileService
     cache : Path
         Folder of all services' tiles; is made when missing.
-    settings : TileSettings
     """
 
     def __init__(self, service: TileService, *, cache: Path, settings: TileSettings) -> None:
@@ -66,8 +64,6 @@ class TileFetcher:
 
         Parameters
         ----------
-        tiles : iterable of Tile
-        zoom : int
         progress : Progress
             Only asked whether to stop, also while the service keeps silent.
 

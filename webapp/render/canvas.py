@@ -103,16 +103,7 @@ def text_width(text: str, size: float) -> float:
 
 
 def plain(text: str) -> str:
-    """Write text with the letters that the font has: without accents, and `?` for other scripts.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-    """
+    """Write text with the letters that the font has: without accents, and `?` for other scripts."""
     return "".join(c if c in "·°×±…“”" else _ascii(c) for c in text)
 
 

@@ -24,10 +24,8 @@ class Axis:
 
     Attributes
     ----------
-    label : str
     ticks : tuple of (float, str)
         Values and what is written at them; the first and the last are the ends of the axis.
-    log : bool
     """
 
     label: str
@@ -75,7 +73,6 @@ def error_chart(
         Of the first hypotheses, map pixels; infinite without a hypothesis.
     place_radius_px : float
         Marked by a line.
-    words : ChartWords, optional
 
     Returns
     -------
@@ -104,11 +101,6 @@ def error_chart(
 
 def reliability_chart(bins: Sequence[ReliabilityBin], *, words: ChartWords = _ENGLISH) -> Markup:
     """Share of right answers over stated probability, in bins of equal mass with 95 % intervals.
-
-    Parameters
-    ----------
-    bins : sequence of ReliabilityBin
-    words : ChartWords, optional
 
     Returns
     -------

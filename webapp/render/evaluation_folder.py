@@ -33,7 +33,6 @@ def write(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: i
 
     Parameters
     ----------
-    evaluation : Evaluation
     folder : Path
         Made when it is missing; files of these names are replaced.
     limits : PhotoLimits

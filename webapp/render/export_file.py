@@ -30,12 +30,8 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     form : str
         One of `FORMATS`.
-    settings : Settings
-    progress : Progress, optional
 
     Raises
     ------

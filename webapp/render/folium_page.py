@@ -52,14 +52,8 @@ def run(source: Source, *, settings: Settings, progress: Progress | None = None)
 
     Parameters
     ----------
-    source : Source
-    settings : Settings
     progress : Progress, optional
         One step a photo.
-
-    Returns
-    -------
-    Download
 
     Raises
     ------
@@ -173,8 +167,6 @@ def add_features(
 
     Parameters
     ----------
-    page : folium.Map
-    features : list of Feature
     popup : str
         Class of the popups.
     name : str

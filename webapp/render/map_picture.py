@@ -93,8 +93,6 @@ def ground(satellite: NDArray[np.uint8], themap: Map, *, view: View) -> NDArray[
     ----------
     satellite : (height, width, 3) uint8
         Blue, green, red. It may have another size than the map states: positions follow the stated one.
-    themap : Map
-    view : View
 
     Returns
     -------
@@ -139,8 +137,6 @@ def draw_legend(
 
     Parameters
     ----------
-    canvas : Canvas
-    answer : Answer
     top : int
         Where the band begins.
     scale_bar : (float, str)
@@ -240,8 +236,6 @@ def draw_map(
     ----------
     satellite : (height, width, 3) uint8
         Blue, green, red.
-    themap : Map
-    answer : Answer
     truth : MapPixel, optional
         Marked, when it is known.
 

@@ -34,7 +34,6 @@ def draw_matches(
     ----------
     query, photo : (height, width, 3) uint8
         Upright, at full size; blue, green, red.
-    evidence : Evidence
     query_name, photo_name : str
         For the caption.
 

@@ -45,7 +45,6 @@ def to_mercator(
     ----------
     picture : (h, w, 3) uint8
         Blue, green, red; perhaps scaled down.
-    georeference : Georeference
     size : tuple of (int, int)
         Width and height of the satellite image itself, pixels.
 

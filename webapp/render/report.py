@@ -25,8 +25,6 @@ class Pictured:
 
     Attributes
     ----------
-    row : Row
-    map_jpeg : bytes
     match_jpeg : bytes or None
         None where no match speaks for the hypothesis.
     """
@@ -51,7 +49,6 @@ def render_report(evaluation: Evaluation, *, worst: Sequence[Pictured]) -> str:
 
     Parameters
     ----------
-    evaluation : Evaluation
     worst : sequence of Pictured
         The queries to show, the worst first.
 

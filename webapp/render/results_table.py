@@ -19,10 +19,6 @@ COLUMNS = (
 def results_csv(rows: Iterable[Row]) -> str:
     """Write the table, columns separated by semicolons; what is unknown is empty.
 
-    Parameters
-    ----------
-    rows : iterable of Row
-
     Returns
     -------
     str

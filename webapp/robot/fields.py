@@ -204,7 +204,6 @@ def check_record(record: object) -> tuple[str, dict[str, Any]]:
 
     Returns
     -------
-    type : str
     fields : dict
         Those that are given; null is as good as missing where a field is not required. Numbers are floats.
 

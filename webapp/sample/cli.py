@@ -31,7 +31,7 @@ def sample(folder: Path | None, seed: int, force: bool, library: Path | None) ->
     if library is not None:
         settings = replace(settings, library=library)
     with terminal_progress("photos") as progress:
-        report = make.run(folder, settings=settings, progress=progress, seed=seed, force=force)
+        report = make.make_sample(folder, settings=settings, progress=progress, seed=seed, force=force)
     if not report.made:
         click.echo("the sample is already there", err=True)
     click.echo(report.cfg_path)

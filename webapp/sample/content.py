@@ -105,9 +105,6 @@ def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progres
     ----------
     folder : Path
         Is made.
-    seed : int
-    size : SampleSize
-    progress : Progress
 
     Returns
     -------

@@ -25,11 +25,11 @@ def run(context: Context) -> dict[str, Any]:
     settings = replace(context.settings, library=library.folder)
     for half_made in library.folder.glob(f".{SLUG}.*.tmp"):
         shutil.rmtree(half_made)  # by a worker that was killed
-    make.run(None, settings=settings, progress=context.progress)
+    make.make_sample(None, settings=settings, progress=context.progress)
     with library.database.read() as session:
         there = session.scalars(select(MapRecord.id).where(MapRecord.slug == SLUG)).first()
     if there is None:
-        adopt_map.run(
+        adopt_map.adopt_map(
             library, SLUG, account_id=context.account_id, settings=settings, progress=context.progress
         )
     return {"map": SLUG}

@@ -34,7 +34,7 @@ class Report:
     made: bool
 
 
-def run(
+def make_sample(
     folder: Path | None,
     *,
     settings: Settings,
@@ -51,18 +51,12 @@ def run(
     ----------
     folder : Path or None
         None: `sample` in the library.
-    settings : Settings
     progress : Progress
         One step a picture.
     seed : int
         Of the invented park; 0 or more.
     force : bool
         Make it anew, also over a sample made otherwise.
-    size : SampleSize
-
-    Returns
-    -------
-    Report
 
     Raises
     ------

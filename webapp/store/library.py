@@ -31,7 +31,6 @@ class Library:
     ----------
     folder : Path
         Absolute; has one folder a map.
-    database : Database
     """
 
     folder: Path
@@ -80,7 +79,6 @@ def open_library(folder: Path, *, url: str | None = None) -> Library:
 
     Parameters
     ----------
-    folder : Path
     url : str or None
         Of the database, instead of a SQLite file in the folder.
 

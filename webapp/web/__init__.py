@@ -23,14 +23,8 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
 
     Parameters
     ----------
-    settings : Settings
-    parts : Parts
     library : Library, optional
         Opened already; else that of the settings is opened.
-
-    Returns
-    -------
-    APIFlask
 
     Raises
     ------

@@ -31,7 +31,6 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
 
     Parameters
     ----------
-    slug : str
     role : str
         That is needed: `viewer`, `editor` or `owner`.
     binned : bool

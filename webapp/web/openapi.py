@@ -159,7 +159,6 @@ def file_answer(description: str, *types: str) -> Responses:
 
     Parameters
     ----------
-    description : str
     *types : str
         Media types that it can have.
     """
@@ -167,14 +166,7 @@ def file_answer(description: str, *types: str) -> Responses:
 
 
 def json_answer(description: str, schema: type[Schema], *, status: int = 200) -> Responses:
-    """Describe an answer of another status, or one whose fields are too many to be copied one by one.
-
-    Parameters
-    ----------
-    description : str
-    schema : type of Schema
-    status : int
-    """
+    """Describe an answer of another status, or one whose fields are too many to be copied one by one."""
     return {status: {"description": description, "content": {"application/json": {"schema": schema}}}}
 
 

@@ -25,7 +25,6 @@ class Parts:
 
     Attributes
     ----------
-    blueprints : tuple of Blueprint
     public_lists : mapping of str to callable
         What the page of public content lists besides maps and answers, by the name its template has for it.
     path_parameters : mapping of str to mapping
@@ -39,14 +38,7 @@ class Parts:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Kept in the extensions of the application.
-
-    Attributes
-    ----------
-    library : Library
-    settings : Settings
-    parts : Parts
-    """
+    """Kept in the extensions of the application."""
 
     library: Library
     settings: Settings

@@ -23,14 +23,14 @@ def whole(download):
 
 @pytest.mark.parametrize("form", export.FORMATS)
 def test_every_format_has_a_name_and_a_type(library, new_mission, form):
-    download = export.run(library, new_mission(name="Süd / 1"), form=form)
+    download = export.export_mission(library, new_mission(name="Süd / 1"), form=form)
     assert download.name == ("Sud-1-objects.csv" if form == "objects.csv" else f"Sud-1.{form}")
     assert "/" in download.media_type
     assert whole(download)
 
 
 def test_gpx_has_every_pose(library, new_mission, some_poses):
-    gpx = gpxpy.parse(whole(export.run(library, new_mission(5000), form="gpx")).decode())
+    gpx = gpxpy.parse(whole(export.export_mission(library, new_mission(5000), form="gpx")).decode())
     (track,) = gpx.tracks
     points = track.segments[0].points
     assert track.source == "gps" and len(gpx.waypoints) == 3
@@ -40,7 +40,7 @@ def test_gpx_has_every_pose(library, new_mission, some_poses):
 
 
 def test_a_kmz_has_its_icons_inside(library, new_mission):
-    archive = zipfile.ZipFile(io.BytesIO(whole(export.run(library, new_mission(), form="kmz"))))
+    archive = zipfile.ZipFile(io.BytesIO(whole(export.export_mission(library, new_mission(), form="kmz"))))
     assert archive.testzip() is None
     root = check_kml(archive.read("doc.kml"))
     named = [e.text for e in root.iter(f"{KML}href")]
@@ -64,7 +64,7 @@ def test_icons_of_classes_differ():
 
 def test_fewer_poses_are_spread_evenly_with_first_and_last(library, new_mission, some_poses):
     mission = new_mission(10_001)
-    rows = whole(export.run(library, mission, form="csv", most=101)).decode().splitlines()[1:]
+    rows = whole(export.export_mission(library, mission, form="csv", most=101)).decode().splitlines()[1:]
     times = [float(row.split(",")[4]) for row in rows]
     assert times == some_poses(10_001).times_s[::100].tolist()
     (track,) = reading.read(library.database, mission, most=101).tracks
@@ -73,7 +73,7 @@ def test_fewer_poses_are_spread_evenly_with_first_and_last(library, new_mission,
 
 def test_objects_come_in_parts(library, new_mission, monkeypatch):
     monkeypatch.setattr(reading, "_PART", 4)
-    told = whole(export.run(library, new_mission(1, objects=8), form="objects.csv")).decode()
+    told = whole(export.export_mission(library, new_mission(1, objects=8), form="objects.csv")).decode()
     assert [row["id"] for row in csv.DictReader(io.StringIO(told))] == [f"o{n}" for n in range(8)]
 
 
@@ -112,15 +112,15 @@ def large(tmp_path_factory, some_poses):
 )
 def test_many_more_poses_take_no_more_memory(large, form, poses):
     library, made = large
-    small, small_size = peak(export.run(library, made[8_000], form=form).pieces)
-    most, size = peak(export.run(library, made[poses], form=form).pieces)
+    small, small_size = peak(export.export_mission(library, made[8_000], form=form).pieces)
+    most, size = peak(export.export_mission(library, made[poses], form=form).pieces)
     assert size > poses / 8_000 * 0.9 * small_size
     assert most < 1.2 * small + 200_000 and most < 12_000_000
 
 
 def test_a_track_that_is_written_anew_meanwhile_ends_no_file_early(library, new_mission):
     mission = new_mission(10_000)
-    pieces = export.run(library, mission, form="csv").pieces
+    pieces = export.export_mission(library, mission, form="csv").pieces
     next(pieces), next(pieces)
     with library.database.write() as session:
         tracks.clear(session, session.query(Track).one())
@@ -129,7 +129,7 @@ def test_a_track_that_is_written_anew_meanwhile_ends_no_file_early(library, new_
 
 
 def test_poses_that_come_meanwhile_are_left_out(library, new_mission, some_poses):
-    pieces = export.run(library, new_mission(10), form="csv").pieces
+    pieces = export.export_mission(library, new_mission(10), form="csv").pieces
     with library.database.write() as session:
         tracks.append(session, session.query(Track).one(), some_poses(5))
     assert len(b"".join(pieces).splitlines()) == 11
@@ -137,16 +137,16 @@ def test_poses_that_come_meanwhile_are_left_out(library, new_mission, some_poses
 
 def test_what_there_is_not_is_told(library, new_mission):
     with pytest.raises(NotFound):
-        export.run(library, 77, form="kml")
+        export.export_mission(library, 77, form="kml")
     with pytest.raises(UsageError, match="no format"):
-        export.run(library, new_mission(), form="exe")
+        export.export_mission(library, new_mission(), form="exe")
 
 
 def test_a_mission_without_poses_exports(library, new_mission):
     mission = new_mission(0, objects=0)
     for form in export.FORMATS:
-        assert whole(export.run(library, mission, form=form))
-    check_kml(whole(export.run(library, mission, form="kml")))
+        assert whole(export.export_mission(library, mission, form=form))
+    check_kml(whole(export.export_mission(library, mission, form="kml")))
 
 
 def test_a_link_fetches_again():

@@ -38,7 +38,9 @@ def fused(library, mission_id):
 
 
 def run(library, mission_id, progress=None):
-    return fuse.run(library, mission_id, write=library.database.write, progress=progress or Progress())
+    return fuse.fuse_mission(
+        library, mission_id, write=library.database.write, progress=progress or Progress()
+    )
 
 
 def test_a_corrected_track_stands_beside_the_others(library, driven):

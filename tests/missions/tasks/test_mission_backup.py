@@ -40,9 +40,9 @@ def mission(library, save_photo):
     with library.database.write() as session:
         id = missions.create(session, "Yard", account_id=accounts.ensure_owner(session).id).id
     poses = [{"type": "pose", "time": n, "lat": 50, "lon": 14} for n in range(3)]
-    store_batch.run(library, id, records=poses, place=Numbered("robot", 0))
+    store_batch.store_batch(library, id, records=poses, place=Numbered("robot", 0))
     save_photo(library.uploads / "a.jpg", 1)
-    add_photo.run(
+    add_photo.add_mission_photo(
         library, id, source=library.uploads / "a.jpg", name="a.jpg", about=About(), settings=Settings()
     )
     return id
@@ -55,9 +55,9 @@ def photo_of(library, mission):
 
 
 def test_a_mission_comes_back(library, mission, tmp_path):
-    report = backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+    report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert report.missing == ()
-    restore.run(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
+    restore.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     with restored.database.read() as session:
         (track,) = tracks.listed(session, mission)
@@ -70,7 +70,7 @@ def test_a_mission_comes_back(library, mission, tmp_path):
 
 def test_a_photo_that_is_lost_is_told_of(library, mission, tmp_path):
     shutil.rmtree(missions.folder(library, mission))
-    report = backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+    report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     (lost,) = report.missing
     assert lost.startswith(f"missions/{mission}/photos/")
 
@@ -84,7 +84,7 @@ def fused(library):
         id = missions.create(session, "Drive", account_id=accounts.ensure_owner(session).id).id
         for source, poses in (("odometry", odometry_of(drive)), ("gps", gps_of(drive))):
             tracks.append(session, tracks.get_or_create(session, id, source=source), poses)
-    fuse.run(library, id, write=library.database.write, progress=Progress())
+    fuse.fuse_mission(library, id, write=library.database.write, progress=Progress())
     return id
 
 
@@ -95,9 +95,9 @@ def fused_track(library, mission):
 
 
 def test_a_fused_track_comes_back_with_its_report(library, fused, tmp_path):
-    report = backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+    report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert report.missing == ()
-    restore.run(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
+    restore.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     assert fused_track(restored, fused) == fused_track(library, fused)
     assert fuse.read_report(restored, fused) == fuse.read_report(library, fused)
@@ -111,7 +111,7 @@ def test_a_backup_waits_while_a_fused_track_is_replaced(library, fused, tmp_path
         FileLock(library.inner / fuse.LOCK),
         pytest.raises(StorageError, match="the fused track of a mission, which is being written"),
     ):
-        backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+        backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
 
 
 def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_map, tmp_path, monkeypatch):
@@ -119,7 +119,7 @@ def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_ma
     make_map(library.map_folder("park"), 2)
     with library.database.read() as session:
         owner = session.query(Account).one().id
-    adopt_map.run(library, "park", account_id=owner)
+    adopt_map.adopt_map(library, "park", account_id=owner)
     held, asked = backup._held, []
 
     def noted(path, **named):
@@ -132,7 +132,7 @@ def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_ma
         FileLock(library.map_folder("park") / "derived" / export.LOCK),
         pytest.raises(StorageError, match=r"the \.cfg file of a map, which is being written") as refused,
     ):
-        backup.run(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
+        backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert refused.value.where == "park"
     assert asked == [export.LOCK]
 

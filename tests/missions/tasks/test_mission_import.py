@@ -58,7 +58,7 @@ def order_for(path, options=ALL, name=None):
 
 
 def imported(library, mission, order, **how):
-    return import_file.run(library, mission, order=order, settings=Settings(), **how)
+    return import_file.import_track_file(library, mission, order=order, settings=Settings(), **how)
 
 
 def content(library, mission):
@@ -78,7 +78,7 @@ def content(library, mission):
 
 def test_what_is_stored_is_what_is_read(library, mission, log, small_parts):
     done = imported(library, mission, order_for(log))
-    whole = read_track.run(log, options=ALL)
+    whole = read_track.read_track(log, options=ALL)
     stored, seen = content(library, mission)
     assert {name for _, name in stored} == {"log a", "log b"}
     for track in whole.tracks:

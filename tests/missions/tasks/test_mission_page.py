@@ -52,7 +52,7 @@ def test_a_long_track_is_thinned(library, new_mission, monkeypatch):
 def test_it_lies_on_the_image_of_its_map(library, new_mission, owner, make_map):
     cfg = make_map(library.map_folder("park"), 1)
     cfg.with_name("map.json").write_text(json.dumps(GEO))
-    map_id = adopt_map.run(library, "park", account_id=owner)
+    map_id = adopt_map.adopt_map(library, "park", account_id=owner)
     mission = new_mission(10)
     with library.database.write() as session:
         session.get_one(Mission, mission).map_id = map_id

@@ -21,7 +21,9 @@ def ask(library):
     """Ask about a mission; gives the answer read from JSON."""
 
     def ask(mission, table="objects", form="json", **question):
-        pieces = query_mission.run(library, mission, question=Question(table, **question), form=form).pieces
+        pieces = query_mission.query_mission(
+            library, mission, question=Question(table, **question), form=form
+        ).pieces
         text = b"".join(pieces).decode()
         return json.loads(text) if form == "json" else list(csv.reader(io.StringIO(text)))
 
@@ -111,7 +113,9 @@ def test_what_takes_too_long_is_stopped(ask, new_mission, monkeypatch):
 
 def test_a_client_that_reads_slowly_holds_nothing(library, new_mission):
     mission = new_mission(3000)
-    pieces = query_mission.run(library, mission, question=Question("poses", limit=3000), form="json").pieces
+    pieces = query_mission.query_mission(
+        library, mission, question=Question("poses", limit=3000), form="json"
+    ).pieces
     next(pieces)
     assert library.database.engine.pool.checkedout() == 0
     pieces.close()

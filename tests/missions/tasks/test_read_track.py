@@ -39,7 +39,7 @@ def on(folder: Path, text: str, name: str = "upload") -> Path:
 
 @pytest.mark.parametrize("kind", TEXTS)
 def test_the_kind_is_told_by_the_content(tmp_path, kind) -> None:
-    report = read_track.run(on(tmp_path, TEXTS[kind], "wrong.bag"), options=ReadOptions(start=EAST))
+    report = read_track.read_track(on(tmp_path, TEXTS[kind], "wrong.bag"), options=ReadOptions(start=EAST))
     assert report.kind == kind
     assert report.tracks[0].poses.latlon[0] == pytest.approx([50.0, 14.0])
 
@@ -62,29 +62,31 @@ def test_what_cannot_be_used_is_told_in_a_sentence(tmp_path, data, told) -> None
     path = tmp_path / "upload.gpx"
     path.write_bytes(data)
     with pytest.raises(TrackError, match=told) as error:
-        read_track.run(path)
+        read_track.read_track(path)
     assert error.value.where == "upload.gpx"
 
 
 def test_poses_of_the_robot_need_a_start(tmp_path) -> None:
     with pytest.raises(TrackError, match=NO_START):
-        read_track.run(on(tmp_path, TEXTS["TUM trajectory"]))
+        read_track.read_track(on(tmp_path, TEXTS["TUM trajectory"]))
 
 
 def test_the_way_is_measured_before_thinning(tmp_path) -> None:
     jitter = "".join(f"{i} {(i % 2) * 0.4} 0 0 0 0 0 1\n" for i in range(101))
-    report = read_track.run(on(tmp_path, jitter), options=ReadOptions(start=EAST))
+    report = read_track.read_track(on(tmp_path, jitter), options=ReadOptions(start=EAST))
     (track,) = report.tracks
     assert (len(track.poses), track.skipped) == (1, 100)
     assert track.distance_m == pytest.approx(40.0, abs=1e-6)
-    (whole,) = read_track.run(on(tmp_path, jitter), options=ReadOptions(start=EAST, min_move=ALL)).tracks
+    (whole,) = read_track.read_track(
+        on(tmp_path, jitter), options=ReadOptions(start=EAST, min_move=ALL)
+    ).tracks
     assert len(whole.poses) == 101
     assert whole.poses.travelled_m[-1] == pytest.approx(40.0, abs=1e-6)
 
 
 def test_pieces_go_on_where_the_last_ended(tmp_path) -> None:
     rows = "".join(f"{i} {i * 0.3} 0 0 0 0 0 1\n" for i in range(5000))
-    (track,) = read_track.run(on(tmp_path, rows), options=ReadOptions(start=EAST, min_move=ALL)).tracks
+    (track,) = read_track.read_track(on(tmp_path, rows), options=ReadOptions(start=EAST, min_move=ALL)).tracks
     assert len(track.poses) == 5000
     assert np.allclose(track.poses.travelled_m, np.arange(5000) * 0.3, atol=1e-5)
     assert track.poses.heading_deg == pytest.approx(90.0)
@@ -92,14 +94,14 @@ def test_pieces_go_on_where_the_last_ended(tmp_path) -> None:
 
 def test_a_robot_sees_objects_from_where_it_is(tmp_path) -> None:
     text = "t,x,y,yaw,id,class\n1,10,0,0,,\n2,10,5,1.5707963267948966,,\n3,10,7,,v1,victim\n"
-    report = read_track.run(on(tmp_path, text), options=ReadOptions(start=EAST))
+    report = read_track.read_track(on(tmp_path, text), options=ReadOptions(start=EAST))
     (seen,) = report.sightings
     azimuth, _, metres = Geod(ellps="WGS84").inv(14.0, 50.0, seen.latlon.lon, seen.latlon.lat)
     assert (round(azimuth), round(metres, 6)) == (0, 7.0), "7 m to the left of one that looked east"
 
 
 def test_sources_are_what_is_wished(tmp_path) -> None:
-    (track,) = read_track.run(on(tmp_path, TEXTS["GPX"]), options=ReadOptions(source="manual")).tracks
+    (track,) = read_track.read_track(on(tmp_path, TEXTS["GPX"]), options=ReadOptions(source="manual")).tracks
     assert track.source == "manual"
 
 
@@ -109,7 +111,7 @@ def test_reading_can_be_stopped(tmp_path) -> None:
             return True
 
     with pytest.raises(Cancelled):
-        read_track.run(on(tmp_path, TEXTS["GPX"]), progress=Stopped())
+        read_track.read_track(on(tmp_path, TEXTS["GPX"]), progress=Stopped())
 
 
 SHARED = {
@@ -133,13 +135,15 @@ def test_every_real_file_is_read_or_told_why_not(shared_data) -> None:
     files = sorted(path.name for path in (shared_data / "robot").iterdir())
     assert set(files) == SHARED.keys() | REFUSED.keys()
     for name, (poses, objects) in SHARED.items():
-        report = read_track.run(shared_data / "robot" / name, options=ReadOptions(start=EAST, min_move=ALL))
+        report = read_track.read_track(
+            shared_data / "robot" / name, options=ReadOptions(start=EAST, min_move=ALL)
+        )
         counted = sum(len(track.poses) for track in report.tracks)
         assert (counted, len(report.sightings)) == (poses, objects), name
     for name, told in REFUSED.items():
         begin = time.perf_counter()
         with pytest.raises(TrackError, match=told):
-            read_track.run(shared_data / "robot" / name)
+            read_track.read_track(shared_data / "robot" / name)
         assert time.perf_counter() - begin < 30.0, name
 
 
@@ -155,6 +159,6 @@ def test_the_way_of_a_real_bag_is_the_sum_over_its_fixes(shared_data) -> None:
         way += 6_371_000.0 * math.hypot(north, east)
     for min_move in (ALL, MinMove()):
         options = ReadOptions(topics=("/fix",), min_move=min_move)
-        (track,) = read_track.run(path, options=options).tracks
+        (track,) = read_track.read_track(path, options=options).tracks
         assert track.distance_m == pytest.approx(way, rel=0.01)
         assert len(track.poses) + track.skipped == len(fixes)

@@ -12,8 +12,8 @@ from webapp.missions.tasks.read_track import ReadOptions
 @pytest.mark.parametrize("least", [MinMove(), MinMove(0.0)])
 def test_a_replayed_bag_is_the_imported_one(shared_data, least):
     bag = shared_data / "robot" / "test1.bag"
-    replayed = replay_track.run(bag, min_move=least)
-    (imported,) = read_track.run(bag, options=ReadOptions(min_move=least)).tracks
+    replayed = replay_track.replay_track(bag, min_move=least)
+    (imported,) = read_track.read_track(bag, options=ReadOptions(min_move=least)).tracks
     batch = parse([event.record for event in replayed.events])
     part = batch.tracks["gps", f"test1 {imported.name}"]  # as an import calls it
     for name in ("times_s", "latlon", "height_m", "covariance_m2", "travelled_m"):
@@ -26,15 +26,15 @@ def test_a_replayed_bag_is_the_imported_one(shared_data, least):
 def test_tracks_and_objects_come_in_the_order_of_their_times(tmp_path):
     file = tmp_path / "walk.csv"
     file.write_text("time,lat,lon\n10,50,14\n30,50.1,14\n20,50.2,14\n")
-    replayed = replay_track.run(file, min_move=MinMove(0.0))
+    replayed = replay_track.replay_track(file, min_move=MinMove(0.0))
     assert [event.record["time"] for event in replayed.events] == [10, 30, 20]  # a track keeps its own order
 
 
 def test_what_was_left_out_at_the_end_is_told(tmp_path):
     file = tmp_path / "stop.csv"
     file.write_text("time,lat,lon\n" + "".join(f"{n},{50 + min(n, 3) * 1e-3},14\n" for n in range(10)))
-    replayed = replay_track.run(file, min_move=MinMove())
-    (imported,) = read_track.run(file, options=ReadOptions()).tracks
+    replayed = replay_track.replay_track(file, min_move=MinMove())
+    (imported,) = read_track.read_track(file, options=ReadOptions()).tracks
     records = [event.record for event in replayed.events]
     (part,) = parse([*records, {"type": "end", "left_out": replayed.rest}]).tracks.values()
     assert (len(part.poses), part.skipped) == (4, 6) == (len(imported.poses), imported.skipped)

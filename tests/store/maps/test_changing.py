@@ -97,7 +97,7 @@ def test_a_move_costs_the_same_on_every_map(library, new_map):
         edit = EditRequest("move", {0: {"x_px": x, "y_px": 1.0}})
         sys.setprofile(note)
         try:
-            edit_map.run(library, map_id, edit=edit, account_id=new_map.owner)
+            edit_map.edit_map(library, map_id, edit=edit, account_id=new_map.owner)
         finally:
             sys.setprofile(None)
         return count

@@ -30,7 +30,7 @@ def adopt(library, owner, make_map):
     def make(slug="park", photos=3, change=lambda cfg: None):
         cfg = make_map(library.map_folder(slug), photos)
         change(cfg)
-        return adopt_map.run(library, slug, account_id=owner)
+        return adopt_map.adopt_map(library, slug, account_id=owner)
 
     return make
 

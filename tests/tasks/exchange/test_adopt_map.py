@@ -102,21 +102,21 @@ def test_one_photo_at_two_places(adopt, rows, library):
 def test_a_map_is_adopted_once(adopt, library, owner):
     adopt()
     with pytest.raises(Conflict):
-        adopt_map.run(library, "park", account_id=owner)
+        adopt_map.adopt_map(library, "park", account_id=owner)
 
 
 @pytest.mark.parametrize("slug", ["../outside", "a/b", ".library", "", "new", "a b"])
 def test_a_name_that_is_no_address(library, owner, slug):
     with pytest.raises(UsageError, match="rename the folder"):
-        adopt_map.run(library, slug, account_id=owner)
+        adopt_map.adopt_map(library, slug, account_id=owner)
 
 
 def test_a_folder_that_is_no_map(library, owner, make_map):
     with pytest.raises(MapError, match="no such map file"):
-        adopt_map.run(library, "nothing", account_id=owner)
+        adopt_map.adopt_map(library, "nothing", account_id=owner)
     make_map(library.map_folder("bad"), 1).write_text("plan.png;200;200\n0;photos/0.jpg;1.5;2\n")
     with pytest.raises(CfgError):
-        adopt_map.run(library, "bad", account_id=owner)
+        adopt_map.adopt_map(library, "bad", account_id=owner)
 
 
 def test_a_placement_with_the_name_of_the_map(library, owner, make_map):
@@ -124,4 +124,4 @@ def test_a_placement_with_the_name_of_the_map(library, owner, make_map):
     content = {"format": "experience-map", "version": 1, "placements": [{"name": "map"}]}
     cfg.with_name("map.json").write_text(json.dumps(content))
     with pytest.raises(MapError, match="one file name"):
-        adopt_map.run(library, "park", account_id=owner)
+        adopt_map.adopt_map(library, "park", account_id=owner)

@@ -26,7 +26,7 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}, "photo/0": {"x_px": None, "y_px": None}})
     edit(map_id, {"photo/2": {"removed": True}})
     export.export_map(library, map_id)
-    slug = duplicate_map.run(library, map_id, account_id=owner, name="Park copy")
+    slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Park copy")
     export.export_late_maps(library)
     first, second = read_map(library.cfg("park")), read_map(library.cfg(slug))
     assert (second.experiences, second.placements, second.next_id) == (
@@ -48,17 +48,17 @@ def test_a_copy_has_no_files_of_what_its_map_has_not_any_more(adopt, library, ed
     for id in (1, 2):
         preview.write_previews(folder, id, previews={"thumb": b"small"})
     edit(map_id, {"photo/2": {"removed": True}})
-    slug = duplicate_map.run(library, map_id, account_id=owner, name="Copy")
+    slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Copy")
     copied = library.map_folder(slug)
     assert not (copied / "satellite-0123abcd.png").exists()
     assert [preview.preview_path(copied, id, kind="thumb").exists() for id in (1, 2)] == [True, False]
-    found = findings.run(library, id_of(slug), settings=Settings())
+    found = findings.list_findings(library, id_of(slug), settings=Settings())
     assert [problem for problem in found if problem.code == "orphan-photo"] == []
 
 
 def test_a_copy_goes_its_own_way(adopt, library, edit, owner, id_of):
     map_id = adopt()
-    slug = duplicate_map.run(library, map_id, account_id=owner, name="Park")
+    slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Park")
     assert slug == "park-2"
     before = library.cfg("park").read_bytes()
     edit(id_of(slug), {"photo/1": {"x_px": 1.0, "y_px": 2.0}})
@@ -69,14 +69,14 @@ def test_a_copy_goes_its_own_way(adopt, library, edit, owner, id_of):
 def test_a_name_that_is_none_leaves_nothing(adopt, library, owner):
     map_id = adopt()
     with pytest.raises(UsageError):
-        duplicate_map.run(library, map_id, account_id=owner, name="\x07")
+        duplicate_map.duplicate_map(library, map_id, account_id=owner, name="\x07")
     assert sorted(p.name for p in library.folder.iterdir()) == [".library", "park"]
 
 
 def test_only_the_bin_is_emptied(adopt, library):
     map_id = adopt()
     with pytest.raises(Conflict, match="only maps in the bin"):
-        delete_map.run(library, map_id)
+        delete_map.delete_map(library, map_id)
     assert library.cfg("park").is_file()
 
 
@@ -84,7 +84,7 @@ def test_deleted_is_gone(adopt, library):
     map_id = adopt()
     with library.database.write() as session:
         maps.put_into_bin(session.get(MapRecord, map_id))
-    delete_map.run(library, map_id)
+    delete_map.delete_map(library, map_id)
     assert not library.map_folder("park").exists()
     assert list((library.inner / "deleted").iterdir()) == []
     with library.database.read() as session:

@@ -24,7 +24,7 @@ NORTH_UP = {
 @pytest.fixture
 def found(library):
     def run(map_id):
-        return findings.run(library, map_id, settings=SETTINGS)
+        return findings.list_findings(library, map_id, settings=SETTINGS)
 
     return run
 
@@ -32,7 +32,7 @@ def found(library):
 @pytest.fixture
 def fix(library, owner):
     def run(map_id, what, ids=()):
-        fix_findings.run(library, map_id, fix=what, ids=ids, account_id=owner, settings=SETTINGS)
+        fix_findings.fix_findings(library, map_id, fix=what, ids=ids, account_id=owner, settings=SETTINGS)
 
     return run
 

@@ -37,7 +37,7 @@ def bring(library, owner, tmp_path):
             for key, content in files.items():
                 archive.writestr(key, content)
         settings = Settings(imports=limits or ImportLimits())
-        return import_map.run(library, path, account_id=owner, name=name, settings=settings)
+        return import_map.import_map(library, path, account_id=owner, name=name, settings=settings)
 
     return run
 
@@ -199,7 +199,7 @@ def test_a_zip_that_lies_about_sizes(park, bring, library, owner, tmp_path):
     data[directory + 24 : directory + 28] = (5).to_bytes(4, "little")
     bring_nothing.write_bytes(data)
     with pytest.raises(InputError):
-        import_map.run(library, bring_nothing, account_id=owner, name="x", settings=Settings())
+        import_map.import_map(library, bring_nothing, account_id=owner, name="x", settings=Settings())
 
 
 @pytest.mark.usefixtures("nothing_is_left")
@@ -208,7 +208,7 @@ def test_what_is_no_zip(library, owner, tmp_path, content):
     (library.inner / "imports").mkdir()
     (tmp_path / "x.zip").write_bytes(content)
     with pytest.raises(InputError, match="no zip"):
-        import_map.run(library, tmp_path / "x.zip", account_id=owner, name="x", settings=Settings())
+        import_map.import_map(library, tmp_path / "x.zip", account_id=owner, name="x", settings=Settings())
 
 
 @pytest.mark.usefixtures("nothing_is_left")
@@ -221,7 +221,7 @@ def test_a_cut_off_photo_of_the_zip_itself(park, library, owner, tmp_path):
     data[2000:2100] = bytes(100)
     path.write_bytes(data)
     with pytest.raises(InputError, match="damaged"):
-        import_map.run(library, path, account_id=owner, name="x", settings=Settings())
+        import_map.import_map(library, path, account_id=owner, name="x", settings=Settings())
 
 
 @pytest.mark.usefixtures("nothing_is_left")

@@ -18,7 +18,7 @@ def test_places_that_look_alike_are_found_and_remembered(make_map, tmp_path):
     cfg.write_text("\n".join(["plan.png;600;200", *lines, "9;photos/twin.jpg;590;100"]) + "\n")
     settings = Settings(extract=ExtractSettings(max_side_px=320, keypoints=120))
     assert health.stored(cfg) is None
-    content = health.run(
+    content = health.find_weak_places(
         cfg, settings=settings, progress=Progress(), options=OpenOptions(method="vote", jobs=1)
     )
     assert content["place_radius_px"] == 40

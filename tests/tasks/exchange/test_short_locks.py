@@ -47,7 +47,7 @@ def test_photos_of_the_folder_are_read_before(adopt, library, owner, save_photo,
     for number in (7, 8):
         save_photo(library.map_folder("park") / "photos" / f"new{number}.jpg", number)
     watched_photos.clear()
-    fix_findings.run(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
+    fix_findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
     assert len(watched_photos) == 2
     assert [row.name for row in rows(map_id).values() if row.x_px is None] == ["new7.jpg", "new8.jpg"]
 
@@ -73,7 +73,7 @@ def test_a_copy_is_made_before(adopt, library, owner, monkeypatch, others_write)
         link(*arguments)
 
     monkeypatch.setattr(duplicate_map.os, "link", slow_link)
-    slug = duplicate_map.run(library, map_id, account_id=owner, name="Copy")
+    slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Copy")
     assert len(others_write.done) >= 4  # an image and three photos
     assert (library.map_folder(slug) / "plan.png").is_file()
 
@@ -90,12 +90,14 @@ def test_what_came_into_the_map_meanwhile_is_not_adopted_twice(
         found = read(*arguments, **named)
         if not again:
             again.append(1)
-            fix_findings.run(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
+            fix_findings.fix_findings(
+                library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS
+            )
         return found
 
     monkeypatch.setattr(fix_findings, "_strangers", strangers)
     with pytest.raises(fix_findings.Conflict, match="nothing to put right"):
-        fix_findings.run(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
+        fix_findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
     assert [row.name for row in rows(map_id).values()].count("new.jpg") == 1
 
 
@@ -107,7 +109,7 @@ def test_a_copy_that_cannot_be_registered_leaves_nothing(adopt, library, owner, 
 
     monkeypatch.setattr(duplicate_map.adopt_map, "queue_derived", refuse)
     with pytest.raises(OSError, match="no"):
-        duplicate_map.run(library, map_id, account_id=owner, name="Copy")
+        duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Copy")
     assert sorted(path.name for path in library.folder.iterdir()) == [".library", "park"]
     assert list((library.inner / "imports").iterdir()) == []
     with library.database.read() as session:

@@ -26,7 +26,7 @@ def bring(library, owner, tmp_path):
                 archive.writestr(name, content)
         if into is not None:
             return import_map.run_into(library, path, map_id=into, settings=Settings())
-        return import_map.run(library, path, account_id=owner, name="Again", settings=Settings())
+        return import_map.import_map(library, path, account_id=owner, name="Again", settings=Settings())
 
     return run
 

@@ -30,7 +30,7 @@ def open_and_calibrate(cfg, **options):
     opened = open_map.open_index(
         cfg, OpenOptions(features="orb", **options), settings=Settings(), progress=Progress()
     )
-    calibrate.run(opened, map_fov_deg=options.get("map_fov_deg"), progress=Progress())
+    calibrate.calibrate_map(opened, map_fov_deg=options.get("map_fov_deg"), progress=Progress())
 
 
 def move(cfg, *, by, photos):
@@ -82,9 +82,9 @@ def test_a_killed_calibration_goes_on_where_it_was(cfg, monkeypatch):
     opened = open_map.open_index(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
     whole = calibrate.calibrate
     with pytest.raises(Killed):
-        calibrate.run(opened, map_fov_deg=None, progress=Progress())
+        calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
     monkeypatch.setattr(calibrate, "_try", lambda *a, **k: tried.append(a[1]) or try_one(*a, **k))
-    stored = calibrate.run(opened, map_fov_deg=None, progress=Progress())
+    stored = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
     assert sorted(tried) == list(range(12))
     assert stored.calibration == whole(opened.indexed, Progress())
     assert not list(opened.writable.glob("*.trials"))

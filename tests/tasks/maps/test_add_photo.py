@@ -67,7 +67,7 @@ class Desk:
         self.count += 1
         source = self.library.uploads / f"{self.count}.part"
         source.write_bytes(data)
-        return add_photo.run(
+        return add_photo.add_photo(
             self.library, self.map_id, source=source, name=name, settings=settings or Settings(), **options
         )
 
@@ -216,7 +216,9 @@ def test_the_same_file_at_once_is_one_photo(desk):
         source.write_bytes(data[number % 2])
         settings = Settings()
         results.append(
-            add_photo.run(desk.library, desk.map_id, source=source, name=f"{number}.jpg", settings=settings)
+            add_photo.add_photo(
+                desk.library, desk.map_id, source=source, name=f"{number}.jpg", settings=settings
+            )
         )
 
     threads = [threading.Thread(target=bring, args=(n,)) for n in range(8)]
@@ -302,12 +304,12 @@ def test_the_tray_is_placed_once_the_georeference_is_known(desk):
     inside, _, _ = (desk.give(jpeg(n, exif=at(x, 0.0))) for n, x in enumerate((5.0, 900.0, 0.0)))
     desk.give(jpeg(3))
     with pytest.raises(ExpMapError, match="no satellite image"):
-        place_by_gps.run(desk.library, desk.map_id, account_id=desk.account_id)
+        place_by_gps.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
     desk.georeference()
-    result = place_by_gps.run(desk.library, desk.map_id, account_id=desk.account_id)
+    result = place_by_gps.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
     assert result.placed == (inside.id, 2)
     assert [(o.id, "beyond" in o.reason) for o in result.outside] == [(1, True)]
-    again = place_by_gps.run(desk.library, desk.map_id, account_id=desk.account_id)
+    again = place_by_gps.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
     assert again.placed == ()
 
 
@@ -333,6 +335,8 @@ def test_every_odd_photo_is_taken_or_refused_in_a_sentence(desk, shared_data):
 def test_old_uploads_are_given_up(desk):
     stale = desk.library.uploads / "0123.part"
     stale.write_bytes(b"half")
-    assert sweep_uploads.run(desk.library, settings=Settings()) == 0
-    assert sweep_uploads.run(desk.library, settings=Settings(upload=UploadLimits(keep_hours=0.0))) == 1
+    assert sweep_uploads.sweep_uploads(desk.library, settings=Settings()) == 0
+    assert (
+        sweep_uploads.sweep_uploads(desk.library, settings=Settings(upload=UploadLimits(keep_hours=0.0))) == 1
+    )
     assert not stale.exists()

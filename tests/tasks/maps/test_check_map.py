@@ -46,7 +46,7 @@ def findings(folder: Path, cfg: bytes | None = None, **limits: float) -> list[Fi
     if cfg is not None:
         (folder / "map.cfg").write_bytes(cfg)
     settings = Settings(photo=PhotoLimits(**limits))
-    report = check_map.run(folder / "map.cfg", settings=settings, progress=Progress())
+    report = check_map.check_map(folder / "map.cfg", settings=settings, progress=Progress())
     assert report.errors + report.warnings == len(report.findings)
     return list(report.findings)
 
@@ -254,19 +254,19 @@ def test_binary_file_is_told_and_not_a_crash(folder: Path) -> None:
 
 def test_missing_map_and_cancelling(folder: Path) -> None:
     with pytest.raises(MapError, match="no such map file"):
-        check_map.run(folder / "none.cfg", settings=Settings(), progress=Progress())
+        check_map.check_map(folder / "none.cfg", settings=Settings(), progress=Progress())
 
     class Stopped(Progress):
         def cancelled(self) -> bool:
             return True
 
     with pytest.raises(Cancelled):
-        check_map.run(folder / "map.cfg", settings=Settings(), progress=Stopped())
+        check_map.check_map(folder / "map.cfg", settings=Settings(), progress=Stopped())
 
 
 @pytest.mark.parametrize("name", ["gardens_point"])
 def test_real_map_has_no_errors(shared_data: Path, name: str) -> None:
-    report = check_map.run(shared_data / name / "map.cfg", settings=Settings(), progress=Progress())
+    report = check_map.check_map(shared_data / name / "map.cfg", settings=Settings(), progress=Progress())
     assert report.errors == 0 and report.photos == 200
     assert {finding.code for finding in report.findings} == {Code.ORPHAN_PHOTO}
 

@@ -58,7 +58,7 @@ def folder(tmp_path) -> Path:
 
 def run(folder, cfg=None, *, photos="photos", progress=None, settings=None, **options):
     options = Options(cfg or folder / "map.cfg", **options)
-    return from_photos.run(
+    return from_photos.map_from_photos(
         folder / photos, options=options, settings=settings or Settings(), progress=progress or Progress()
     )
 
@@ -113,7 +113,7 @@ def test_the_map_holds_what_the_photos_say(folder):
     assert map_.next_id == 3
     assert [file.experience for file in report.files if file.experience] == list(map_.experiences)
     assert "magnetic" in next(file for file in report.files if file.name == "img10.jpg").notes[0]
-    assert check_map.run(folder / "map.cfg", settings=Settings(), progress=Progress()).errors == 0
+    assert check_map.check_map(folder / "map.cfg", settings=Settings(), progress=Progress()).errors == 0
 
 
 def test_a_blank_plan_is_made_around_the_positions(folder):

@@ -36,7 +36,7 @@ def library(tmp_path, make_map):
         owner = accounts.ensure_owner(session)
     for slug in ("park", "wood"):
         make_map(library.map_folder(slug), 3)
-        adopt_map.run(library, slug, account_id=owner.id)
+        adopt_map.adopt_map(library, slug, account_id=owner.id)
     with library.database.write() as session:
         record = session.query(MapRecord).filter_by(slug="park").one()
         row = QueryRecord(name="q", file="q.jpg", width=4, height=3, options={}, answer={"a": 1}, evidence=[])
@@ -62,7 +62,7 @@ def back_up(library, archive):
     archive.parent.mkdir()
 
     def run(progress=None):
-        return backup_library.run(library, archive, parts=PARTS, progress=progress or Progress())
+        return backup_library.back_up(library, archive, parts=PARTS, progress=progress or Progress())
 
     return run
 
@@ -73,7 +73,7 @@ def restore(archive, tmp_path):
     opened = []
 
     def run(**options):
-        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress(), **options)
+        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress(), **options)
         opened.append(open_library(tmp_path / "restored"))
         return opened[0]
 
@@ -164,7 +164,7 @@ def test_a_map_that_is_deleted_in_the_meantime_is_in_it_wholly_or_not_at_all(lib
         with library.database.write() as session:
             record = session.query(MapRecord).filter_by(slug="wood").one()
             maps.put_into_bin(record)
-        delete_map.run(library, record.id)
+        delete_map.delete_map(library, record.id)
 
     report = back_up(Meanwhile(delete))
     assert (report.maps, report.photos, report.missing) == (1, 3, ())
@@ -187,7 +187,9 @@ def test_nobody_else_may_read_it(back_up, archive):
 
 def test_a_backup_does_not_go_into_the_library(library):
     with pytest.raises(UsageError, match="lost with it"):
-        backup_library.run(library, library.map_folder("park") / "b.zip", parts=PARTS, progress=Progress())
+        backup_library.back_up(
+            library, library.map_folder("park") / "b.zip", parts=PARTS, progress=Progress()
+        )
 
 
 def test_a_full_disk_leaves_the_backup_before(back_up, archive, monkeypatch):
@@ -271,7 +273,7 @@ def test_a_damaged_backup_changes_nothing(damage, back_up, archive, tmp_path):
     there.mkdir()
     (there / "mine").write_text("mine")
     with pytest.raises(InputError):
-        restore_library.run(archive, there, force=True, parts=PARTS, progress=Progress())
+        restore_library.restore(archive, there, force=True, parts=PARTS, progress=Progress())
     assert [p.name for p in there.iterdir()] == ["mine"]
 
 
@@ -280,7 +282,7 @@ def test_a_backup_that_was_cut_changes_nothing(share, back_up, archive, tmp_path
     back_up()
     os.truncate(archive, int(archive.stat().st_size * share))
     with pytest.raises(InputError):
-        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     assert not (tmp_path / "restored").exists()
 
 
@@ -293,7 +295,7 @@ def test_each_byte_counts(place, back_up, archive, tmp_path):
     data[sizes[0] + 200 + int(place * (sizes[-1] - 400))] ^= 1
     archive.write_bytes(data)
     try:
-        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     except (InputError, StorageError):
         assert not list(tmp_path.glob("restored/*"))
     else:  # a byte that is no part of any file: the time in a header, say
@@ -313,7 +315,7 @@ def test_a_database_that_is_damaged_inside_is_found(back_up, archive, tmp_path):
 
     rewritten(archive, damage)
     with pytest.raises(StorageError):
-        restore_library.run(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     assert not list(tmp_path.glob("restored/*"))
 
 
@@ -321,7 +323,7 @@ def test_only_an_empty_folder_is_filled(back_up, archive, library):
     back_up()
     before = rows(library)
     with pytest.raises(UsageError, match="already"):
-        restore_library.run(archive, library.folder, parts=PARTS, progress=Progress())
+        restore_library.restore(archive, library.folder, parts=PARTS, progress=Progress())
     assert rows(library) == before
 
 
@@ -329,7 +331,7 @@ def test_by_force_what_was_there_is_kept(library, back_up, archive):
     back_up()
     move(library, 55.0)
     library.database.close()
-    report = restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    report = restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
     with library.database.read() as session:
         assert maps.find(session, "park", account=accounts.ensure_owner(session)).revision < 3
     library.database.close()
@@ -343,14 +345,16 @@ def test_not_under_a_running_worker(library, back_up, archive):
     back_up()
     sign = ProcessLock(library.inner / "workers")
     with pytest.raises(Conflict, match="running"):
-        restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+        restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
     sign.release()
-    restore_library.run(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
 
 
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises((StorageError, NotFound)):
-        restore_library.run(tmp_path / "none.zip", tmp_path / "restored", parts=PARTS, progress=Progress())
+        restore_library.restore(
+            tmp_path / "none.zip", tmp_path / "restored", parts=PARTS, progress=Progress()
+        )
 
 
 def test_while_the_map_is_edited_all_the_time(library, back_up, restore):

@@ -64,7 +64,7 @@ def map_id(library):
 def fetch(library, map_id, settings):
     def run(box=BOX, zoom=17, service="Local", progress=None):
         wish = TileWish(service, box, zoom)
-        return satellite_tiles.run(
+        return satellite_tiles.fetch_tiles(
             library, map_id, wish=wish, settings=settings, progress=progress or Progress()
         )
 

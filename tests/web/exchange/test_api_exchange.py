@@ -32,7 +32,7 @@ def park(library, owner, make_map):
     """The slug of a map of the owner, with three placed photos and a georeference."""
     cfg = make_map(library.map_folder("park"), 3)
     cfg.with_name("map.json").write_text(json.dumps(GEO))
-    adopt_map.run(library, "park", account_id=owner.id)
+    adopt_map.adopt_map(library, "park", account_id=owner.id)
     return "park"
 
 

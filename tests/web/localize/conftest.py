@@ -29,7 +29,7 @@ def ready_sample(sample_folder, tmp_path_factory):
 def sample(library, owner, ready_sample):
     """The id of the sample map, ready to answer."""
     shutil.copytree(ready_sample, library.map_folder(SLUG))
-    return adopt_map.run(library, SLUG, account_id=owner.id)
+    return adopt_map.adopt_map(library, SLUG, account_id=owner.id)
 
 
 @pytest.fixture

@@ -211,7 +211,7 @@ def test_a_map_that_is_not_ready_says_so_and_is_made_ready(
 ):
     folder = library.map_folder("sample")
     shutil.copytree(ready_sample, folder, ignore=shutil.ignore_patterns("derived"))
-    adopt_map.run(library, "sample", account_id=owner.id)
+    adopt_map.adopt_map(library, "sample", account_id=owner.id)
     for _ in range(2):
         response = ask(client, queries / "query_01.jpg")
         error = response.get_json()["error"]

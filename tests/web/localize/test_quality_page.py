@@ -26,7 +26,7 @@ LOST = {"error_px": None, "answer": {"query": "x", "error": "no photo"}}
 def evaluated(library, owner, make_map):
     """A map with an evaluation of both schemes; gives its slug."""
     cfg = make_map(library.map_folder("row"), 2)
-    adopt_map.run(library, "row", account_id=owner.id)
+    adopt_map.adopt_map(library, "row", account_id=owner.id)
     schemes = [{"scheme": "leave-one-out"}, {"scheme": "leave-one-place-out", "hide_within_px": 50.0}]
     (cfg.parent / "derived").mkdir(exist_ok=True)
     forms = [{**FIGURES, **scheme, "per_query": [FOUND, LOST]} for scheme in schemes]
@@ -52,7 +52,7 @@ def test_an_edit_makes_it_old(client, evaluated):
 
 def test_before_the_first_and_while_one_is_going(client, library, owner, make_map):
     make_map(library.map_folder("row"), 2)
-    adopt_map.run(library, "row", account_id=owner.id)
+    adopt_map.adopt_map(library, "row", account_id=owner.id)
     assert "Not evaluated yet" in client.get("/maps/row/quality").text
     job = client.post("/api/v1/maps/row/evaluation", json={}).json["id"]
     page = client.get("/maps/row/quality").text

@@ -13,7 +13,7 @@ from webapp.tasks.maps import adopt_map
 def park(library, owner, make_map):
     """The slug of a map of the owner, with three placed photos."""
     make_map(library.map_folder("park"), 3)
-    adopt_map.run(library, "park", account_id=owner.id)
+    adopt_map.adopt_map(library, "park", account_id=owner.id)
     return "park"
 
 

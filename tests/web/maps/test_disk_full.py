@@ -27,7 +27,7 @@ def settings(settings):
 def park(library, owner, make_map):
     """The slug of a map with three placed photos."""
     make_map(library.map_folder("park"), 3)
-    adopt_map.run(library, "park", account_id=owner.id)
+    adopt_map.adopt_map(library, "park", account_id=owner.id)
     return "park"
 
 

@@ -32,15 +32,15 @@ def place(client, paper, id):
 
 
 def test_what_others_do_meanwhile_is_not_in_it(client, sign_in, owner, paper, monkeypatch):
-    other, run = sign_in(owner), edit_map.run
+    other, run = sign_in(owner), edit_map.edit_map
     before = client.get(paper).json["revision"]
 
     def second(*args, **options):
-        monkeypatch.setattr(edit_map, "run", run)
+        monkeypatch.setattr(edit_map, "edit_map", run)
         place(other, paper, 1)
         return run(*args, **options)
 
-    monkeypatch.setattr(edit_map, "run", second)
+    monkeypatch.setattr(edit_map, "edit_map", second)
     answer = place(client, paper, 0)
     assert (answer["revision"], [p["id"] for p in answer["photos"]]) == (before + 2, [0])
 

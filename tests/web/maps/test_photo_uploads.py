@@ -312,7 +312,7 @@ def test_killed_after_the_last_piece_an_empty_one_completes(sender, library, mon
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(add_photo, "run", killed)
+        patch.setattr(add_photo, "add_photo", killed)
         with pytest.raises(KeyboardInterrupt):
             sender.piece(id, data, offset=0)
     assert photos() == []

@@ -20,7 +20,7 @@ ANSWER = {"query": "q.jpg", "hypotheses": [{"rank": 1, "x_px": 7.0, "y_px": 8.0,
 def token(library, owner, make_map):
     """A token for a library with a map and an answer in its history."""
     cfg = make_map(library.map_folder("park"), 3)
-    adopt_map.run(library, "park", account_id=owner.id)
+    adopt_map.adopt_map(library, "park", account_id=owner.id)
     photo = (cfg.parent / "photos" / "1.jpg").read_bytes()
     with library.database.write() as session:
         record = session.query(MapRecord).one()

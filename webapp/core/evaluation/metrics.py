@@ -192,9 +192,6 @@ def bootstrap_interval(
     ----------
     statistic : callable
         Takes the indices of a resample, (queries,) int, and gives the figure or None.
-    queries : int
-    rng : numpy.random.Generator
-    replicates : int
 
     Returns
     -------

@@ -16,7 +16,6 @@ class Row:
 
     Attributes
     ----------
-    result : QueryResult
     statistics : MatchStatistics or None
         None for a photo that could not be used.
     seconds : float or None
@@ -47,15 +46,10 @@ def row(result: QueryResult, *, place_radius_px: float, metres_per_pixel: float 
 
     Parameters
     ----------
-    result : QueryResult
     place_radius_px : float
         The measure of the grades.
     metres_per_pixel : float or None
         Size of a map pixel at the true position; None without a georeference.
-
-    Returns
-    -------
-    Row
     """
     errors = result.errors_px
     others = errors[1:]

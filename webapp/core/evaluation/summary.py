@@ -102,10 +102,6 @@ def summarise(results: Sequence[QueryResult], *, place_radius_px: float, rng: np
         A hypothesis is right when it is at most so many map pixels off.
     rng : numpy.random.Generator
         For the bootstrap.
-
-    Returns
-    -------
-    Summary
     """
     found = outcomes(results)
     recipes = figures(place_radius_px)

@@ -111,12 +111,10 @@ class Summary:
         Share of the right hypotheses whose `radius_px` holds the truth; 0.68 is wanted.
     answered_at_99_precision : float
         Share of all queries that can be answered, the surest first, with 99 % of the answers right.
-    seconds_per_query_p50, seconds_per_query_p95, extract_seconds_p50, match_seconds_p50 : float or None
     grades : mapping of str to int
         Queries by the grade of their first hypothesis.
     intervals : mapping of str to (float, float)
         95 % bootstrap intervals, by the figure's name in JSON.
-    reliability : tuple of ReliabilityBin
     """
 
     queries: int

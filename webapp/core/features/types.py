@@ -104,7 +104,6 @@ def features_from_keypoints(
 
     Parameters
     ----------
-    keypoints : sequence of cv2.KeyPoint, n of them
     descriptors : (n, d) uint8
     scale : float
         Size of the image over size of the photo.

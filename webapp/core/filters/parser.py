@@ -59,10 +59,6 @@ def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "whe
     field : str
         What messages call the text.
 
-    Returns
-    -------
-    Condition or None
-
     Raises
     ------
     UsageError

@@ -32,7 +32,6 @@ class Token:
 
     Attributes
     ----------
-    kind : str
     text : str
         As it was written; of a text, without its quotes.
     at : int

@@ -27,10 +27,8 @@ class BlankPlan:
 
     Attributes
     ----------
-    georeference : Georeference
     width, height : int
         Pixels.
-    metres_per_pixel : float
     east_m, north_m : float
         Of the top-left corner, metres from the plan's own origin.
     """
@@ -78,10 +76,6 @@ def round_up(value: float) -> float:
 
 def draw(plan: BlankPlan) -> NDArray[np.uint8]:
     """Draw a plan: light paper, a grid of metres, a scale bar and an arrow to the north.
-
-    Parameters
-    ----------
-    plan : BlankPlan
 
     Returns
     -------

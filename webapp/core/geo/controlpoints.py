@@ -39,7 +39,6 @@ def from_control_points(
 
     Parameters
     ----------
-    points : sequence of ControlPoint
     width, height : int
         Of the image, pixels.
     model : {"similarity", "affine", "projective"}, optional

@@ -23,7 +23,6 @@ class Fit:
 
     Attributes
     ----------
-    georeference : Georeference
     residuals_m : tuple of float
         Distance between where the fit puts each point and where it was said to be, metres, a point each.
     warnings : tuple of str

@@ -110,10 +110,6 @@ class Georeference:
     def jacobian(self, pixel: MapPixel) -> NDArray[np.float64]:
         """How east and north change with x and y around one map pixel.
 
-        Parameters
-        ----------
-        pixel : MapPixel
-
         Returns
         -------
         (2, 2) float64

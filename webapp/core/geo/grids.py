@@ -53,10 +53,6 @@ class Utm:
 def utm(position: LatLon) -> Utm | None:
     """Find a position on the UTM grid.
 
-    Parameters
-    ----------
-    position : LatLon
-
     Returns
     -------
     Utm or None

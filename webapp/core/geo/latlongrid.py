@@ -36,7 +36,6 @@ def latlon_grid(georeference: Georeference, size: tuple[int, int], *, cells: int
 
     Parameters
     ----------
-    georeference : Georeference
     size : tuple of (int, int)
         Width and height of the image, pixels.
     cells : int

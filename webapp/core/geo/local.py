@@ -24,12 +24,7 @@ from webapp.core.geo.types import EnuMetres, LatLon
 
 @dataclass(frozen=True, slots=True)
 class LocalFrame:
-    """Metres east and north of an origin.
-
-    Attributes
-    ----------
-    origin : LatLon
-    """
+    """Metres east and north of an origin."""
 
     origin: LatLon
 

@@ -53,7 +53,6 @@ class TileCut:
 
     Attributes
     ----------
-    zoom : int
     left, top : int
         Of its outer corner, pixels of the whole Earth; `left` is less than the Earth's width.
     width, height : int
@@ -112,7 +111,6 @@ def cut_of(box: Box, zoom: int) -> TileCut:
 
     Parameters
     ----------
-    box : Box
     zoom : int
         0 to 24.
 

@@ -129,11 +129,6 @@ def relative_pose(
     ----------
     query_xy, photo_xy : (n, 2) float32
         Matched points, pixels of the upright photos.
-    query, photo : Camera
-
-    Returns
-    -------
-    RelativePose or NoPose
     """
     if len(query_xy) < MIN_MATCHES:
         return NoPose(f"{len(query_xy)} matches, {MIN_MATCHES} needed")

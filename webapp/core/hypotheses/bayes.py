@@ -26,7 +26,6 @@ def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
 
     Parameters
     ----------
-    answer : Answer
     likelihood : sequence of float
         Of what is known, given each hypothesis, over that given anything.
 

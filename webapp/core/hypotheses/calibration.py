@@ -28,7 +28,6 @@ class Calibration:
 
     Attributes
     ----------
-    slope : tuple of EVIDENCE floats
     offset : float
         Log-odds of a place without any evidence, against "not on this map".
     radius_scale : float
@@ -57,7 +56,6 @@ class Case:
         Of each hypothesis.
     right : (h,) bool
         Which lie within the place radius of the truth; none when the photo's place was hidden.
-    weight : float
     """
 
     evidence: NDArray[np.float64]
@@ -73,7 +71,6 @@ def probabilities(
     Parameters
     ----------
     evidence : (h, EVIDENCE) float64
-    calibration : Calibration
 
     Returns
     -------
@@ -93,7 +90,6 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
 
     Parameters
     ----------
-    cases : sequence of Case
     start : Calibration
         The fit is pulled towards it, so that few cases change it little.
 
@@ -101,7 +97,6 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
     -------
     slope : tuple of float
         Not negative: more evidence never makes a place less probable.
-    offset : float
     """
     prior = np.array([*start.slope, start.offset])
     theta = prior.copy()

@@ -43,8 +43,6 @@ def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -
 
     Parameters
     ----------
-    answer : Answer
-    near : Near
     paths : Paths
         The places that there are.
 

@@ -29,7 +29,6 @@ def apply_compass(
 
     Parameters
     ----------
-    answer : Answer
     heading_deg : float
         Degrees clockwise from north.
     looked_deg : mapping of int to float

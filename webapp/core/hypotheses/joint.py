@@ -111,7 +111,6 @@ def _log_odds(spot: _Cluster, missed: Mapping[int, float], *, expected: float) -
 
     Parameters
     ----------
-    spot : _Spot
     missed : mapping of int to float
         Of each photo that has hypotheses, the probability that none of them is right.
     expected : float

@@ -23,7 +23,6 @@ class AnswerSource:
         As `--method` and `--features` name them, the latter resolved.
     georeference : Georeference or None
         Of the map.
-    map_revision : int
     sequence : bool
         The photo was one of a sequence, and those before it count, too.
     """
@@ -40,10 +39,8 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
 
     Parameters
     ----------
-    answer : Answer
     query : str
         The photo, as it was named.
-    source : AnswerSource
 
     Returns
     -------

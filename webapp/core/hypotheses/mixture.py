@@ -71,10 +71,8 @@ def predict(component: Component, *, speed_px: float, steps: float) -> Component
 
     Parameters
     ----------
-    component : Track
     speed_px : float
         Root mean square of the speed, map pixels a frame.
-    steps : float
     """
     rate = 1.0 / _MEMORY
     fade = math.exp(-rate * steps)
@@ -102,8 +100,6 @@ def kalman_update(component: Component, hypothesis: Hypothesis, *, mass: float, 
 
     Parameters
     ----------
-    component : Track
-    hypothesis : Hypothesis
     mass : float
         Integral of its likelihood, map pixels squared; the weight is multiplied by how far it was foreseen.
     variance : float

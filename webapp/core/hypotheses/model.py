@@ -23,7 +23,6 @@ class Hypothesis:
     kind : {"position", "photo"}
         "position": computed from what it shares with map photos; "photo": the place of one is all that is
         known.
-    position : MapPixel
     probability : float
         That the truth lies within the map's `place_radius_px` of `position`; 0 to 1.
     radius_px : float or None
@@ -91,7 +90,6 @@ class FieldOfView:
 
     Attributes
     ----------
-    degrees : float
     source : {"option", "exif", "guess"}
     """
 
@@ -114,7 +112,6 @@ class Answer:
         Of the places that the caller's limit cut from the list.
     no_pose : NoPose or None
         Why there is no hypothesis, when there is none.
-    statistics : MatchStatistics
     evidence : tuple of Evidence
         The matches with the best hypothesis' photos, the best first; then those with the best photo of each
         further hypothesis, as far as the method knows them.

@@ -49,7 +49,6 @@ class PathPrior:
     ----------
     photos : (n, 2) float64
         Their distinct positions, map pixels.
-    place_radius_px : float
     area_px2 : float
         Where a camera can be at all.
     """
@@ -83,13 +82,11 @@ def apply_path_prior(
         What one photo says.
     variance : float
         Of it, along an axis, map pixels squared.
-    paths : Paths
     weight : (n,) float64, optional
         How probable the surroundings of each of `paths.photos` are; all the same without it.
 
     Returns
     -------
-    position : MapPixel
     variance : (2,) float64
         Of it, along the axis that is known better and along the other: a path tells nothing of where on it.
     """
@@ -124,8 +121,6 @@ def apply_path_prior_to_answer(answer: Answer, paths: PathPrior, *, weight: Arra
 
     Parameters
     ----------
-    answer : Answer
-    paths : Paths
     weight : (n,) float64, optional
         As for `drawn`.
     """

@@ -59,7 +59,6 @@ class MotionModel:
 
     Attributes
     ----------
-    paths : Paths
     speed_px : float
         About how far the camera comes from a frame to the next, map pixels.
     """
@@ -79,7 +78,6 @@ class Belief:
 
     Attributes
     ----------
-    components : tuple of Component
     lost : float
         Probability that it is on none of them; with their weights it adds up to 1.
     frames : int
@@ -98,7 +96,6 @@ def motion_model(position: Array, *, place_radius_px: float, speed_px: float | N
     ----------
     position : (p, 2) float64
         Of the map's photos, map pixels.
-    place_radius_px : float
     speed_px : float, optional
         Usual way from a frame to the next; without it, the place radius.
     """
@@ -121,7 +118,6 @@ def filter_step(
         `Belief()` before the first frame.
     answer : Answer
         About this frame alone.
-    motion : Motion
     top : int
         At most so many hypotheses.
     steps : float
@@ -129,7 +125,6 @@ def filter_step(
 
     Returns
     -------
-    belief : Belief
     answer : Answer
         About this frame, by it and all before. Statistics and seconds are the frame's own.
     """
@@ -148,8 +143,6 @@ def smooth(
     ----------
     answers : sequence of Answer
         About each frame alone, in the order in which they were taken.
-    motion : Motion
-    top : int
     steps : sequence of float, optional
         Time of each frame since the one before, in usual frame intervals; the first one means nothing.
 

@@ -27,8 +27,6 @@ class VerifiedPhoto:
 
     Attributes
     ----------
-    matched : ShortlistedPhoto
-    pose : RelativePose or NoPose
     query_ray, photo_ray : (m, 3) float64
         Of its matches, camera frames, depth 1.
     inverse_depth, sigma : (m,) float64
@@ -64,7 +62,6 @@ class PlaceCandidate:
     Attributes
     ----------
     kind : {"position", "photo"}
-    position : MapPixel
     heading : float or None
         Radians.
     sigma_px : float
@@ -91,11 +88,6 @@ class PlaceCandidate:
 
 def estimate_places(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[PlaceCandidate]:
     """Cluster the photos of the shortlist into candidate places.
-
-    Parameters
-    ----------
-    indexed : IndexedMap
-    checked : list of VerifiedPhoto
 
     Returns
     -------
@@ -211,7 +203,6 @@ def support_at(
 
     Parameters
     ----------
-    indexed : IndexedMap
     checked : list of VerifiedPhoto
         Whose votes count.
     position : (m, 2) float64

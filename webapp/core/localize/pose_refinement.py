@@ -78,8 +78,6 @@ def estimate_poses(
         Of the map's photos, map pixels.
     extrinsics : MapExtrinsics
         Of the map's photos.
-    place_radius_px : float
-    tuning : PoseTuning
 
     Returns
     -------
@@ -148,7 +146,6 @@ def _distance_from_depths(view: VerifiedView, photo: Array, to_query: Array) -> 
 
     Parameters
     ----------
-    view : VerifiedView
     photo : (3, 3) float64
         Photo's camera from world.
     to_query : (3,) float64

@@ -39,7 +39,6 @@ class VerifiedView:
     ----------
     photo : int
         Its number in the map.
-    pose : RelativePose
     query_ray, photo_ray : (m, 3) float64
         Of all its matches, camera frames, depth 1.
     inverse_depth, sigma : (m,) float64
@@ -81,7 +80,6 @@ class Correspondences:
         Of the first d matches: inverse depths in the photos, per map pixel.
     query_sigma, photo_sigma : (m,) float64
         Standard deviations of the rays, at depth 1.
-    views : int
     radius : float
         The place radius, map pixels.
     min_depth : float
@@ -114,12 +112,10 @@ def collect_correspondences(
 
     Parameters
     ----------
-    views : sequence of VerifiedView
     usable : list of int
         Numbers of the views whose photos have extrinsics.
     world : (p, 3) float64
         Camera centres of the map's photos.
-    extrinsics : MapExtrinsics
     radius, min_depth : float
         Map pixels.
     """

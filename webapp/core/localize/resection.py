@@ -107,7 +107,6 @@ def resect(
 
     Parameters
     ----------
-    bearings : Bearings
     taken_at : (p, 2) float64
         Where the map's photos were taken, map pixels: more photos are likely to be taken there.
     place_radius_px : float

@@ -71,15 +71,8 @@ def with_probabilities(
 
     Parameters
     ----------
-    indexed : IndexedMap
-    found : Found
-    calibration : Calibration
     top : int
         At most so many hypotheses.
-
-    Returns
-    -------
-    Answer
     """
     if not found.places:
         return found.answer
@@ -117,7 +110,6 @@ def find_places(
     ----------
     indexed : IndexedMap
         Its `fov_deg` must be known for every photo.
-    query : Features
     fov_deg : float
         Horizontal field of view of the upright query.
     hide : collection of int
@@ -127,10 +119,6 @@ def find_places(
     depths : Depths or DepthsWithout, optional
         Those that rest on no sighting of a hidden photo. By default the map's, and none where photos are
         hidden.
-
-    Returns
-    -------
-    Found
     """
     clock = [time.perf_counter()]
     nearest = candidates(indexed, query.descriptors, k=indexed.tuning.retrieval.neighbours + 1, hide=hide)

@@ -23,8 +23,6 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
 
     Parameters
     ----------
-    indexed : IndexedMap
-    query : Features
     top : int
         At most so many hypotheses.
     hide : collection of int

@@ -48,7 +48,6 @@ class FolderFacts:
 
     Attributes
     ----------
-    satellite : FileFacts
     satellite_size : (int, int) or None
         True width and height of the satellite image, pixels.
     photos : mapping of str to FileFacts
@@ -70,7 +69,6 @@ def check_lines(image: ImageLine | None, photos: Sequence[PhotoLine]) -> list[Fi
     ----------
     image : ImageLine or None
         None when the first line could not be read.
-    photos : sequence of PhotoLine
 
     Returns
     -------
@@ -90,18 +88,7 @@ def check_lines(image: ImageLine | None, photos: Sequence[PhotoLine]) -> list[Fi
 def check_folder(
     image: ImageLine | None, photos: Sequence[PhotoLine], *, facts: FolderFacts
 ) -> list[Finding]:
-    """Find what is wrong between the map and the files in its folder.
-
-    Parameters
-    ----------
-    image : ImageLine or None
-    photos : sequence of PhotoLine
-    facts : FolderFacts
-
-    Returns
-    -------
-    list of Finding
-    """
+    """Find what is wrong between the map and the files in its folder."""
     found = list(_satellite(image, facts)) if image else []
     for line in photos:
         if line.photo is not None and line.photo in facts.photos:

@@ -66,7 +66,6 @@ class Finding:
 
     Attributes
     ----------
-    code : Code
     line, column : int
         Both from 1; the column counts characters.
     message : str

@@ -28,7 +28,6 @@ class PhotoHealth:
 
     Attributes
     ----------
-    id : int
     state : {"confusable", "lonely", "one-direction", "good"}
         Confusable: taken for another place, with confidence. Lonely: no photo near it recognises it.
         One-direction: all photos of its place look to one side.
@@ -55,7 +54,6 @@ def judge(
         All of the map.
     answers : mapping of int to sequence of Answer
         By id: the answer with the photo itself hidden, and more with all of its place hidden.
-    place_radius_px : float
 
     Returns
     -------

@@ -36,7 +36,6 @@ class Experience:
         Unique in the map, never used again for another photo; 0 is legal.
     photo : str
         Relative to the map's folder, with forward slashes.
-    position : MapPixel
     heading_deg : float or None
         Where the camera looked, degrees clockwise from north.
     fov_deg : float or None
@@ -70,10 +69,8 @@ class Map:
 
     Attributes
     ----------
-    satellite : SatelliteImage
     experiences : tuple of Experience
         In the order of the file.
-    georeference : Georeference or None
     placements : tuple of Placement
         Beside the main one, which the experiences carry themselves.
     next_id : int

@@ -42,10 +42,6 @@ def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]
         Paths, with slashes of either kind.
     photos : iterable of (int, sequence of str)
         Id and names of each photo: as it came, and as it is called in the map.
-
-    Returns
-    -------
-    NameMatch
     """
     by_last: dict[str, list[_Called]] = defaultdict(list)
     for id, called in photos:

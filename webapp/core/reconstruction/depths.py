@@ -77,7 +77,6 @@ class DepthsExcluding:
 
     Attributes
     ----------
-    observations : DepthObservations
     hidden : (p,) bool
     """
 
@@ -105,19 +104,12 @@ def triangulate_depths(
 
     Parameters
     ----------
-    pairs : PhotoPairs
     position : (p, 2) float64
         Map pixels.
     extrinsics : MapExtrinsics
         Of the p photos; their depths are not used.
     ray_sigma : (p,) float64
         Standard deviation of a keypoint of each photo, at depth 1.
-    place_radius_px : float
-    tuning : ExtrinsicsTuning
-
-    Returns
-    -------
-    DepthObservations
     """
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)

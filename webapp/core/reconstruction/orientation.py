@@ -55,18 +55,12 @@ def estimate_extrinsics(
 
     Parameters
     ----------
-    pairs : PhotoPairs
     position : (p, 2) float64
         Of all photos, map pixels.
     ray_sigma : (p,) float64
         Standard deviation of a keypoint of each photo, at depth 1; see `IndexedMap.ray_sigmas`.
     place_radius_px : float
         Scale of heights.
-    tuning : ExtrinsicsTuning
-
-    Returns
-    -------
-    MapExtrinsics
     """
     apart = np.hypot(*(position[pairs.second] - position[pairs.first]).T) > 0.0
     which = np.flatnonzero(apart)

@@ -146,10 +146,6 @@ def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None 
         Its number; it is the first of every pair.
     matcher : PairMatcher, optional
         Matches the photos that votes name, instead of their nearest neighbours.
-
-    Returns
-    -------
-    Pairs
     """
     features = indexed.features(photo)
     if features is None or not len(features):

@@ -51,8 +51,6 @@ def refine_extrinsics(
         Camera from world, to begin with.
     ray_sigma : (p,) float64
         Standard deviation of a keypoint of each photo, at depth 1.
-    place_radius_px : float
-    tuning : ExtrinsicsTuning
 
     Returns
     -------

@@ -33,7 +33,6 @@ class IndexedMap:
         Map pixels.
     fov_deg : (p,) float64
         Horizontal field of view of the upright photos; NaN when unknown.
-    segments : sequence of Segment
     photo_of_entry : (e,) int64
         For each photo of each segment, in order, its number in `ids`; -1 when it is no longer in the map.
     search : DescriptorSearch or TwoStage
@@ -44,7 +43,6 @@ class IndexedMap:
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
-    tuning : Tuning
     extract_side_px : float
         Photos are scaled down to this longer side before keypoints are detected.
     first_row : (e + 1,) int64
@@ -190,15 +188,9 @@ def candidates(
 
     Parameters
     ----------
-    indexed : IndexedMap
     descriptors : (n, d) uint8
-    k : int
     hide : collection of int
         Experience ids to leave out, as if they were not in the map.
-
-    Returns
-    -------
-    Candidates
     """
     hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64, len(hide)))
     search = indexed.search

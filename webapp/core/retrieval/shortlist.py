@@ -48,8 +48,6 @@ def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidate
 
     Parameters
     ----------
-    indexed : IndexedMap
-    query : Features
     found : Candidates
         (n, k)
 
@@ -75,7 +73,6 @@ def median_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) 
 
     Parameters
     ----------
-    indexed : IndexedMap
     query : Features
         Where keypoints have no orientation, all angles are 0, and so is the turn.
     found : Candidates
@@ -134,9 +131,6 @@ def shortlist(
 
     Parameters
     ----------
-    indexed : IndexedMap
-    query : Features
-    found : Candidates
     votes : (p,) float64
     most : int
         At most so many photos.
@@ -172,9 +166,6 @@ def rematch_with_network(
 
     Parameters
     ----------
-    indexed : IndexedMap
-    query : Features
-    listed : list of Shortlisted
     matcher : PairMatcher
         For the map's features.
 

@@ -55,12 +55,10 @@ def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> Start:
 
     Parameters
     ----------
-    steps : Steps
     fixes : Fixes
         All at `begin` or later; at least one. The first of them are looked at.
     begin : int
         A node.
-    noise : Noise
     """
     spread = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2) / 2)
     found = _nearby(steps, fixes, spread, begin=begin, noise=noise)

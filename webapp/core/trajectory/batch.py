@@ -49,7 +49,6 @@ class Batch:
     ----------
     tracks : dict of (str, str) to TrackPart
         By source and name.
-    sightings : list of Sighting
     ends : bool
         Whether the mission is over.
     """
@@ -86,10 +85,6 @@ def parse(records: Sequence[object]) -> Batch:
     records : sequence
         As `webapp.robot.fields` defines them: `{"type": "pose", "time", "lat", "lon", ...}`, `{"type":
         "object", "id", "class", "time", "lat", "lon", ...}` or `{"type": "end"}`.
-
-    Returns
-    -------
-    Batch
 
     Raises
     ------

@@ -116,10 +116,6 @@ def parse_columns(text: str, header: Sequence[str]) -> Columns:
     header : sequence of str
         The table's first line; names are compared without regard to case.
 
-    Returns
-    -------
-    mapping of str to Column
-
     Raises
     ------
     UsageError
@@ -149,14 +145,6 @@ def parse_columns(text: str, header: Sequence[str]) -> Columns:
 
 def guess_columns(header: Sequence[str]) -> Columns:
     """Guess from the header which column holds what: `timestamp_ms`, `Latitude [deg]`, `x (m)` ...
-
-    Parameters
-    ----------
-    header : sequence of str
-
-    Returns
-    -------
-    mapping of str to Column
 
     Raises
     ------

@@ -60,10 +60,6 @@ def closing(
         Travelled, all poses counted.
     bounds : (float, float, float, float)
         South, west, north, east of all its positions, degrees.
-
-    Returns
-    -------
-    Closing or Open
     """
     frame = LocalFrame(first)
     east, north, _ = frame.enu_of(last)

@@ -82,7 +82,6 @@ class Fusion:
     ----------
     poses : Poses
         At each time of the odometry and of the fixes.
-    gating : dict of Source to GatingResult
     begins_s : tuple of float
         When each piece begins; the first one begins with the track, at the others it was found elsewhere.
     fit : Fit
@@ -121,7 +120,6 @@ def fuse(
         Only its relative motion is used, not its origin nor its covariance.
     fixes : mapping of Source to Poses
         Their covariances are used where they have some.
-    noise : Noise, optional
     check : callable
         Called now and then with the number of nodes done; what it raises ends the work.
     """

@@ -25,7 +25,6 @@ class Match:
 
     Attributes
     ----------
-    position : LatLon
     gap_s : float
         Between the two fixes around it; for one that is at a fix itself, the time to that fix.
     """

@@ -80,7 +80,6 @@ def predict(state: Floats, move: Floats, *, seconds: float, noise: Noise) -> Pre
         As in `Steps.moves`; NaN where it is unknown.
     seconds : float
         Positive.
-    noise : Noise
     """
     if math.isnan(move[0]):
         return _coast(state, seconds, noise)

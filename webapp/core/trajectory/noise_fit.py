@@ -57,7 +57,6 @@ class Fit:
 
         Parameters
         ----------
-        told : Fixes
         of_receiver : (m,) bool
             Which came from a satellite receiver.
         """
@@ -74,7 +73,6 @@ def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: No
         A sample of the track is enough: it is filtered once for each assumption.
     of_receiver : (m,) bool
         Which fixes came from a satellite receiver.
-    usual : Noise
     """
     with_odometry = bool(np.isfinite(steps.moves).any())
     assumed = [

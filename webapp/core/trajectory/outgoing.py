@@ -31,7 +31,6 @@ class TrackOut:
 
     Attributes
     ----------
-    id : int
     source : str
         `gps`, `odometry`, `visual`, `fused` or `manual`.
     name : str
@@ -74,14 +73,10 @@ class ObjectOut:
 
     Attributes
     ----------
-    id : str
     kind : str
         Its class.
-    latlon : LatLon
     first_time_s, last_time_s : float
         Seconds since 1970, UTC.
-    height_m, confidence : float or None
-    sightings : int
     photo : str or None
         SHA-256 of a photo of the mission.
     """
@@ -103,7 +98,6 @@ class MissionOut:
 
     Attributes
     ----------
-    name : str
     tracks : tuple of TrackOut
         Those that have poses.
     kinds : tuple of str

@@ -62,8 +62,6 @@ class Sighting:
         Its class: `car`, `victim` ...
     time_s : float
         Seconds since 1970, UTC.
-    latlon : LatLon
-    height_m : float or None
     confidence : float or None
         0 to 1.
     photo : str or None

@@ -58,7 +58,6 @@ class Start:
 
     Attributes
     ----------
-    position : LatLon
     heading_deg : float
         Which way it looked, degrees clockwise from north.
     """
@@ -73,7 +72,6 @@ class Anchor:
 
     Attributes
     ----------
-    x_m, y_m, z_m : float
     yaw_rad : float
         From x towards y.
     """
@@ -90,7 +88,6 @@ class RobotFrame:
 
     Attributes
     ----------
-    start : Start
     anchor : Anchor
         The pose in the frame that is at the start.
     """
@@ -125,12 +122,7 @@ class RobotFrame:
         return (self.start.heading_deg - degrees) % 360.0
 
     def poses(self, local: LocalPoses) -> Poses:
-        """Bring poses to the Earth; heights count from the start, and `travelled_m` stays unknown.
-
-        Parameters
-        ----------
-        local : LocalPoses
-        """
+        """Bring poses to the Earth; heights count from the start, and `travelled_m` stays unknown."""
         return make_poses(
             local.times_s,
             self.latlon_from_xy(local.xyz_m[:, :2]),

@@ -21,7 +21,6 @@ def simplified(latlon: NDArray[np.float64], tolerance_m: float) -> NDArray[np.bo
     ----------
     latlon : (n, 2) float64
         Degrees north, degrees east.
-    tolerance_m : float
 
     Returns
     -------

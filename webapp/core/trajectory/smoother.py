@@ -73,10 +73,8 @@ def smooth(
 
     Parameters
     ----------
-    steps : Steps
     fixes : Fixes
         At least one.
-    noise : Noise, optional
     check : callable
         Told now and then how many nodes are done; what it raises ends the work.
     """

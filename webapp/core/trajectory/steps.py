@@ -98,7 +98,6 @@ def make_steps(times_s: Floats, odometry_path: DeadReckoning | None) -> Steps:
     ----------
     times_s : (n,) float64
         Strictly ascending.
-    odometry_path : DeadReckoning or None
     """
     n = len(times_s)
     if odometry_path is None or len(odometry_path.times_s) < 2:
@@ -131,7 +130,6 @@ def path(steps: Steps, first: int, *, last: int) -> Floats:
 
     Parameters
     ----------
-    steps : Steps
     first, last : int
         Nodes with odometry all the way.
 

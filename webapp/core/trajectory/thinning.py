@@ -64,7 +64,6 @@ class Thinner:
 
     Attributes
     ----------
-    min_move : MinMove
     skipped : int
         Poses left out so far.
     """

@@ -26,7 +26,6 @@ class VisualFix:
 
     Attributes
     ----------
-    latlon : LatLon
     covariance_m2 : (float, float, float)
         Variance east, variance north, and the covariance of both.
     heading_deg : float or None

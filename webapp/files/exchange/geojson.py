@@ -30,7 +30,6 @@ def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[b
 
     Parameters
     ----------
-    name : str
     features : iterable of iterable of str
         The text of each feature, in parts.
 

@@ -54,7 +54,6 @@ class GpxPoint(NamedTuple):
         Seconds since 1970, UTC.
     lat, lon : float
         Degrees.
-    height_m : float
     course_deg : float
         Degrees clockwise from north (GPX 1.0).
     """

@@ -43,8 +43,6 @@ def format_kml(
 
     Parameters
     ----------
-    map_ : Map
-    georeference : Georeference
     title : str
         Name of the map.
     pictures : Pictures, optional

@@ -43,7 +43,6 @@ class Unpacked:
 
     Attributes
     ----------
-    folder : Path
     cfgs : tuple of str
         The `.cfg` files, relative to the folder, sorted.
     left_out : tuple of str
@@ -66,16 +65,10 @@ def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progr
 
     Parameters
     ----------
-    archive : Path
     folder : Path
         New and empty.
-    limits : ImportLimits
     progress : Progress
         One step a file.
-
-    Returns
-    -------
-    Unpacked
 
     Raises
     ------

@@ -45,10 +45,6 @@ def utc(times_s: ArrayLike) -> list[str]:
     ----------
     times_s : (n,) array_like of float
         Seconds since 1970.
-
-    Returns
-    -------
-    list of str
     """
     microseconds = np.round(np.asarray(times_s, dtype=np.float64).reshape(-1) * 1e6).astype(np.int64)
     return [f"{time}Z" for time in np.datetime_as_string(microseconds.astype("datetime64[us]")).tolist()]

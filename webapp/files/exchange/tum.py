@@ -36,7 +36,6 @@ class PlanarPose:
     ----------
     timestamp : float
         Seconds, or whatever counts the poses.
-    x, y : float
     yaw_rad : float or None
         From the frame's x axis towards its y axis; None where it is unknown.
     """
@@ -52,8 +51,6 @@ def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = (
 
     Parameters
     ----------
-    path : Path
-    poses : iterable of PlanarPose
     remarks : iterable of str
         Lines for the top of the file: the frame and its unit, say.
 
@@ -77,7 +74,6 @@ def read_rows(file: BinaryIO, *, columns: int = COLUMNS) -> Iterator[tuple[int, 
 
     Parameters
     ----------
-    file : binary file
     columns : int
         Numbers in a row: 8, or 12 of KITTI's matrices.
 

@@ -33,7 +33,6 @@ def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Eleme
 
     Parameters
     ----------
-    file : binary file
     whole : collection of str
         Names, without namespaces, of the elements that are yielded complete with their children; all others
         are yielded empty when they begin, and with their own text but without children when they end.

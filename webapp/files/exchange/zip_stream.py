@@ -38,14 +38,6 @@ def stream_zip(members: Iterable[Member]) -> Iterator[bytes]:
     Photos are stored as they are, they are compressed already; contents given as bytes or in pieces are
     deflated.
 
-    Parameters
-    ----------
-    members : iterable of Member
-
-    Yields
-    ------
-    bytes
-
     Raises
     ------
     OSError

@@ -33,7 +33,6 @@ class OpenFile:
 
     Parameters
     ----------
-    file : FileIO
     repair : str
         How to fix it when it is damaged.
     """
@@ -72,11 +71,8 @@ class FileRows:
 
     Parameters
     ----------
-    file : OpenFile
     offset : int
         Of the first row, bytes.
-    dtype : dtype
-    shape : tuple of int
     """
 
     def __init__(self, file: OpenFile, offset: int, *, dtype: np.dtype[Any], shape: tuple[int, ...]) -> None:
@@ -126,7 +122,6 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
     ----------
     path : Path
         May hold `{hash}`, which becomes the first 16 characters of the content's SHA-256.
-    arrays : mapping of str to array
     meta : mapping
         Kept in the header.
 
@@ -155,17 +150,11 @@ def read_arrays(
 
     Parameters
     ----------
-    path : Path
     mapped : bool
         Whether the arrays are read-only memory maps, which keep the file open; else they are in memory.
     in_file : collection of str
         Arrays that are neither: a `FileRows` for each, which keeps the file open and nothing in memory. The
         others are in memory then.
-
-    Returns
-    -------
-    arrays : dict of str to array
-    meta : dict
 
     Raises
     ------

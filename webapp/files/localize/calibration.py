@@ -20,7 +20,6 @@ class StoredCalibration:
 
     Attributes
     ----------
-    calibration : Calibration
     map_fov_deg : float or None
         The option for photos without a known field of view.
     place_radius_px : float

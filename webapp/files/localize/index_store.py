@@ -82,13 +82,10 @@ class Manifest:
 
     Attributes
     ----------
-    detector, extractor : str
-    extract : ExtractSettings
     codebook : str
         Name of the codebook; empty while there is no descriptor at all.
     trained_for : int
         Descriptors the index had when the codebook was trained.
-    segments : tuple of SegmentRecord
     photos : dict of int to PhotoRecord
         By experience id.
     build_seconds : float
@@ -112,12 +109,7 @@ _OURS = frozenset({".features", ".ivf", ".vlad", ".codebook", ".tmp"})
 
 
 class IndexFolder:
-    """The files of one index.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """The files of one index."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -45,8 +45,6 @@ class StoredOrientations:
 
     Attributes
     ----------
-    orientations : Orientations
-    contents : list of str
     position : (p, 2) float64
         Where they were, map pixels.
     key : str

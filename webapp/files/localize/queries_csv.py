@@ -43,10 +43,6 @@ def read(path: Path) -> list[Query]:
     A byte order mark, CRLF line ends and blank lines at the end are accepted, nothing else beside the format.
     Paths are relative to the folder of the list and may leave it; the photos themselves are not looked at.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     list of Query
@@ -73,13 +69,8 @@ def select(items: Sequence[T], limit: int | None) -> list[T]:
 
     Parameters
     ----------
-    items : sequence
     limit : int or None
         None, or no less than there are items, takes all.
-
-    Returns
-    -------
-    list
 
     Raises
     ------

@@ -23,7 +23,6 @@ def resumed(path: Path, key: str) -> Iterator[tuple[dict[int, Trial], Callable[[
 
     Parameters
     ----------
-    path : Path
     key : str
         Of all that the trials depend on.
 

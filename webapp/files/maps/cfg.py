@@ -51,10 +51,6 @@ def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
     where : str, optional
         Name of the file, for errors.
 
-    Returns
-    -------
-    CfgDocument
-
     Raises
     ------
     CfgError

@@ -28,8 +28,6 @@ class FieldError(Exception):
 
     Parameters
     ----------
-    code : Code
-    message : str
     better : str, optional
         The text that should stand there instead, where it can be told.
     """
@@ -140,8 +138,6 @@ class Scan:
         Text of each line up to the last one that is not blank, and what ends it: LF, CRLF or nothing.
     tail : str
         The blank lines at the end.
-    image : ImageLine or None
-    photos : list of PhotoLine
     unread : list of str
         Lines that gave no `PhotoLine`.
     faults : list of Finding
@@ -176,16 +172,7 @@ class _Row:
 
 
 def scan(data: bytes) -> Scan:
-    """Take a `.cfg` apart; never raises for what is in it.
-
-    Parameters
-    ----------
-    data : bytes
-
-    Returns
-    -------
-    Scan
-    """
+    """Take a `.cfg` apart; never raises for what is in it."""
     result = Scan(bom=data.startswith(BOM))
     starts = _split(data, result)
     if not result.lines:

@@ -36,10 +36,6 @@ def photo_path(cfg_path: Path, name: str) -> Path:
     name : str
         As it stands in the `.cfg`.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     MapError
@@ -84,14 +80,6 @@ def read_map(cfg_path: Path) -> Map:
     photo, or a sub-pixel position that does not round to the `.cfg`'s, does not count (an edit from outside;
     the linter tells).
 
-    Parameters
-    ----------
-    cfg_path : Path
-
-    Returns
-    -------
-    Map
-
     Raises
     ------
     MapError
@@ -123,7 +111,6 @@ def write_map(cfg_path: Path, map_: Map) -> None:
     ----------
     cfg_path : Path
         Its folder must exist.
-    map_ : Map
 
     Raises
     ------

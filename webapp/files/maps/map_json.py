@@ -36,8 +36,6 @@ class MapJson:
 
     Attributes
     ----------
-    revision, next_id : int
-    georeference : Georeference or None
     placements : mapping of str to mapping of int to MapPixel
         Sub-pixel positions by id in each further placement, by its name.
     experiences : mapping of int to PhotoRecord
@@ -60,10 +58,6 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         UTF-8.
     where : str
         Name of the file, for errors.
-
-    Returns
-    -------
-    MapJson
 
     Raises
     ------
@@ -97,10 +91,6 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
 
 def format_map_json(map_: Map) -> bytes:
     """Write what a `.cfg` cannot hold of a map; the same map always gives the same bytes.
-
-    Parameters
-    ----------
-    map_ : Map
 
     Returns
     -------
@@ -137,10 +127,6 @@ def parse_georeference(value: object, *, where: str = "georeference") -> Georefe
         Parsed JSON; None is no georeference.
     where : str
         Where it comes from, for errors.
-
-    Returns
-    -------
-    Georeference or None
 
     Raises
     ------

@@ -76,10 +76,6 @@ def read_positions(path: Path) -> Positions:
         A `.cfg`, or a semicolon table with the header `name;lat;lon` or `name;x;y`, perhaps with
         `;heading_deg` behind it (empty: not known).
 
-    Returns
-    -------
-    Positions
-
     Raises
     ------
     TableError

@@ -40,13 +40,7 @@ _HINT = "take another backup: nothing was changed"
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A file of a backup.
-
-    Attributes
-    ----------
-    size_bytes : int
-    sha256 : str
-    """
+    """A file of a backup."""
 
     size_bytes: int
     sha256: str
@@ -61,7 +55,6 @@ class Archive:
 
     Attributes
     ----------
-    files : dict of str to Kept
     scratch : Path
         For a file of the writer's own, which nobody else may read, and which is gone with the end.
     """
@@ -166,13 +159,8 @@ def check(path: Path, *, progress: Progress) -> Files:
 
     Parameters
     ----------
-    path : Path
     progress : Progress
         One step a file.
-
-    Returns
-    -------
-    dict of str to Kept
 
     Raises
     ------
@@ -189,17 +177,12 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
 
     Parameters
     ----------
-    path : Path
     folder : Path
         Where `place` puts everything below.
     place : callable
         From name to path; the folders are made.
     progress : Progress
         One step a file.
-
-    Returns
-    -------
-    dict of str to Kept
 
     Raises
     ------

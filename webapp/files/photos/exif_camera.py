@@ -55,7 +55,6 @@ def read_fov(exif: Exif, *, width: int, height: int) -> Fov | None:
 
     Parameters
     ----------
-    exif : Exif
     width, height : int
         Of the upright photo, pixels.
 

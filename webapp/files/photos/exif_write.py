@@ -40,7 +40,6 @@ class CameraTags:
         The camera's clock.
     focal_35mm : int
         Focal length in 35 mm film, mm, over the diagonal.
-    position : LatLon or None
     heading_deg : float or None
         Where the camera looked, degrees clockwise from true north.
     accuracy_m : float or None
@@ -82,7 +81,6 @@ def with_position(
         WGS 84.
     heading_deg : float or None
         Clockwise from true north; None keeps what the photo has.
-    limits : PhotoLimits
 
     Returns
     -------

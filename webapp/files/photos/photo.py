@@ -30,7 +30,6 @@ class PhotoFacts:
         Of the upright photo, pixels.
     orientation : int
         1 to 8: how the stored pixels are turned (EXIF). 1 where the decoder itself turns them (HEIC).
-    gps : Gps or NoGps
     heading : Heading or None
         With its reference, true or magnetic north.
     taken_at : str or None
@@ -111,11 +110,6 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
     ----------
     source : Path or bytes
         A file, or its content.
-    limits : PhotoLimits
-
-    Returns
-    -------
-    PhotoFacts
 
     Raises
     ------
@@ -148,7 +142,6 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
     ----------
     source : Path or bytes
         A file, or its content; of several frames or pages the first.
-    limits : PhotoLimits
     max_side : int, optional
         Scale down until the longer side has this many pixels; never up.
 
@@ -173,13 +166,8 @@ def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None
     ----------
     source : Path or bytes
         A file, or its content; of several frames or pages the first.
-    limits : PhotoLimits
     max_side : int, optional
         Scale down until the longer side has this many pixels; never up.
-
-    Returns
-    -------
-    GrayPhoto
 
     Raises
     ------
@@ -197,11 +185,6 @@ def turn_upright(pixels: Pixels, orientation: int) -> Pixels:
     Parameters
     ----------
     pixels : (h, w) or (h, w, 3) uint8
-    orientation : int
-
-    Returns
-    -------
-    uint8 array, contiguous; h and w exchanged for 5 to 8.
     """
     if orientation >= 5:
         pixels = pixels.swapaxes(0, 1)

@@ -30,8 +30,6 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[Box] =
 
     Parameters
     ----------
-    source : Path
-    limits : PhotoLimits
     blurred : sequence of Box
         Parts of the upright photo that are made unrecognisable.
 

@@ -18,14 +18,6 @@ def read_corners(path: Path) -> Corners:
 
     Beside the corners it may hold a `note`; nothing else.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    Corners
-
     Raises
     ------
     GeoreferenceError

@@ -27,7 +27,6 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> Fit:
 
     Parameters
     ----------
-    path : Path
     crs : str, optional
         Instead of the coordinate system that the file states.
 

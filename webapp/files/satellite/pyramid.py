@@ -33,7 +33,6 @@ def write_pyramid(raster: Raster, folder: Path, *, progress: Progress) -> None:
 
     Parameters
     ----------
-    raster : Raster
     folder : Path
         Appears when it is complete; what an interrupted run left is made again.
     progress : Progress

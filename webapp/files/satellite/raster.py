@@ -158,13 +158,8 @@ def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
 
     Parameters
     ----------
-    path : Path
     limits : SatelliteLimits
         Checked before anything is decoded.
-
-    Yields
-    ------
-    Raster
 
     Raises
     ------

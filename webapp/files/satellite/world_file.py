@@ -44,7 +44,6 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
 
     Parameters
     ----------
-    path : Path
     width, height : int
         Of the image, pixels.
     crs : str, optional
@@ -71,7 +70,6 @@ def parse_worldfile(text: str, *, where: str, width: int, height: int, crs: str 
 
     Parameters
     ----------
-    text : str
     where : str
         Name of the file, for errors.
     width, height : int

@@ -131,7 +131,7 @@ def import_files(
             order = order_of(path, told | {"name": path.name, "topics": ",".join(told["topics"])})
             order = replace(order, options=replace(order.options, start=told["start"]))
             try:
-                done = import_file.run(
+                done = import_file.import_track_file(
                     place, mission, order=order, settings=load_settings(), progress=progress
                 )
             except InputError as error:
@@ -153,7 +153,7 @@ def export(mission: int, file: Path, form: str | None, library: Path | None) -> 
     with _opened(library) as place:
         with place.database.read() as session:
             _known(session.get(Mission, mission), mission)
-        download = export_mission.run(place, mission, form=form)
+        download = export_mission.export_mission(place, mission, form=form)
         if str(file) == "-":
             for piece in download.pieces:
                 sys.stdout.buffer.write(piece)

@@ -62,7 +62,9 @@ def replay(
     least, start = parse_min_move(chosen["min_move"]), parse_start(chosen["start"])
     with terminal_progress("read") as progress:
         at = start and Start(LatLon(start["lat"], start["lon"]), start["heading_deg"])
-        found = replay_track.run(bag, min_move=least, topics=topics, start=at or None, progress=progress)
+        found = replay_track.replay_track(
+            bag, min_move=least, topics=topics, start=at or None, progress=progress
+        )
     for left in found.left_out:
         click.echo(f"{left.where}: {left.count} left out: {left.reason}", err=True)
     target = find_target(folder, chosen)

@@ -61,14 +61,8 @@ def read(file: BinaryIO, *, columns: str | None, findings: Findings) -> Iterator
 
     Parameters
     ----------
-    file : binary file
     columns : str or None
         Which column holds what (see `webapp.core.trajectory.columns`); None to guess from the header.
-    findings : Findings
-
-    Yields
-    ------
-    Piece
 
     Raises
     ------

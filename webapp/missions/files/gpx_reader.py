@@ -29,10 +29,6 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     Points without a time get one between their neighbours; where none has a time they are counted as one
     second apart, from the file's own time on.
 
-    Yields
-    ------
-    Piece
-
     Raises
     ------
     TrackError

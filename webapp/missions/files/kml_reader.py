@@ -56,14 +56,8 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
 
     Parameters
     ----------
-    file : binary file
-    findings : Findings
     tracks : tuple of str
         Only lines of these names; empty for all, if these are not more than `MAX_LINES`.
-
-    Yields
-    ------
-    Piece
 
     Raises
     ------

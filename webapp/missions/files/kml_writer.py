@@ -26,7 +26,6 @@ def format_mission_kml(
 
     Parameters
     ----------
-    mission : MissionOut
     icons : mapping of str to str, optional
         Path in the KMZ of the icon of each class of objects; without, objects are coloured pins.
     photos : mapping of str to str, optional
@@ -45,7 +44,6 @@ def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
 
     Parameters
     ----------
-    title : str
     href : str
         Absolute.
     refresh_s : float

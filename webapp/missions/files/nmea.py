@@ -43,11 +43,6 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     ----------
     file : binary file
         At its begin; has to be seekable.
-    findings : Findings
-
-    Yields
-    ------
-    WorldPiece
     """
     rows: list[tuple[float, ...]] = []
     for row in _fixes(file, findings=findings):

@@ -44,7 +44,6 @@ class Row:
     values : tuple of float
         Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
         the two variances and the covariance of the first two, to the east first for a fix, square metres.
-    frame, body : str
     stamped : bool
         The time is the pose's own, not that when the message was recorded.
     """

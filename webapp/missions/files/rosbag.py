@@ -42,10 +42,8 @@ class Topic:
 
     Attributes
     ----------
-    name : str
     type : str
         Of its messages: `nav_msgs/msg/Odometry`.
-    messages : int
     readable : bool
         Whether poses or objects can be taken from it.
     """
@@ -74,11 +72,6 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
         What it is, whatever it is called; empty for a folder.
     wanted : collection of str
         Topics; empty for all that can be read.
-    findings : Findings
-
-    Yields
-    ------
-    Piece
 
     Raises
     ------

@@ -28,7 +28,6 @@ class WorldPiece:
     ----------
     track : str
         Name of the track in the file: a topic, say; empty where a file has only one.
-    source : Source
     poses : Poses
         Without `travelled_m`. Positions may be none on the Earth: they are left out later.
     timed : bool
@@ -47,8 +46,6 @@ class RobotPiece:
 
     Attributes
     ----------
-    track : str
-    source : Source
     frame, body : str
         Names of the frame they are in, and of that which they move; empty where the file has none.
     poses : LocalPoses
@@ -108,7 +105,6 @@ class Skipped:
     ----------
     reason : str
         What it was, and why: `sentences with a wrong checksum`.
-    count : int
     where : str
         The first of them: a line, a topic, a track.
     """
@@ -158,7 +154,6 @@ def fill_times(times_s: Sequence[float], *, begin_s: float) -> NDArray[np.float6
     ----------
     times_s : sequence of float
         NaN where unknown.
-    begin_s : float
 
     Returns
     -------

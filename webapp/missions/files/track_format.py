@@ -44,7 +44,6 @@ def kind_of(path: Path, *, table: bool = False) -> Kind:
 
     Parameters
     ----------
-    path : Path
     table : bool
         A text is a table, whatever it looks like.
 

@@ -35,10 +35,6 @@ def layout_of(line: str) -> Layout | None:
 def read(file: BinaryIO, layout: Layout, *, findings: Findings) -> Iterator[RobotPiece]:
     """Read a trajectory; lines that begin with `#` are remarks.
 
-    Yields
-    ------
-    RobotPiece
-
     Raises
     ------
     TrackError

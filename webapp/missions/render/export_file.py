@@ -25,11 +25,8 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
     form : str
         One of `FORMATS`.
-    settings : Settings
     most : int, optional
         At most so many poses of each track, evenly spread; a page has a limit of its own.
     photos : bool
@@ -46,4 +43,6 @@ def run(
         raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     if form == "html":
         return page.run(library, mission_id, settings=settings)
-    return export.run(library, mission_id, form=form, most=most, pictures=settings if photos else None)
+    return export.export_mission(
+        library, mission_id, form=form, most=most, pictures=settings if photos else None
+    )

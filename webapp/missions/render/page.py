@@ -37,16 +37,6 @@ _DOT = {"fill": True, "color": "#fff", "weight": 2, "fillOpacity": 1}
 def run(library: Library, mission_id: int, *, settings: Settings) -> Download:
     """Give a mission as a page, on the image of its map where that has a georeference.
 
-    Parameters
-    ----------
-    library : Library
-    mission_id : int
-    settings : Settings
-
-    Returns
-    -------
-    Download
-
     Raises
     ------
     NotFound

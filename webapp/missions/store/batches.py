@@ -63,11 +63,8 @@ def advance(session: Session, mission_id: int, sender: str, *, first: int, count
     ----------
     session : Session
         That writes.
-    mission_id : int
-    sender : str
     first : int
         Number of the first record.
-    count : int
 
     Returns
     -------
@@ -108,9 +105,6 @@ def remember(
     ----------
     session : Session
         That writes.
-    mission_id : int
-    key : str
-    answer : dict
     keep : timedelta or None
         What clients were answered longer ago is forgotten; what became of files, whose keys begin with
         `FILE`, never is: somebody may find them again at any time.
@@ -128,8 +122,6 @@ def store(session: Session, mission: Mission, batch: Batch) -> None:
     ----------
     session : Session
         That writes.
-    mission : Mission
-    batch : Batch
     """
     missions.changed(mission)
     for (source, name), part in batch.tracks.items():
@@ -151,8 +143,6 @@ def add_sightings(session: Session, mission: Mission, seen: Sequence[Sighting]) 
     ----------
     session : Session
         That writes.
-    mission : Mission
-    seen : sequence of Sighting
     """
     known = _known(session, mission.id, sorted({sighting.object_id for sighting in seen}))
     rows = []

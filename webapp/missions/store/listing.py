@@ -32,14 +32,12 @@ class Entry:
 
     Attributes
     ----------
-    mission : Mission
     role : str or None
         Of who asks.
     slug : str or None
         Of its map.
     tracks : list of Track
         The first made first.
-    objects, photos : int
     """
 
     mission: Mission
@@ -73,8 +71,6 @@ def listed(
 
     Parameters
     ----------
-    session : Session
-    account : Account
     map_id : int or None
         Only those on that map.
     binned : bool

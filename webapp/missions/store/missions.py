@@ -51,14 +51,12 @@ def create(
     ----------
     session : Session
         That writes.
-    name : str
     account_id : int
         Who makes it.
     map_id : int or None
         Whose roles hold for it; None for one on the globe, of the account alone.
     start : dict or None
         `lat`, `lon` and `heading_deg` of the robot's own frame.
-    note : str
 
     Raises
     ------

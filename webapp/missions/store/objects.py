@@ -29,8 +29,6 @@ class Page:
         Only objects of that class.
     sort : str
         One of `SORTS`.
-    descending : bool
-    limit, offset : int
     """
 
     kind: str | None = None
@@ -59,15 +57,11 @@ def changed(
 
     Parameters
     ----------
-    session : Session
-    mission_id : int
-    since : int
     most : int
         Of more, those of the first revisions come; what changed in one revision comes whole.
 
     Returns
     -------
-    list of MissionObject
     int or None
         The revision up to which these are all; None for the last one.
     """

@@ -113,7 +113,6 @@ class Asked:
 
     Attributes
     ----------
-    columns : tuple of str
     rows : Select
         One row more than the limit: it tells whether there are more.
     """

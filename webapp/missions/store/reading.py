@@ -35,8 +35,6 @@ def read(database: Database, mission_id: int, *, most: int | None = None) -> Mis
 
     Parameters
     ----------
-    database : Database
-    mission_id : int
     most : int, optional
         At most so many poses of each track, evenly spread, with its first and its last.
 
@@ -71,8 +69,6 @@ def some_objects(
 
     Parameters
     ----------
-    session : Session
-    mission_id : int
     since : int
         Only those that changed after that revision of the mission.
     limit, offset : int

@@ -13,13 +13,7 @@ from webapp.store.sharing import links
 
 @dataclass(frozen=True, slots=True)
 class OpenedMission:
-    """What a visitor sees; records of a session that is closed.
-
-    Attributes
-    ----------
-    share : MissionShare
-    mission : Mission
-    """
+    """What a visitor sees; records of a session that is closed."""
 
     share: MissionShare
     mission: Mission
@@ -34,7 +28,6 @@ def create(
     ----------
     session : Session
         That writes.
-    mission : Mission
     photos : bool
         Whether photos are shown.
     account_id : int
@@ -44,7 +37,6 @@ def create(
 
     Returns
     -------
-    MissionShare
     str
         End of its address. Of a secret one it is kept nowhere, only its hash.
     """

@@ -26,8 +26,6 @@ class Piece:
 
     Attributes
     ----------
-    chunk, first_number, count : int
-    points : int
     bounds : (float, float, float, float)
         South, west, north, east, degrees.
     """
@@ -48,8 +46,6 @@ def add(
     ----------
     session : Session
         That writes.
-    track : Track
-    level, chunk : int
     count : int
         Poses that it stands for.
     points : (m, 5) float64

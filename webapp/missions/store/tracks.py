@@ -50,7 +50,6 @@ def get_or_create(session: Session, mission_id: int, *, source: str, name: str =
     ----------
     session : Session
         That writes.
-    mission_id : int
     source : str
         As in `webapp.core.trajectory.records.SOURCES`.
     name : str
@@ -76,7 +75,6 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
     ----------
     session : Session
         That writes.
-    track : Track
     poses : Poses
         Where `travelled_m` is NaN, it is measured from the pose before.
     skipped : int
@@ -119,8 +117,6 @@ def read(session: Session, track: Track, *, first: int = 0, stop: int | None = N
 
     Parameters
     ----------
-    session : Session
-    track : Track
     first : int
         Number of the first.
     stop : int or None

@@ -43,7 +43,7 @@ class About:
     object_id: str | None = None
 
 
-def run(
+def add_mission_photo(
     library: Library, mission_id: int, *, source: Path, name: str, about: About, settings: Settings
 ) -> MissionPhoto:
     """Take a photo into a mission; of one whose content is there already, only what is said of it changes.
@@ -52,14 +52,10 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
     source : Path
         Complete, on the same disk as the library; is moved or deleted.
     name : str
         Of the file as it came; any text.
-    about : About
-    settings : Settings
 
     Raises
     ------

@@ -38,13 +38,11 @@ def tolerance_of(level: int) -> float:
     return FINEST_M * float(_COARSER**level)
 
 
-def run(library: Library, mission_id: int, *, write: Write, progress: Progress) -> int:
+def build_pieces(library: Library, mission_id: int, *, write: Write, progress: Progress) -> int:
     """Prepare what is new, a transaction each chunk: others write in between.
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
     write : callable
         Gives a session that writes.
     progress : Progress

@@ -30,7 +30,6 @@ def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
     ----------
     session : Session
         That writes.
-    mission : Mission
     account_id : int
         Who wants it.
 
@@ -49,14 +48,13 @@ def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
     )
 
 
-def run(library: Library, mission_id: int, *, write: Write, progress: Progress) -> None:
+def delete_mission(library: Library, mission_id: int, *, write: Write, progress: Progress) -> None:
     """Delete a mission: poses and sightings block by block, then its other records, then its files.
 
     Stopped in between, it is in the bin with shorter tracks and can be deleted again.
 
     Parameters
     ----------
-    library : Library
     mission_id : int
         Of one that may be deleted already.
     write : callable

@@ -29,7 +29,7 @@ _WRITERS: dict[str, tuple[str, Writer]] = {
 FORMATS = ("kml", "kmz", *_WRITERS)
 
 
-def run(
+def export_mission(
     library: Library,
     mission_id: int,
     *,
@@ -41,8 +41,6 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
     form : str
         One of `FORMATS`: `csv` has the poses, `objects.csv` the objects.
     most : int, optional
@@ -66,7 +64,7 @@ def run(
         raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     mission = reading.read(library.database, mission_id, most=most)
     if form == "kml":
-        return export_kml.run(mission)
+        return export_kml.export_mission_kml(mission)
     if form == "kmz":
         find = None if pictures is None else partial(_picture, library, mission_id, settings=pictures)
         return export_kml.run_kmz(mission, picture=find)

@@ -21,7 +21,7 @@ _BYTES_A_POSE = 120
 _LARGE_BYTES = 1_500_000_000
 
 
-def run(mission: MissionOut) -> Download:
+def export_mission_kml(mission: MissionOut) -> Download:
     """Give a mission as KML; its objects are coloured pins."""
     return Download(f"{plain_name(mission.name)}.kml", KML, format_mission_kml(mission))
 
@@ -31,7 +31,6 @@ def run_kmz(mission: MissionOut, *, picture: Callable[[str], Path | None] | None
 
     Parameters
     ----------
-    mission : MissionOut
     picture : function, optional
         Finds a picture without metadata of a photo, by its SHA-256; None where there is none. Without, no
         photos go along.
@@ -49,7 +48,6 @@ def run_link(name: str, *, href: str, refresh_s: float) -> Download:
         Of the mission.
     href : str
         Absolute address of a KML or KMZ.
-    refresh_s : float
     """
     link = format_network_link(name, href=href, refresh_s=refresh_s)
     return Download(f"{plain_name(name)}-live.kml", KML, iter([link]))

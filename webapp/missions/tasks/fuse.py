@@ -63,16 +63,13 @@ def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
     )
 
 
-def run(library: Library, mission_id: int, *, write: Write, progress: Progress) -> dict[str, Any]:
+def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: Progress) -> dict[str, Any]:
     """Put all tracks of a mission together; the fused one is replaced as a whole, or stays as it is.
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
     write : callable
         Gives a session that writes.
-    progress : Progress
 
     Returns
     -------

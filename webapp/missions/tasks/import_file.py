@@ -83,7 +83,6 @@ class Imported:
     ----------
     kind : str
         What the file is, for people.
-    tracks : tuple of ImportedTrack
     objects : int
         Sightings of objects in the file.
     new : bool
@@ -102,7 +101,7 @@ class Imported:
     notes: tuple[str, ...]
 
 
-def run(
+def import_track_file(
     library: Library,
     mission_id: int,
     *,
@@ -115,18 +114,10 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
-    order : Order
-    settings : Settings
     progress : Progress, optional
         One step a pose or object.
     writes : callable, optional
         Opens the session that writes: that of a job that holds its lease.
-
-    Returns
-    -------
-    Imported
 
     Raises
     ------

@@ -40,7 +40,6 @@ def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
 
     Parameters
     ----------
-    result : LocalizeResult
     time_s : float or None
         When the photo was taken, Unix seconds.
 
@@ -73,7 +72,6 @@ def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, An
     ----------
     session : Session
         That writes.
-    mission_id : int
     sha256 : str
         Of the photo.
     fix : mapping
@@ -104,8 +102,6 @@ def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], acc
     ----------
     session : Session
         That writes.
-    mission : Mission
-    photos : list of MissionPhoto
     account_id : int
         Who wants it.
 
@@ -145,7 +141,7 @@ def map_of(mission: Mission) -> int:
     return mission.map_id
 
 
-def run(
+def localize_waiting_photos(
     library: Library,
     mission_id: int,
     *,
@@ -158,10 +154,6 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
-    map_cache : MapCache
-    settings : Settings
     write : callable
         Gives a session that writes.
     progress : Progress

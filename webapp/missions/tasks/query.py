@@ -20,7 +20,7 @@ _PIECE = 1 << 16
 _TYPES = {"json": "application/json", "csv": "text/csv; charset=utf-8"}
 
 
-def run(library: Library, mission_id: int, *, question: Question, form: Form) -> Download:
+def query_mission(library: Library, mission_id: int, *, question: Question, form: Form) -> Download:
     """Answer a question.
 
     The whole answer is written to a temporary file before its first byte goes out: a mistake or a limit is
@@ -28,9 +28,6 @@ def run(library: Library, mission_id: int, *, question: Question, form: Form) ->
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
-    question : Question
     form : str
         `json`: `columns`, `rows` (a list each) and `complete`, false where the limit cut some off. `csv`: a
         header line, then the rows. Times are seconds since 1970, UTC.

@@ -52,7 +52,6 @@ class ReadOptions:
     ----------
     start : Start or None
         Where the robot was at first; needed for poses in its own frame.
-    min_move : MinMove
     topics : tuple of str
         Only these topics of a bag, or lines of a KML; empty for all.
     columns : str or None
@@ -74,8 +73,6 @@ class TrackPart:
 
     Attributes
     ----------
-    track : str
-    source : Source
     poses : Poses
         Those that are kept; may be none.
     skipped : int
@@ -100,9 +97,6 @@ class ReadTrack:
 
     Attributes
     ----------
-    name : str
-    source : Source
-    poses : Poses
     skipped : int
         Poses left out because they had not moved.
     distance_m : float
@@ -124,8 +118,6 @@ class Report:
     ----------
     kind : str
         What the file is, for people.
-    tracks : tuple of ReadTrack
-    sightings : tuple of Sighting
     skipped : tuple of Skipped
         What could not be used, and why.
     notes : tuple of str
@@ -139,20 +131,15 @@ class Report:
     notes: tuple[str, ...]
 
 
-def run(path: Path, *, options: ReadOptions | None = None, progress: Progress | None = None) -> Report:
+def read_track(path: Path, *, options: ReadOptions | None = None, progress: Progress | None = None) -> Report:
     """Read a whole file into memory; for large ones there is `stream`.
 
     Parameters
     ----------
     path : Path
         A file, or the folder of a ROS 2 bag.
-    options : ReadOptions, optional
     progress : Progress, optional
         One step a pose or object.
-
-    Returns
-    -------
-    Report
 
     Raises
     ------
@@ -223,10 +210,6 @@ def stream(
     ----------
     findings : Findings
         Filled with what is left out and how the file is understood.
-
-    Yields
-    ------
-    TrackPart or tuple of Sighting
     """
     progress = progress or Progress()
     with _about(path):

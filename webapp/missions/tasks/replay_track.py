@@ -58,7 +58,7 @@ class Replay:
     rest: list[dict[str, Any]]
 
 
-def run(
+def replay_track(
     path: Path,
     *,
     min_move: MinMove,
@@ -78,7 +78,6 @@ def run(
         Only these of a bag; empty for all.
     start : Start, optional
         Where the robot was at first; poses in its own frame are left out without it.
-    progress : Progress, optional
 
     Raises
     ------
@@ -86,7 +85,7 @@ def run(
         The file is damaged, of no kind that is known, or has nothing that can be used.
     """
     options = ReadOptions(start=start, min_move=MinMove(0.0), topics=topics)
-    found = read_track.run(path, options=options, progress=progress)
+    found = read_track.read_track(path, options=options, progress=progress)
     kept = {id(track): Thinner(min_move).keep(track.poses.latlon) for track in found.tracks}
     parts = [_poses(track, kept[id(track)], file=path.name) for track in found.tracks]
     events = list(heapq.merge(*parts, _objects(found.sightings), key=lambda event: event.time_s))

@@ -31,16 +31,15 @@ class Numbered:
     first: int
 
 
-def run(library: Library, mission_id: int, *, records: Sequence[object], place: Numbered) -> dict[str, Any]:
+def store_batch(
+    library: Library, mission_id: int, *, records: Sequence[object], place: Numbered
+) -> dict[str, Any]:
     """Store the records of a sender that numbers them; when this returns, they are on the disk.
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
     records : sequence
         As `webapp.core.trajectory.batch.parse` reads them; none asks what is stored.
-    place : Numbered
 
     Returns
     -------
@@ -80,8 +79,6 @@ def run_keyed(
 
     Parameters
     ----------
-    library : Library
-    mission_id : int
     records : sequence
         As for `run`.
     key : str

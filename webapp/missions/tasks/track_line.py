@@ -65,15 +65,8 @@ class Line:
     complete: bool
 
 
-def run(session: Session, track: Track, view: View) -> Line:
-    """Read the line of a track.
-
-    Parameters
-    ----------
-    session : Session
-    track : Track
-    view : View
-    """
+def track_line(session: Session, track: Track, view: View) -> Line:
+    """Read the line of a track."""
     wanted = _level_of(view.tolerance_m)
     tail, all_read = _tail(session, track, view)
     level = wanted

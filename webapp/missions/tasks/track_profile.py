@@ -14,13 +14,11 @@ _DIRECT = 40_000
 """Poses that are read as they are; of a longer track, what was prepared."""
 
 
-def run(session: Session, track: Track, *, points: int) -> NDArray[np.float64]:
+def track_profile(session: Session, track: Track, *, points: int) -> NDArray[np.float64]:
     """Read the profile of a track.
 
     Parameters
     ----------
-    session : Session
-    track : Track
     points : int
         At most so many.
 

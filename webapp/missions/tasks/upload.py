@@ -19,7 +19,6 @@ def waiting_path(library: Library, token: str) -> Path:
 
     Parameters
     ----------
-    library : Library
     token : str
         Of hexadecimal digits.
     """
@@ -33,7 +32,6 @@ def order_of(path: Path, told: Mapping[str, Any]) -> Order:
 
     Parameters
     ----------
-    path : Path
     told : mapping
         `name`; and where they are known `source`, `min_move`, `columns`, and `topics`, separated by commas.
 

@@ -111,7 +111,7 @@ def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None])
         )
     with _turns.one():
         if numbered is not None:
-            return store_batch.run(library(), mission.id, records=records, place=numbered)
+            return store_batch.store_batch(library(), mission.id, records=records, place=numbered)
         keep = timedelta(days=settings().missions.keep_keys_days)
         return store_batch.run_keyed(library(), mission.id, records=records, key=key or "", keep=keep)
 

@@ -118,8 +118,6 @@ def make_event(session: Session, mission: Mission, *, known: str | None) -> tupl
 
     Parameters
     ----------
-    session : Session
-    mission : Mission
     known : str or None
         A cursor; None or another text where nothing is said of what is known.
 

@@ -110,4 +110,4 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
     """Ask about poses, objects or sightings; a mistake is told with the place of its character."""
     mission, form = open_mission(mission_id), asked.pop("format")
     place = library()
-    return sent(lambda: query_mission.run(place, mission.id, question=Question(**asked), form=form))
+    return sent(lambda: query_mission.query_mission(place, mission.id, question=Question(**asked), form=form))

@@ -138,7 +138,7 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
     files = [file for file in [given["file"]] if isinstance(file, FileStorage)]
     near = _near(record, given)
     with received(record, files, again=None) as sent:
-        photo = add_photo.run(
+        photo = add_photo.add_mission_photo(
             library(),
             mission.id,
             source=sent[0].path,

@@ -121,7 +121,7 @@ def add(mission_id: int, *, given: dict[str, Any], query: dict[str, Any]) -> dic
     part = library().uploads / f"{secrets.token_hex(16)}.part"
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
-        kept = add_photo.run(
+        kept = add_photo.add_mission_photo(
             library(),
             mission.id,
             source=part,

@@ -100,7 +100,7 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
     if len(given) not in (0, len(_SIDES)):
         raise UsageError("a box has four sides", where="south", hint="send south, west, north and east")
     box = (given[0], given[1], given[2], given[3]) if given else None
-    found = track_line.run(session, track, View(query["tolerance_m"], box, query["since"]))
+    found = track_line.track_line(session, track, View(query["tolerance_m"], box, query["since"]))
     return {
         "level": found.level,
         "points": points_json(found.points),
@@ -111,7 +111,7 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
 
 def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
     """Give the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
-    told = track_profile.run(session, track, points=query["points"])
+    told = track_profile.track_profile(session, track, points=query["points"])
     if not track.timed:
         told[:, 2] = np.nan  # no speed comes of times that only keep the order
     columns = told.T.tolist()

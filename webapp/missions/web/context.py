@@ -14,7 +14,6 @@ def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mis
 
     Parameters
     ----------
-    id : int
     role : str
         That is needed: `viewer`, `editor` or `owner`.
     binned : bool

@@ -232,10 +232,8 @@ def front(
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     size_m : tuple of float
         Width and height.
-    style : Style
     entrance : bool
         With a door and the sign; other fronts get something else to be known by.
 

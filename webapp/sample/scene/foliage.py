@@ -147,9 +147,6 @@ def draw_foliage(
     ----------
     frame : Frame
         Changed.
-    camera : Camera
-    foliage : Foliage
-    leaves : Leaves
     sun : (n,) float32
         Share of the sun's light on each clump.
     """

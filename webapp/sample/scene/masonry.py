@@ -23,11 +23,9 @@ def surface(
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     shape : tuple of int
         Height and width, pixels of 1 / `PIXELS_PER_METRE` metres.
     material : {"brick", "stone", "boards", "plaster"}
-    colour : tuple of int
 
     Returns
     -------
@@ -53,7 +51,6 @@ def courses(
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     shape : tuple of int
         Height and width, pixels.
     size_px : tuple of float

@@ -19,7 +19,6 @@ def fractal(
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     shape : tuple of int
         Height and width.
     cell_px : float

@@ -18,7 +18,6 @@ def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator)
 
     Parameters
     ----------
-    stage : Stage
     metres_per_pixel : float
         Of the ground.
     rng : numpy.random.Generator

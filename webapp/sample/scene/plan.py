@@ -25,7 +25,6 @@ class Footprint:
         Unit vector out of the front door.
     width, depth : float
         Of the front, and at right angles to it, metres.
-    floors : int
     """
 
     centre: NDArray[np.float64]
@@ -82,11 +81,8 @@ class Plan:
         Middle lines of the path around and of the path across, a point every half metre.
     square : (2,) float64
         The middle of the paved square.
-    square_radius : float
     pond : (n, 2) float64
         Outline of the water.
-    buildings : tuple of Footprint
-    trees : tuple of Tree
     """
 
     loop: NDArray[np.float64]

@@ -49,7 +49,6 @@ class Quad:
         Where the bottom left of the texture is, metres.
     along, up : (3,) float64
         From there to the bottom right and to the top left, metres.
-    texture : Texture
     two_sided : bool
         Seen from behind too (mirrored).
     """
@@ -212,8 +211,6 @@ def draw_quad(frame: Frame, camera: Camera, *, quad: Quad, sun: float) -> None:
     ----------
     frame : Frame
         Changed.
-    camera : Camera
-    quad : Quad
     sun : float
         Share of the sun's light on it, 0-1.
     """

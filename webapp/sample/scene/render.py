@@ -22,8 +22,6 @@ def render(stage: Stage, camera: Camera, *, rng: np.random.Generator) -> NDArray
 
     Parameters
     ----------
-    stage : Stage
-    camera : Camera
     rng : numpy.random.Generator
         For the camera's noise.
 

@@ -101,10 +101,6 @@ def box_quads(
         Width, depth, height, metres.
     texture : Texture
         On all sides and on top.
-
-    Returns
-    -------
-    list of Quad
     """
     across = lift(side * size[0] / 2, 0.0)
     out = lift(np.array([side[1], -side[0]]) * size[1] / 2, 0.0)

@@ -28,8 +28,6 @@ class Stage:
 
     Attributes
     ----------
-    world : World
-    light : Light
     ground : Ground
         As the season has it.
     foliage : Foliage

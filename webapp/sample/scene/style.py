@@ -31,7 +31,6 @@ class Style:
         From the middle of one window to the next.
     panes : tuple of int
         Panes of a window, across and down.
-    shutters : bool
     lintel : {"none", "beam", "gable", "arch"}
         Over each window.
     frame_px : int

@@ -112,15 +112,12 @@ class World:
 
     Attributes
     ----------
-    plan : Plan
-    ground : Ground
     quads : tuple of Quad
         Everything flat that stands on the ground.
     corners : (n, 4, 3) float64
         Of the quads, metres.
     normals : (n, 3) float64
         Of the quads; zero for those seen from both sides.
-    foliage : Foliage
     leaves : tuple
         Pictures of clumps of leaves.
     """
@@ -141,10 +138,6 @@ def build_world(rng: np.random.Generator) -> World:
     ----------
     rng : numpy.random.Generator
         The same state gives the same park.
-
-    Returns
-    -------
-    World
     """
     for_plan, for_ground, for_houses, for_rest, for_leaves = rng.spawn(5)
     plan = draw_plan(for_plan)

@@ -32,7 +32,6 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
     ----------
     session : Session
         That writes.
-    name : str
     is_owner : bool
         Of the whole library.
 

@@ -25,9 +25,6 @@ def set_role(session: Session, record: MapRecord, *, account: Account, role: str
     ----------
     session : Session
         That writes.
-    record : MapRecord
-    account : Account
-    role : str
 
     Raises
     ------

@@ -65,7 +65,6 @@ def redeem_link(session: Session, token: str) -> Account:
     ----------
     session : Session
         That writes.
-    token : str
 
     Raises
     ------
@@ -99,8 +98,6 @@ def by_password(
 
     Parameters
     ----------
-    database : Database
-    name, password : str
     address : str
         Where the request came from.
     limits : WebSettings

@@ -24,7 +24,6 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
     ----------
     session : Session
         That writes.
-    record : MapRecord
     row : QueryRecord
         Without map and id.
     most : int
@@ -73,11 +72,8 @@ def listed(
 
     Parameters
     ----------
-    session : Session
-    record : MapRecord
     before : int or None
         Only older ones than that one.
-    limit : int
     """
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if before is not None:

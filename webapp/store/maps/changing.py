@@ -46,7 +46,6 @@ def change_map(session: Session, map_id: int) -> Iterator[MapChange]:
     ----------
     session : Session
         That writes; its owner commits it.
-    map_id : int
 
     Raises
     ------

@@ -30,7 +30,6 @@ class Step:
 
     Attributes
     ----------
-    edit : Edit
     clash : str or None
         Why it was not done: somebody has changed the same thing since. The edit is out of the way then, so
         that the next undo takes the one before.
@@ -55,7 +54,6 @@ def apply(
     ----------
     session : Session
         That writes.
-    record : MapRecord
     changes : mapping of str to mapping or None
         New values of fields by target; None takes a position in another placement away.
     kind : str

@@ -30,8 +30,6 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
     ----------
     session : Session
         That writes.
-    name : str
-    account_id : int
     folders : collection of str
         That are in the library already; the map's slug is none of them.
 
@@ -136,7 +134,6 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
     ----------
     session : Session
         That writes.
-    record : MapRecord
     row : Photo
         Without map, id and revision.
 

@@ -21,17 +21,12 @@ def begin(
     ----------
     session : Session
         That writes.
-    map_id, account_id : int
     name : str
         As the sender calls the file.
     size_bytes : int
         Of the whole file.
     fingerprint : str
         By which the sender finds it again: from name, size and time of the file.
-
-    Returns
-    -------
-    Upload
     """
     same = select(Upload).where(
         Upload.map_id == map_id, Upload.account_id == account_id, Upload.fingerprint == fingerprint

@@ -32,7 +32,6 @@ class Lease:
 
     Attributes
     ----------
-    job_id : int
     fence : int
         The job's fencing number at the time.
     """
@@ -172,7 +171,6 @@ def lease(
         That writes.
     who : str
         Name of the worker.
-    limits : Limits
     is_gone : callable
         Tells of a worker's name whether it certainly lives no more; its leases end at once.
 
@@ -202,7 +200,6 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
     ----------
     session : Session
         That writes.
-    held : Lease
     seconds : float
         The lease lasts so much longer from now on.
     progress : (int, int, str)
@@ -291,8 +288,6 @@ def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dic
 
     Parameters
     ----------
-    session : Session
-    job : Job
     account_id : int, optional
         Who asks.
 

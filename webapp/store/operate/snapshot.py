@@ -20,7 +20,6 @@ class PartContents:
 
     Attributes
     ----------
-    ids : frozenset of int
     files : frozenset of (int, str)
         Id of the record and path in its folder.
     """
@@ -41,7 +40,6 @@ class Contents:
     ----------
     maps : dict of int to str
         Slug of each map by its id.
-    photos : int
     files : frozenset of (str, str)
         Slug of the map and path in its folder, of all photos and images.
     queries : frozenset of (int, str)
@@ -62,7 +60,6 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
     Parameters
     ----------
-    database : Database
     target : Path
         What it holds is replaced.
     readers : mapping of str to callable
@@ -99,13 +96,8 @@ def check(path: Path, *, readers: Mapping[str, Reader]) -> Contents:
 
     Parameters
     ----------
-    path : Path
     readers : mapping of str to callable
         Of further records with files.
-
-    Returns
-    -------
-    Contents
 
     Raises
     ------

@@ -37,8 +37,6 @@ class Opened:
 
     Attributes
     ----------
-    share : Share
-    map : MapRecord
     query : QueryRecord or None
         The only answer that is shown; None for a whole map.
     """
@@ -63,8 +61,6 @@ def create(
     ----------
     session : Session
         That writes.
-    record : MapRecord
-    allows : Allows
     account_id : int
         Who shares it.
     query_id : int or None
@@ -74,7 +70,6 @@ def create(
 
     Returns
     -------
-    Share
     str
         End of its address. Of a secret one it is kept nowhere, only its hash.
 

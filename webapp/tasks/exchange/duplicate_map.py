@@ -27,7 +27,7 @@ _NOT_COPIED = frozenset({"exports", "health.json", stored_evaluation.FILE})
 """In `derived`: made for the other map."""
 
 
-def run(
+def duplicate_map(
     library: Library, map_id: int, *, account_id: int, name: str, progress: Progress | None = None
 ) -> str:
     """Duplicate a map; its history stays behind, and what was removed from it.
@@ -36,8 +36,6 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     account_id : int
         Who owns the copy.
     name : str

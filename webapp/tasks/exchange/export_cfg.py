@@ -23,8 +23,6 @@ def run(library: Library, map_id: int, *, placement: str | None = None) -> Downl
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     placement : str or None
         That of a further placement.
 

@@ -33,8 +33,6 @@ def run_kmz(source: Source, *, settings: Settings, progress: Progress | None = N
 
     Parameters
     ----------
-    source : Source
-    settings : Settings
     progress : Progress, optional
         One step a photo.
 

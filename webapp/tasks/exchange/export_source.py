@@ -28,7 +28,6 @@ class Source:
 
     Attributes
     ----------
-    map : Map
     cfg : Path
         The map file; photos are relative to its folder.
     title : str
@@ -72,7 +71,6 @@ class Download:
     ----------
     name : str
         Safe in every header and on every disk.
-    media_type : str
     pieces : iterator of bytes
         Its content, in pieces that are made as they are taken.
     """

@@ -28,8 +28,6 @@ def run(library: Library, map_id: int, *, progress: Progress | None = None) -> D
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     progress : Progress, optional
         One step a photo.
 

@@ -128,8 +128,6 @@ class Imported:
 
     Attributes
     ----------
-    map_id : int
-    slug : str
     findings : tuple of Finding
         What the linter says about it.
     left_out : tuple of str
@@ -156,7 +154,7 @@ class MapRefused(MapError):
         self.findings = findings
 
 
-def run(
+def import_map(
     library: Library,
     archive: Path,
     *,
@@ -169,7 +167,6 @@ def run(
 
     Parameters
     ----------
-    library : Library
     archive : Path
         The zip; stays as it is.
     account_id : int
@@ -180,10 +177,6 @@ def run(
         The limits of imports and photos.
     progress : Progress, optional
         One step a file, three times: unpacked, checked, read.
-
-    Returns
-    -------
-    Imported
 
     Raises
     ------
@@ -216,7 +209,6 @@ def run_into(
     ----------
     library, archive, settings, progress
         As there.
-    map_id : int
     writes : callable, optional
         Opens the session that writes: that of a job that holds its lease.
 
@@ -305,7 +297,7 @@ def _move_into(source: Path, folder: Path) -> None:
 
 
 def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
-    report = check_map.run(cfg, settings=settings, progress=progress)
+    report = check_map.check_map(cfg, settings=settings, progress=progress)
     findings = tuple(finding_below(f, cfg.parent) for f in report.findings)
     errors = [f for f in findings if f.severity == "error" and f.code not in _BEARABLE]
     if errors:
@@ -324,7 +316,6 @@ def archive_path(library: Library, token: str) -> Path:
 
     Parameters
     ----------
-    library : Library
     token : str
         Of hexadecimal digits.
     """

@@ -40,7 +40,6 @@ def set_aside(cfg: Path, folder: Path) -> Tray:
 
     Parameters
     ----------
-    cfg : Path
     folder : Path
         New, on the same disk, and not below the map's.
 
@@ -65,7 +64,6 @@ def take_back(
 
     Returns
     -------
-    contents : Contents
     left_out : tuple of str
         Files as the zip names them, each with the reason.
 

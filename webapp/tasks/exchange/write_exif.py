@@ -25,12 +25,10 @@ class PhotoCopy:
 
     Attributes
     ----------
-    id : int
     photo : str
         Path in the map's folder, and in that of the copies.
     position : LatLon or None
         As written; None where the photo was not copied.
-    heading_deg : float or None
     reason : str or None
         Why it was not copied, or what could not be kept in the copy.
     """
@@ -51,10 +49,8 @@ def write_exif(
 
     Parameters
     ----------
-    source : Source
     out : Path
         Made where it does not exist. Photos have the same paths below it as below the map's folder.
-    limits : PhotoLimits
     progress : Progress, optional
         One step a photo.
 

@@ -26,13 +26,7 @@ from webapp.tasks.maps.placing import Wanted, find_spots, needed_image, place_sp
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where the photo was taken, said by somebody who knows; None takes the first hypothesis.
-
-    Attributes
-    ----------
-    position : MapPixel or None
-    heading_deg : float or None
-    """
+    """Where the photo was taken, said by somebody who knows; None takes the first hypothesis."""
 
     position: MapPixel | None = None
     heading_deg: float | None = None
@@ -46,8 +40,6 @@ class Adopted:
     ----------
     id : int
         Of the photo in the map.
-    position : MapPixel
-    heading_deg : float or None
     job : int or None
         That takes it into the index; only this photo is described anew.
     """
@@ -58,7 +50,7 @@ class Adopted:
     job: int | None
 
 
-def run(
+def adopt_query(
     library: Library, map_id: int, *, query_id: int, spot: Spot, account_id: int, settings: Settings
 ) -> Adopted:
     """Take the photo of an answer into the map, and place it as an edit that can be undone.
@@ -85,7 +77,9 @@ def run(
     part = library.uploads / f"{secrets.token_hex(16)}.part"
     try:
         link_or_copy(show_query.original(library, query), part)
-        intake = add_photo.run(library, map_id, source=part, name=query.name, settings=settings, by_gps=False)
+        intake = add_photo.add_photo(
+            library, map_id, source=part, name=query.name, settings=settings, by_gps=False
+        )
     finally:
         discard(part)
     with library.changing(map_id) as change:

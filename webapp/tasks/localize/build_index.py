@@ -49,7 +49,6 @@ class BuildReport:
         Experience id, photo and reason.
     descriptors : int
         In the index, of photos in the map.
-    seconds : float
     bytes : int
         On disk.
     """
@@ -73,10 +72,8 @@ class BuildRequest:
     ----------
     cfg : Path
         Of the map; photo paths are relative to its folder.
-    map : Map
     folder : Path
         Of the index.
-    choice : FeatureChoice
     jobs : int or None
         Worker processes; None for as many as there are cores.
     """
@@ -184,7 +181,7 @@ def _describe_all(
     if jobs == 1 or len(changed) <= _IN_PROCESS:
         for task in tasks:
             progress.check()
-            yield extract_photo.run(task)
+            yield extract_photo.extract_photo(task)
         return
     yield from _in_processes(tasks, min(jobs, len(changed)), progress)
 
@@ -216,7 +213,7 @@ def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> I
             # A short queue bounds the memory and lets a cancelled build stop within a few photos.
             while len(waiting) < 4 * jobs and (task := next(todo, None)) is not None:
                 with _interrupts_held_back():
-                    waiting.add(pool.submit(extract_photo.run, task))
+                    waiting.add(pool.submit(extract_photo.extract_photo, task))
             if not waiting:
                 return
             finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)

@@ -22,7 +22,6 @@ class MapBuildReport:
 
     Attributes
     ----------
-    index : BuildReport
     features : str
         `auto` resolved.
     orientation_seconds, calibration_seconds : float or None
@@ -56,5 +55,5 @@ def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: 
     started = time.perf_counter()
     opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     orientation_seconds = time.perf_counter() - started
-    stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return MapBuildReport(report, choice.name, orientation_seconds, stored.seconds)

@@ -75,12 +75,11 @@ class _Trial:
         return cls(case, record["sigma_px"], record["error_px"])
 
 
-def run(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
+def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
     """Take the stored calibration where it still fits the map, else make and store a new one.
 
     Parameters
     ----------
-    opened : OpenMap
     map_fov_deg : float or None
         As given for photos that do not tell theirs.
     progress : Progress
@@ -141,8 +140,6 @@ def calibrate(
 
     Parameters
     ----------
-    indexed : IndexedMap
-    progress : Progress
     sightings : Sightings, optional
         Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
     known : mapping of int to Trial

@@ -45,14 +45,12 @@ def evaluate_queries(
 
     Parameters
     ----------
-    localizer : Localizer
     queries : Path
         The list, `path;x;y`.
     map_folder : Path
         What the map's own paths are relative to.
     localize : callable, optional
         Answers instead of the localizer's own method: a filter over a sequence.
-    options : EvaluateOptions, optional
     progress : Progress, optional
         One step a photo.
 
@@ -143,10 +141,6 @@ def hidden(themap: Map, own: Experience, *, within_px: float | None) -> frozense
 
 def to_json(evaluation: Evaluation) -> dict[str, Any]:
     """Make the object that `evaluate --json` prints.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
 
     Returns
     -------

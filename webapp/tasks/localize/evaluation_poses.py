@@ -24,7 +24,6 @@ class Trajectories:
     ----------
     estimate : list of PlanarPose
         Of the first hypotheses; a query without one is left out.
-    truth : list of PlanarPose
     frame : str
         Says in a sentence what the numbers mean.
     """
@@ -39,15 +38,6 @@ def trajectories(results: Iterable[QueryResult], themap: Map) -> Trajectories:
 
     With a georeference it is metres east (x) and north (y) of the first true position; without one it is
     map pixels, x to the right and y down. The yaw turns x towards y in both.
-
-    Parameters
-    ----------
-    results : iterable of QueryResult
-    themap : Map
-
-    Returns
-    -------
-    Trajectories
     """
     found: list[_Sight] = []
     true: list[_Sight] = []

@@ -119,16 +119,12 @@ class Evaluation:
 
     Attributes
     ----------
-    subject : Subject
     scheme : {"queries", "leave-one-out", "leave-one-place-out"}
         Photos of a list; the map's own, each hidden; the same with all photos near it hidden.
     hide_within_px : float or None
         How near, in the third scheme.
     query_folder : Path
         What the paths of the queries are relative to.
-    results : tuple of QueryResult
-    summary : Summary
-    seed : int
     peak_rss_mb : float or None
         Largest memory of this process up to the end, 2^20 bytes; None where the system does not say.
     versions : dict of str to str

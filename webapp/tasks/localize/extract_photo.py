@@ -40,8 +40,6 @@ class PhotoJob:
         As it stands in the map.
     folder : Path
         Of the index.
-    choice : FeatureChoice
-    settings : Settings
     indexed : tuple of str
         SHA-256 of photos that the index holds already and that may be this one.
     """
@@ -61,7 +59,6 @@ class PhotoDone:
 
     Attributes
     ----------
-    id : int
     bytes, mtime_ns : int
         Of the file that was read; 0 when there was none.
     content : str
@@ -96,7 +93,7 @@ def _end_with(sentinel: int) -> None:
     os._exit(1)
 
 
-def run(job: PhotoJob) -> PhotoDone:
+def extract_photo(job: PhotoJob) -> PhotoDone:
     """Read, describe and keep one photo; a bad photo is a result, not an exception.
 
     Raises

@@ -22,7 +22,6 @@ def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
 
     Parameters
     ----------
-    cfg : Path
     chosen : Path or None
         What the user asked for: it can serve many maps.
 

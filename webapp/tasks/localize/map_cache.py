@@ -64,7 +64,6 @@ class OpenedMap:
 
     Attributes
     ----------
-    pipeline : LocalizationPipeline
     revision : int
         Of the places it has.
     not_indexed : int
@@ -100,8 +99,6 @@ class MapCache:
 
     Parameters
     ----------
-    library : Library
-    settings : Settings
     most : int
         So many are kept open.
     """
@@ -115,11 +112,6 @@ class MapCache:
 
     def get(self, map_id: int, choice: MethodChoice) -> OpenedMap:
         """Give a map as it is now; opened by one at a time, however many ask.
-
-        Parameters
-        ----------
-        map_id : int
-        choice : MethodChoice
 
         Raises
         ------

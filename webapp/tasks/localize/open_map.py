@@ -83,15 +83,9 @@ class OpenMap:
 
     Attributes
     ----------
-    cfg : Path
-    map : Map
     method : {"vote", "verified", "thorough"}
-    choice : FeatureChoice
-    folder : IndexFolder
     writable : Path
         Folder for what else is computed from the index; its own, unless that cannot be written.
-    manifest : Manifest
-    indexed : IndexedMap
     built : BuildReport or None
         When the index had to be built or brought up to date.
     """
@@ -134,10 +128,6 @@ def open_index(
 
     Parameters
     ----------
-    cfg : Path
-    options : OpenOptions
-    settings : Settings
-    progress : Progress
     the_map : Map, optional
         What is in the file, where that is known already.
 

@@ -228,11 +228,8 @@ class _Comparison:
 
     Attributes
     ----------
-    opened : OpenMap
     name : str
         Of what matches; it has a file of its own.
-    matcher : PairMatcher or None
-    map_fov_deg : float or None
     """
 
     opened: OpenMap

@@ -62,8 +62,6 @@ class LocalizationPipeline:
 
     Attributes
     ----------
-    opened : OpenMap
-    settings : Settings
     calibration : StoredCalibration or None
         None for a method that has none.
     fov_deg : float or None
@@ -84,7 +82,6 @@ class LocalizationPipeline:
 
         Parameters
         ----------
-        photo_path : Path
         top : int
             At most so many hypotheses.
         hide : frozenset of int
@@ -111,9 +108,6 @@ class LocalizationPipeline:
 
         Parameters
         ----------
-        photo_path : Path
-        top : int
-        hide : frozenset of int
         include : frozenset of int
             Experience ids of which the best are verified in any case; `vote` compares with all.
 
@@ -225,10 +219,6 @@ def open_pipeline(
 
     Parameters
     ----------
-    cfg : Path
-    options : OpenOptions
-    settings : Settings
-    progress : Progress
     fov_deg : float, optional
         Horizontal field of view of the queries, instead of what their EXIF says.
 
@@ -240,7 +230,7 @@ def open_pipeline(
     if opened.method == "vote":
         return LocalizationPipeline(opened, settings)
     opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
-    stored = calibrate.run(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return LocalizationPipeline(opened, settings, stored, fov_deg)
 
 

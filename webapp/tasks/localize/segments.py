@@ -33,8 +33,6 @@ def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifes
 
     Parameters
     ----------
-    index : IndexFolder
-    manifest : Manifest
     coding : Coding
         Of the engine that the index should have.
 
@@ -64,11 +62,8 @@ def join(index: IndexFolder, manifest: Manifest, *, coding: Coding, progress: Pr
 
     Parameters
     ----------
-    index : IndexFolder
     manifest : Manifest
         The photos as they should be; segments and codebook as they are.
-    coding : Coding
-    progress : Progress
 
     Returns
     -------

@@ -35,7 +35,6 @@ class SequenceFilter:
 
     Parameters
     ----------
-    pipeline : LocalizationPipeline
     speed_px : float, optional
         Usual way from a frame to the next, map pixels; None for that of most sequences.
     steps : mapping of Path to float
@@ -107,7 +106,6 @@ def smooth_sequence(
 
     Parameters
     ----------
-    pipeline : LocalizationPipeline
     photos : sequence of Path
         In the order in which they were taken.
     progress : Progress
@@ -143,14 +141,8 @@ def smooth_sequence(
 def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path, ...], dict[Path, float]]:
     """Put photos into the order in which they were taken.
 
-    Parameters
-    ----------
-    photos : sequence of Path
-    limits : PhotoLimits
-
     Returns
     -------
-    photos : tuple of Path
     steps : dict
         Time since the photo before, over the median of all such times; as `SequenceFilter` takes it.
 

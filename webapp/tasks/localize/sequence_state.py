@@ -31,10 +31,8 @@ def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Pa
 
     Parameters
     ----------
-    library : Library
     account_id : int
         Whose sequence it is: nobody else's id names it.
-    map_id : int
     id : str
         Chosen by who asks.
     """

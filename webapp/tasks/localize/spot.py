@@ -60,16 +60,13 @@ def combine(
 
     Parameters
     ----------
-    pipeline : LocalizationPipeline
     answers : sequence of Answer
         By `observe`, one a photo; at least one.
-    hints : Hints
     top : int
         At most so many hypotheses.
 
     Returns
     -------
-    answer : Answer
     best : int
         Number of the photo that it takes heading and evidence from.
     """

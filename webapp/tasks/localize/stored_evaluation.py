@@ -35,7 +35,6 @@ class Kept:
         As `expmap evaluate --json` prints them, without the queries.
     errors : (n,) float64
         Of the first hypotheses, map pixels; infinite without a hypothesis.
-    reliability : tuple of ReliabilityBin
     revision : int
         Of the map that was evaluated.
     at : datetime

@@ -51,7 +51,6 @@ class LocalizeRequest:
     ----------
     photos : tuple of UploadedPhoto
         All taken at one spot.
-    choice : MethodChoice
     top : int
         At most so many hypotheses.
     fov_deg : float or None
@@ -84,7 +83,6 @@ class LocalizeResult:
     ----------
     form : dict
         As `localize --json` prints it.
-    evidence : tuple of Evidence
     best : int
         Number of the photo that the evidence is about.
     opened : OpenedMap
@@ -151,14 +149,10 @@ def store_result(
 
     Parameters
     ----------
-    library : Library
-    map_id : int
-    result : LocalizeResult
     request : LocalizeRequest
         Its file is moved.
     account_id : int
         Who result.
-    settings : Settings
 
     Returns
     -------

@@ -73,7 +73,7 @@ class Intake:
     job: int | None
 
 
-def run(
+def add_photo(
     library: Library, map_id: int, *, source: Path, name: str, settings: Settings, by_gps: bool = True
 ) -> Intake:
     """Take a photo into a map.
@@ -83,19 +83,12 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     source : Path
         Complete, on the same disk as the library (its uploads folder); is moved or deleted.
     name : str
         Of the file as it came; any text.
-    settings : Settings
     by_gps : bool
         Place it by its GPS where map and photo know where they are.
-
-    Returns
-    -------
-    Intake
 
     Raises
     ------

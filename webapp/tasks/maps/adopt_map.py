@@ -37,7 +37,6 @@ class Contents:
 
     Attributes
     ----------
-    map : Map
     cfg_sha256 : str or None
         Of the `map.cfg` that was read.
     photos : tuple of Photo
@@ -55,7 +54,7 @@ class Contents:
     tray: tuple[Photo, ...] = ()
 
 
-def run(
+def adopt_map(
     library: Library,
     slug: str,
     *,
@@ -71,7 +70,6 @@ def run(
 
     Parameters
     ----------
-    library : Library
     slug : str
         Name of the folder, which has a `map.cfg`.
     account_id : int
@@ -153,7 +151,6 @@ def fill(session: Session, record: MapRecord, contents: Contents) -> None:
         That writes.
     record : MapRecord
         In the database, without photos.
-    contents : Contents
     """
     map_ = contents.map
     record.satellite_revision = record.exported_revision = map_.revision
@@ -189,12 +186,6 @@ def salted(sha256: str, id: int) -> str:
 
 def photo_row(cfg: Path, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, str | None]:
     """Make the record of an experience's photo; what the map says goes before its EXIF.
-
-    Parameters
-    ----------
-    cfg : Path
-    e : Experience
-    limits : PhotoLimits
 
     Returns
     -------

@@ -37,11 +37,6 @@ class Beside:
 def check_beside(cfg_path: Path, pieces: Scan) -> Beside:
     """Check `map.json` and the placements it names against the lines of the `.cfg`.
 
-    Parameters
-    ----------
-    cfg_path : Path
-    pieces : Scan
-
     Returns
     -------
     Beside
@@ -140,7 +135,6 @@ class Report:
 
     Attributes
     ----------
-    cfg_path : Path
     photos : int
         Lines of photos that could be read.
     findings : tuple of Finding
@@ -162,22 +156,19 @@ class Report:
         return len(self.findings) - self.errors
 
 
-def run(cfg_path: Path, *, settings: Settings, progress: Progress, content: bytes | None = None) -> Report:
+def check_map(
+    cfg_path: Path, *, settings: Settings, progress: Progress, content: bytes | None = None
+) -> Report:
     """Check a map file, the files beside it and the photos it names.
 
     Parameters
     ----------
-    cfg_path : Path
     settings : Settings
         The limits of photos count.
     progress : Progress
         One step a photo.
     content : bytes, optional
         Of the map file, instead of what stands in it.
-
-    Returns
-    -------
-    Report
 
     Raises
     ------
@@ -267,7 +258,6 @@ def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> li
 
     Parameters
     ----------
-    cfg_path : Path
     pieces : Scan
         Of the map file.
     present : sequence of str

@@ -11,7 +11,7 @@ from webapp.store.localize import queries
 from webapp.store.schema import MapRecord
 
 
-def run(library: Library, map_id: int) -> None:
+def delete_map(library: Library, map_id: int) -> None:
     """Delete a map: its records, then its files.
 
     The folder leaves the library first, under a name that nobody finds; killed in between, the map is still

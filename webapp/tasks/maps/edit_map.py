@@ -43,7 +43,7 @@ class Edit:
     seen: int | None = None
 
 
-def run(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | None:
+def edit_map(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | None:
     """Make an edit.
 
     Returns

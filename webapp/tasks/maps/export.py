@@ -41,8 +41,6 @@ def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> boo
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     overwrite : bool
         Write over a file that was changed from outside.
 

@@ -57,12 +57,10 @@ class Problem:
     code : str
         As the linter has it; `outside-edit` for a map file that was changed from outside.
     severity : {"error", "warning"}
-    message : str
     hint : str or None
         What to do where no fix does it.
     ids : tuple of int
         Photos that it is about.
-    fixes : tuple of str
     """
 
     code: str
@@ -73,16 +71,13 @@ class Problem:
     fixes: tuple[Fix, ...]
 
 
-def run(
+def list_findings(
     library: Library, map_id: int, *, settings: Settings, progress: Progress | None = None
 ) -> list[Problem]:
     """Check a map of the library as its records have it.
 
     Parameters
     ----------
-    library : Library
-    map_id : int
-    settings : Settings
     progress : Progress, optional
         One step a photo.
 
@@ -103,7 +98,9 @@ def run(
         cfg, map_ = library.cfg(record.slug), as_map(session, record)
     problems = [] if outside is None else [_outside(outside)]
     if map_ is not None:
-        report = check_map.run(cfg, settings=settings, progress=progress or Progress(), content=_lines(map_))
+        report = check_map.check_map(
+            cfg, settings=settings, progress=progress or Progress(), content=_lines(map_)
+        )
         with library.database.read() as session:
             record = session.get_one(MapRecord, map_id)
             ours = [finding_below(f, cfg.parent) for f in report.findings if _counts(f)]
@@ -114,12 +111,6 @@ def run(
 
 def orphans(session: Session, record: MapRecord, cfg: Path) -> list[str]:
     """List photos in a map's folder that its records do not know, and that are no copies of known ones.
-
-    Parameters
-    ----------
-    session : Session
-    record : MapRecord
-    cfg : Path
 
     Returns
     -------

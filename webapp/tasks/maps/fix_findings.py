@@ -30,22 +30,19 @@ KIND = "fix"
 Changes = dict[str, Mapping[str, Any] | None]
 
 
-def run(
+def fix_findings(
     library: Library, map_id: int, *, fix: str, ids: Sequence[int], account_id: int, settings: Settings
 ) -> int | None:
     """Apply a fix to the photos that a finding is about.
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     fix : str
         One of `findings.FIX_NAMES`.
     ids : sequence of int
         Photos; not needed for fixes of the map as a whole.
     account_id : int
         Who does it.
-    settings : Settings
 
     Returns
     -------

@@ -59,14 +59,10 @@ class Report:
 
     Attributes
     ----------
-    cfg : Path
     written : bool
         False when no photo could be placed: then there is no map.
-    satellite : SatelliteImage or None
-    files : tuple of FileResult
     residuals_m : tuple of float
         Of the control points, metres.
-    warnings : tuple of str
     """
 
     cfg: Path
@@ -81,15 +77,13 @@ class Report:
         return sum(file.state is state for file in self.files)
 
 
-def run(folder: Path, *, options: Options, settings: Settings, progress: Progress) -> Report:
+def map_from_photos(folder: Path, *, options: Options, settings: Settings, progress: Progress) -> Report:
     """Make a map from the photos of a folder.
 
     Parameters
     ----------
     folder : Path
         Searched with all folders below it.
-    options : Options
-    settings : Settings
     progress : Progress
         One step a file.
 
@@ -163,7 +157,7 @@ def _georeferenced(satellite: Path, source: GeoSource | None) -> MapImage:
     width, height = image_size(satellite)
     if source is None:
         return MapImage(width, height, None)
-    fit = georeference_image.run(satellite, source, width=width, height=height)
+    fit = georeference_image.georeference_image(satellite, source, width=width, height=height)
     return MapImage(width, height, fit.georeference, fit.residuals_m, fit.warnings)
 
 

@@ -28,18 +28,15 @@ _FILE = "health.json"
 _VERSION = 1
 
 
-def run(
+def find_weak_places(
     cfg: Path, *, settings: Settings, progress: Progress, options: OpenOptions | None = None
 ) -> dict[str, Any]:
     """Localize photos of the map as if they were not on it, and keep what that says about them.
 
     Parameters
     ----------
-    cfg : Path
-    settings : Settings
     progress : Progress
         Two steps a photo, after those of the index.
-    options : OpenOptions, optional
 
     Returns
     -------

@@ -18,11 +18,6 @@ from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 def as_map(session: Session, record: MapRecord) -> Map | None:
     """Build the map model from the records.
 
-    Parameters
-    ----------
-    session : Session
-    record : MapRecord
-
     Returns
     -------
     Map or None

@@ -105,10 +105,8 @@ class NewMapFolder:
 
         Parameters
         ----------
-        map_ : Map
         originals : mapping of str to str
             Name of each photo in the map -> in the photos' folder.
-        satellite : Path or None
         plan : BlankPlan or None
             The blank plan to draw.
 

@@ -20,7 +20,6 @@ class PhotoFiles:
     ----------
     cfg : Path
         Of the map.
-    limits : PhotoLimits
     """
 
     def __init__(self, cfg: Path, limits: PhotoLimits) -> None:
@@ -42,7 +41,6 @@ def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> N
     ----------
     session : Session
         That writes.
-    record : MapRecord
     rows : iterable of Photo
         With ids from `next_id` on, not yet of any map, removed.
     """

@@ -42,8 +42,6 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     settings : Settings
         The limits of photos count.
 
@@ -72,11 +70,8 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     account_id : int
         Who does it.
-    settings : Settings
     sha256 : str
         Of the file that was shown.
 

@@ -65,15 +65,8 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
 
     Parameters
     ----------
-    session : Session
-    record : MapRecord
-    cfg : Path
     files : PhotoFiles
         Reads the photos that no record knows.
-
-    Returns
-    -------
-    Plan
 
     Raises
     ------

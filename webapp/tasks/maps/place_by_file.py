@@ -21,7 +21,6 @@ class Listed:
 
     Attributes
     ----------
-    placing : Placing
     unknown : tuple of str
         Names in the list that no photo of the map has.
     ambiguous : tuple of str
@@ -36,23 +35,17 @@ class Listed:
     missing: int
 
 
-def run(library: Library, map_id: int, *, source: Path, name: str, account_id: int) -> Listed:
+def place_by_file(library: Library, map_id: int, *, source: Path, name: str, account_id: int) -> Listed:
     """Place all photos that a list names, as one edit; those that have a place are moved.
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     source : Path
         The list; its ending says what it is, as `read_positions` has it.
     name : str
         As its sender calls it, for errors.
     account_id : int
         Who does it, and can undo it.
-
-    Returns
-    -------
-    Listed
 
     Raises
     ------

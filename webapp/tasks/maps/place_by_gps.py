@@ -10,19 +10,13 @@ from webapp.store.maps import maps
 from webapp.tasks.maps.placing import Placing, Wanted, find_spots, needed_image, place_spots
 
 
-def run(library: Library, map_id: int, *, account_id: int) -> Placing:
+def place_by_gps(library: Library, map_id: int, *, account_id: int) -> Placing:
     """Place every photo that has no place yet and a GPS position on the image, as one edit.
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     account_id : int
         Who does it, and can undo it.
-
-    Returns
-    -------
-    Placing
 
     Raises
     ------

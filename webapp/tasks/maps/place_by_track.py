@@ -89,7 +89,6 @@ class Preview:
     ----------
     found : tuple of Found
         Also those outside the image: their spot has a problem.
-    unmatched : tuple of Unmatched
     suggested : ClockOffset or NoMatch
         The offset by which photos that know their position fit the track best.
     """
@@ -129,23 +128,18 @@ def preview(library: Library, map_id: int, *, track: Track, clock: Clock) -> Pre
         return _match(session, session.get_one(MapRecord, map_id), track=track, clock=clock)
 
 
-def run(
+def place_by_track(
     library: Library, map_id: int, *, track: Track, clock: Clock, account_id: int
 ) -> tuple[Placing, Preview]:
     """Place the photos in the tray that the track knows, as one edit.
 
     Parameters
     ----------
-    library : Library
-    map_id : int
-    track : Track
-    clock : Clock
     account_id : int
         Who does it, and can undo it.
 
     Returns
     -------
-    Placing
     Preview
         As `preview` would have given it.
 

@@ -23,7 +23,6 @@ class FileResult:
     ----------
     name : str
         Relative to the folder.
-    state : State
     reason : str or None
         Why it was not placed.
     experience : Experience or None
@@ -76,7 +75,6 @@ def place(s: Surveyed, image: MapImage, *, photo: str) -> FileResult:
 
     Parameters
     ----------
-    s : Surveyed
     image : MapImage
         With a georeference, unless the position is in pixels.
     photo : str

@@ -35,10 +35,6 @@ def put(
 
     Parameters
     ----------
-    library : Library
-    map_id : int
-    name : str
-    account_id : int
     positions : mapping of int to MapPixel, optional
         By photo; by default those of the map.
     clusters_px : float, optional

@@ -32,12 +32,10 @@ class Spot:
 
     Attributes
     ----------
-    photo : Photo
     pixel : MapPixel
         Perhaps outside, or NaN.
     problem : str or None
         How far outside it is.
-    heading_deg : float or None
     """
 
     photo: Photo
@@ -63,7 +61,6 @@ class Placing:
     ----------
     placed : tuple of int
         Ids of the photos, also of those that were there already.
-    outside : tuple of Outside
     job : int or None
         That updates the index, where other photos are on the map now.
     """
@@ -120,8 +117,6 @@ def place_spots(
     ----------
     session : Session
         That writes.
-    record : MapRecord
-    spots : iterable of Spot
     kind : str
         Of the edit.
     account_id : int

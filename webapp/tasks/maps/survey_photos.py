@@ -38,7 +38,6 @@ class Surveyed:
         Relative to the folder, forward slashes.
     facts : PhotoFacts or None
         None when it is no readable photo.
-    position : LatLon or MapPixel or None
     state : State or None
         Why it cannot be placed; None when it has a position.
     reason : str or None
@@ -70,13 +69,10 @@ def survey(
 
     Parameters
     ----------
-    folder : Path
     names : sequence of str
         Relative to it.
     positions : Positions or None
         Positions by file name, instead of those in EXIF.
-    limits : PhotoLimits
-    progress : Progress
 
     Returns
     -------

@@ -26,11 +26,8 @@ def thumbnail(source: Source, experience: Experience, *, side: int, limits: Phot
 
     Parameters
     ----------
-    source : Source
-    experience : Experience
     side : int
         Pixels of the longer side, at most.
-    limits : PhotoLimits
 
     Returns
     -------

@@ -43,7 +43,6 @@ class BackupReport:
 
     Attributes
     ----------
-    maps, photos, files : int
     size_bytes : int
         Of the files.
     missing : tuple of str
@@ -66,7 +65,9 @@ class _Moment:
     """The files that change under their names."""
 
 
-def run(library: Library, target: Path, *, parts: Sequence[LibraryPart], progress: Progress) -> BackupReport:
+def back_up(
+    library: Library, target: Path, *, parts: Sequence[LibraryPart], progress: Progress
+) -> BackupReport:
     """Back a library up.
 
     What can be computed again is left out (`derived/`), and so are half-done uploads and the key that signs
@@ -74,17 +75,12 @@ def run(library: Library, target: Path, *, parts: Sequence[LibraryPart], progres
 
     Parameters
     ----------
-    library : Library
     target : Path
         File; one that is there is replaced when the new one is complete.
     parts : sequence of LibraryPart
         What the library keeps besides maps.
     progress : Progress
         One step a file, for copying and then for reading it again.
-
-    Returns
-    -------
-    BackupReport
 
     Raises
     ------

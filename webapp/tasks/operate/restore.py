@@ -39,7 +39,6 @@ class RestoreReport:
     ----------
     made_at : str
         When the backup was made, ISO 8601.
-    maps, photos, files : int
     before : Path or None
         Where the library is that was there before.
     """
@@ -51,7 +50,7 @@ class RestoreReport:
     before: Path | None
 
 
-def run(
+def restore(
     archive: Path,
     folder: Path,
     *,
@@ -65,7 +64,6 @@ def run(
 
     Parameters
     ----------
-    archive : Path
     folder : Path
         Of the library; made when missing.
     parts : sequence of LibraryPart
@@ -74,10 +72,6 @@ def run(
         Also where there is something already, which then is kept in a folder of its own.
     progress : Progress
         One step a file.
-
-    Returns
-    -------
-    RestoreReport
 
     Raises
     ------

@@ -15,13 +15,8 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.add_photo import PHOTOS, named_by_content
 
 
-def run(library: Library, *, settings: Settings) -> int:
+def sweep_uploads(library: Library, *, settings: Settings) -> int:
     """Give up uploads that nobody has gone on with for `upload.keep_hours`.
-
-    Parameters
-    ----------
-    library : Library
-    settings : Settings
 
     Returns
     -------
@@ -45,11 +40,6 @@ def sweep_orphans(library: Library, map_id: int) -> int:
     """Delete files in the photo folder of a map that no record knows: their intake was interrupted.
 
     Files that a person may have put there are left alone: an orphan has a name that intake gives.
-
-    Parameters
-    ----------
-    library : Library
-    map_id : int
 
     Returns
     -------

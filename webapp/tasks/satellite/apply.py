@@ -52,7 +52,6 @@ class Choice:
 
     Attributes
     ----------
-    account_id : int or None
     scale : bool
         Whether positions grow with the image, where not both images are georeferenced.
     tray : bool
@@ -91,13 +90,6 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: Choice)
 
     Photos in the tray that have a GPS position are placed when the map had no georeference before. The same
     file again, without a georeference, does not take the map's georeference away.
-
-    Parameters
-    ----------
-    changing : callable
-    map_id : int
-    new : NewImage
-    choice : Choice
 
     Raises
     ------

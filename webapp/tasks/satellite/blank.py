@@ -29,16 +29,13 @@ class Sheet:
     height: int
 
 
-def run(library: Library, map_id: int, *, sheet: Sheet | None, choice: Choice) -> Applied:
+def make_blank(library: Library, map_id: int, *, sheet: Sheet | None, choice: Choice) -> Applied:
     """Draw a blank plan and give it to the map as one edit.
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     sheet : Sheet or None
         None lays a plan around the GPS positions of the map's photos, with 5 % of their extent as a margin.
-    choice : Choice
 
     Raises
     ------

@@ -45,8 +45,6 @@ class Shown:
 
     Attributes
     ----------
-    path : Path
-    mime : str
     key : str
         Another one means another content.
     """

@@ -112,7 +112,6 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
         PNG, JPEG or TIFF.
     scratch : Path
         Folder for temporary files.
-    settings : Settings
 
     Raises
     ------

@@ -28,8 +28,6 @@ class GeoWish:
     Attributes
     ----------
     kind : {"corners", "control-points", "worldfile"}
-    corners : Corners or None
-    points : sequence of ControlPoint
     model : {"similarity", "affine", "projective"} or None
         For control points.
     worldfile : str or None
@@ -76,7 +74,6 @@ def preview(found: Fit, wish: GeoWish, *, width: int, height: int) -> dict[str, 
 
     Parameters
     ----------
-    found : Fit
     wish : GeoWish
         That it was made from.
     width, height : int

@@ -37,19 +37,13 @@ class GeoSource:
     model: Model | None = None
 
 
-def run(image: Path, source: GeoSource, *, width: int, height: int) -> Fit:
+def georeference_image(image: Path, source: GeoSource, *, width: int, height: int) -> Fit:
     """Make the georeference of an image.
 
     Parameters
     ----------
-    image : Path
-    source : GeoSource
     width, height : int
         Of the image, pixels.
-
-    Returns
-    -------
-    Fit
 
     Raises
     ------

@@ -35,8 +35,6 @@ class ImageChange:
 
     Attributes
     ----------
-    old : MapImage or None
-    new : MapImage
     same_file : bool
         Whether it is the same image, with another georeference.
     scale : bool

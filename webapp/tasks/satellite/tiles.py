@@ -41,8 +41,6 @@ class TileWish:
     ----------
     service : str
         Its name.
-    box : Box
-    zoom : int
     """
 
     service: str
@@ -106,17 +104,15 @@ def plan(wish: TileWish, *, settings: Settings) -> tuple[TileService, TileCut]:
     return service, cut
 
 
-def run(library: Library, map_id: int, *, wish: TileWish, settings: Settings, progress: Progress) -> Fetched:
+def fetch_tiles(
+    library: Library, map_id: int, *, wish: TileWish, settings: Settings, progress: Progress
+) -> Fetched:
     """Fetch an area and keep its image in the map's folder; `satellite_apply.set_image` gives it to the map.
 
     Tiles that were fetched stay in the library's cache: work that is stopped goes on where it was.
 
     Parameters
     ----------
-    library : Library
-    map_id : int
-    wish : TileWish
-    settings : Settings
     progress : Progress
         A step is a tile.
 
@@ -156,7 +152,6 @@ def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[
     -------
     canvas : (height, width, 3) uint8
         Blue, green, red.
-    missing : int
     lossless : bool
         Whether every tile came as PNG.
     """

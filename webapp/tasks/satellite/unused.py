@@ -37,8 +37,6 @@ def taken_back_if_refused(library: Library, map_id: int, *, name: str) -> Iterat
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     name : str
         Of the image in the map's folder.
 

@@ -27,7 +27,6 @@ class Uploaded:
 
     Attributes
     ----------
-    applied : Applied
     warnings : tuple of str
         About its georeference.
     """
@@ -36,7 +35,7 @@ class Uploaded:
     warnings: tuple[str, ...]
 
 
-def run(
+def store_upload(
     library: Library,
     map_id: int,
     *,
@@ -49,14 +48,10 @@ def run(
 
     Parameters
     ----------
-    library : Library
-    map_id : int
     file : Path
         In the library's uploads folder; is gone afterwards.
     wish : GeoWish or None
         Where it is on the Earth. None takes what a GeoTIFF says, else nothing.
-    choice : Choice
-    settings : Settings
 
     Raises
     ------

@@ -22,7 +22,7 @@ _ROUNDING = 1e-6
 """Shares that were computed may be so much too large."""
 
 
-def run(
+def blur_photo(
     library: Library, map_id: int, *, photo_id: int, boxes: Sequence[Box], settings: Settings
 ) -> int | None:
     """Blur these parts of a photo, and no others.

@@ -22,12 +22,7 @@ _USE_NOTED_EVERY = timedelta(hours=1)
 
 
 class User(UserMixin):  # type: ignore[misc]
-    """An account, as Flask-Login wants it.
-
-    Parameters
-    ----------
-    account : Account
-    """
+    """An account, as Flask-Login wants it."""
 
     def __init__(self, account: Account) -> None:
         self.account = account

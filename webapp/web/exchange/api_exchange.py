@@ -142,7 +142,7 @@ def import_zip(given: dict[str, Any]) -> Any:
             answer = _by_job(name, token)
             kept = True
             return answer, 202
-        done = import_map.run(place, archive, account_id=who.id, name=name, settings=settings())
+        done = import_map.import_map(place, archive, account_id=who.id, name=name, settings=settings())
     except MapRefused as refused:
         response = jsonify(error=as_json(refused), findings=_told(refused.findings))
         response.status_code = 422
@@ -160,7 +160,7 @@ def duplicate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Copy a map; who copies it owns the copy."""
     record, who = open_map(slug), account()
     name = wish["name"] or _("%(name)s (copy)", name=record.name)[:_MAX_NAME]
-    copy = duplicate_map.run(library(), record.id, account_id=who.id, name=name)
+    copy = duplicate_map.duplicate_map(library(), record.id, account_id=who.id, name=name)
     return {"slug": copy, "job": None, "findings": [], "left_out": []}
 
 

@@ -187,8 +187,6 @@ def received(
 
     Parameters
     ----------
-    record : MapRecord
-    files : list of FileStorage
     again : int or None
         Id of an answer whose photo is asked about, instead of files.
 

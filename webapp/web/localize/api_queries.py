@@ -147,7 +147,7 @@ def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, An
     if (x is None) != (y is None):
         raise UsageError("one of x_px and y_px is missing", where="x_px", hint="give both or neither")
     position = None if x is None or y is None else MapPixel(x, y)
-    done = adopt_query.run(
+    done = adopt_query.adopt_query(
         library(),
         record.id,
         query_id=id,

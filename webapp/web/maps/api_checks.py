@@ -122,7 +122,7 @@ class OutsideAnswer(EditAnswer):
 def show_findings(slug: str) -> dict[str, Any]:
     """Check the map."""
     record = open_map(slug)
-    found = findings.run(library(), record.id, settings=settings())
+    found = findings.list_findings(library(), record.id, settings=settings())
     told = [
         {**asdict(problem), "fixes": [{"code": fix, "label": str(LABELS[fix])} for fix in problem.fixes]}
         for problem in found
@@ -136,7 +136,7 @@ def show_findings(slug: str) -> dict[str, Any]:
 def fix(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Put something right; undo takes it back."""
     record, who = open_map(slug, "editor"), account()
-    revision = fix_findings.run(
+    revision = fix_findings.fix_findings(
         library(), record.id, fix=wish["code"], ids=wish["ids"], account_id=who.id, settings=settings()
     )
     return _answer(record, revision)

@@ -152,7 +152,7 @@ def put_into_bin(slug: str, query: dict[str, Any]) -> dict[str, Any]:
     record, who = open_map(slug, "owner", binned=True), account()
     with library().database.read() as session:
         last = state.summary(session, session.get_one(MapRecord, record.id), account=who)
-    delete_map.run(library(), record.id)
+    delete_map.delete_map(library(), record.id)
     return last
 
 
@@ -235,7 +235,7 @@ def _binned(slug: str, *, into: bool) -> dict[str, Any]:
 
 def _edited(slug: str, edit: Edit) -> dict[str, Any]:
     record = open_map(slug, "editor")
-    return _answer(record, edit_map.run(library(), record.id, edit=edit, account_id=account().id))
+    return _answer(record, edit_map.edit_map(library(), record.id, edit=edit, account_id=account().id))
 
 
 def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:

@@ -127,7 +127,9 @@ def _take_in(record: MapRecord, file: FileStorage) -> dict[str, Any]:
     part = library().uploads / f"{secrets.token_hex(16)}.part"
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
-        return intake_json(add_photo.run(library(), record.id, source=part, name=name, settings=settings()))
+        return intake_json(
+            add_photo.add_photo(library(), record.id, source=part, name=name, settings=settings())
+        )
     except ExpMapError as error:
         return {"name": name, "placed": False, "error": as_json(error)}
     finally:

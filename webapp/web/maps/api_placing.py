@@ -117,7 +117,7 @@ def limit_bytes() -> None:
 def by_gps(slug: str) -> dict[str, Any]:
     """Place the photos in the tray that know where they were taken."""
     record = open_map(slug, "editor")
-    placing = place_by_gps.run(library(), record.id, account_id=account().id)
+    placing = place_by_gps.place_by_gps(library(), record.id, account_id=account().id)
     return _placing_json(placing)
 
 
@@ -132,7 +132,9 @@ def by_file(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     part = library().uploads / f"{secrets.token_hex(16)}.{kind}"
     try:
         receive(part, file.stream, max_bytes=MAX_BYTES)
-        listed = place_by_file.run(library(), record.id, source=part, name=name, account_id=account().id)
+        listed = place_by_file.place_by_file(
+            library(), record.id, source=part, name=name, account_id=account().id
+        )
     finally:
         discard(part)
     return {
@@ -157,7 +159,7 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
         placing = Placing((), ())
         seen = place_by_track.preview(library(), record.id, track=track, clock=clock)
     else:
-        placing, seen = place_by_track.run(
+        placing, seen = place_by_track.place_by_track(
             library(), record.id, track=track, clock=clock, account_id=account().id
         )
     span = {"fixes": len(track), "begins_s": float(track.times_s[0]), "ends_s": float(track.times_s[-1])}

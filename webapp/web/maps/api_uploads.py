@@ -112,7 +112,9 @@ def send(slug: str, id: str) -> dict[str, Any]:
             there = append(part, data, offset=offset, size=upload.size_bytes)
             if there < upload.size_bytes:
                 return {"offset": there}
-            intake = add_photo.run(library(), record.id, source=part, name=upload.name, settings=settings())
+            intake = add_photo.add_photo(
+                library(), record.id, source=part, name=upload.name, settings=settings()
+            )
         except (InputError, DiskFull):
             _give_up(upload)
             raise

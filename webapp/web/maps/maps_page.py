@@ -21,10 +21,8 @@ class MapCard:
 
     Attributes
     ----------
-    map : MapRecord
     role : str or None
         Of who looks at it.
-    photos, placed : int
     """
 
     map: MapRecord

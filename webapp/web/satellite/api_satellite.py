@@ -145,7 +145,7 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     part = library().uploads / f"{secrets.token_hex(16)}.image"
     with told_as(tidy_name(file.filename or ""), part):
         receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
-        uploaded = upload.run(
+        uploaded = upload.store_upload(
             library(), record.id, file=part, wish=wish, choice=_choice(given), settings=settings()
         )
     return answer(record, uploaded.applied, warnings=uploaded.warnings)
@@ -161,7 +161,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     if (width is None) != (height is None):
         raise UsageError("width and height are needed together", hint="give both, or neither")
     sheet = None if width is None else Sheet(width, height)
-    applied = blank.run(library(), record.id, sheet=sheet, choice=_choice(given))
+    applied = blank.make_blank(library(), record.id, sheet=sheet, choice=_choice(given))
     return answer(record, applied)
 
 

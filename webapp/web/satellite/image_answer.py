@@ -29,8 +29,6 @@ def answer(record: MapRecord, applied: Applied, *, warnings: Sequence[str] = ())
     ----------
     record : MapRecord
         As it was before.
-    applied : Applied
-    warnings : sequence of str
     """
     who = account()
     with library().database.read() as session:

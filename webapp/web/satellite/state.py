@@ -16,7 +16,6 @@ def satellite_json(record: MapRecord, *, base: str | None = None) -> dict[str, A
 
     Parameters
     ----------
-    record : MapRecord
     base : str, optional
         Address below which the image is found, instead of the one for people of the map.
 

@@ -31,7 +31,7 @@ def blur(slug: str, id: int, wish: dict[str, list[dict[str, float]]]) -> dict[st
     """Blur parts of a photo in every picture of it; its file stays as it came, and visitors never get it."""
     record = open_map(slug, "editor")
     boxes = [Box(**box) for box in wish["boxes"]]
-    revision = blur_photo.run(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
+    revision = blur_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         return state.edited(session, row, account=account(), revision=revision)

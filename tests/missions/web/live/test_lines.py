@@ -32,14 +32,16 @@ def track(library, mission):
 
 @pytest.fixture
 def build(library, mission):
-    return lambda: build_pieces.run(library, mission, write=library.database.write, progress=Progress())
+    return lambda: build_pieces.build_pieces(
+        library, mission, write=library.database.write, progress=Progress()
+    )
 
 
 @pytest.fixture
 def line(library, mission, track):
     def read(**view):
         with library.database.read() as session:
-            return track_line.run(session, tracks.find(session, mission, track.id), View(**view))
+            return track_line.track_line(session, tracks.find(session, mission, track.id), View(**view))
 
     return read
 

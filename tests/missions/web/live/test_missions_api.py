@@ -142,7 +142,7 @@ def test_a_deletion_that_is_stopped_leaves_shorter_tracks(
     client.delete(f"/api/v1/missions/{mission}")
     write = library.database.write
     with pytest.raises(Cancelled):
-        delete_mission.run(library, mission, write=write, progress=Stopped(2))
+        delete_mission.delete_mission(library, mission, write=write, progress=Stopped(2))
     client.post(f"/api/v1/missions/{mission}/restore")
     (track,) = state()["tracks"]
     assert track["poses"] == 20
@@ -150,7 +150,7 @@ def test_a_deletion_that_is_stopped_leaves_shorter_tracks(
     assert [point[0] for point in line["points"]] == list(range(20))
     client.delete(f"/api/v1/missions/{mission}")
     for _ in range(2):  # once more where it was killed at its end
-        delete_mission.run(library, mission, write=write, progress=Progress())
+        delete_mission.delete_mission(library, mission, write=write, progress=Progress())
     with library.database.read() as session:
         assert session.query(Mission).count() == session.query(ObjectSighting).count() == 0
 

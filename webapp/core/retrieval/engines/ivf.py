@@ -53,10 +53,6 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
     descriptors : int
         How many the map has.
     kind : {"float", "binary"}
-
-    Returns
-    -------
-    faiss.IndexIVF or faiss.IndexBinaryIVF
     """
     cells, width = cells_for(descriptors), sample.shape[1]
     if kind == "binary":

@@ -20,7 +20,6 @@ class PhotoEntry:
         SHA-256 of the file, hexadecimal.
     fov_deg : float
         Horizontal field of view of the upright photo from EXIF; NaN when unknown.
-    features : Features
     """
 
     content: str

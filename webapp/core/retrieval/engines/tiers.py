@@ -21,7 +21,6 @@ def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
 
     Parameters
     ----------
-    descriptors : int
     width : int
         Bytes of a descriptor, of which a product quantizer leaves a quarter.
     kind : {"float", "binary"}

@@ -41,7 +41,6 @@ class TwoStage:
 
     Parameters
     ----------
-    codebook : Codebook
     signatures : sequence of (p, b) uint8
         Of each segment's photos.
     segments : sequence of Segment
@@ -69,7 +68,6 @@ class TwoStage:
         ----------
         descriptors : (n, d) uint8
             The strongest keypoint's first.
-        k : int
         visible : (e,) bool
             Which photos of all segments, in order, may be named.
         """

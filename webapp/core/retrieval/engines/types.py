@@ -44,7 +44,6 @@ def nearest_of(parts: list[Neighbours], k: int) -> Neighbours:
     ----------
     parts : list of Neighbours
         At least one; rows already counted over the whole index.
-    k : int
     """
     distance = np.concatenate([p.distance for p in parts], axis=1)
     row = np.concatenate([p.row for p in parts], axis=1)

@@ -115,14 +115,12 @@ def most_alike(
 
     Parameters
     ----------
-    codebook : Codebook
     signatures : sequence of (p, `signature_bytes`) uint8
         e photos in all; may be memory-mapped.
     descriptors : (n, d) uint8
         Of the query.
     visible : (e,) bool
         Which photos may be named.
-    most : int
 
     Returns
     -------
