@@ -24,4 +24,4 @@ def test_missing_folder_is_a_missing_part(tmp_path: Path) -> None:
 
 
 def test_templates_are_found_here() -> None:
-    assert (resource_folder("templates") / "report" / "report.html").is_file()
+    assert (resource_folder("templates") / "localize/report.html").is_file()

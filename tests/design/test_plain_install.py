@@ -41,7 +41,11 @@ def plain(project, tmp_path_factory):
     scripts = folder / "env" / "bin"
     command = [sys.executable, "-m", "pip", "--python", scripts / "python", "install", "--quiet"]
     command += ["--disable-pip-version-check", "-c", project / "constraints.txt", wheel]
-    done = subprocess.run([*map(str, command)], cwd=folder, capture_output=True, text=True, timeout=900)
+    # `make` sets constraints relative to the project's folder.
+    environ = {name: value for name, value in os.environ.items() if "CONSTRAINT" not in name}
+    done = subprocess.run(
+        [*map(str, command)], cwd=folder, env=environ, capture_output=True, text=True, timeout=900
+    )
     if "Connection" in done.stderr and done.returncode:
         pytest.skip(f"no packages can be fetched here: {done.stderr.strip().splitlines()[-1]}")
     assert done.returncode == 0, done.stderr

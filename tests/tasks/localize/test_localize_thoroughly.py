@@ -21,7 +21,7 @@ def test_photos_are_matched_by_the_network_and_calibrated_for_it(
     matched = []
     anew = shortlist.rematch_with_network
     monkeypatch.setattr(
-        "webapp.core.localize.verified.matched_anew",
+        "webapp.core.localize.verified.rematch_with_network",
         lambda *given, **named: matched.append(given) or anew(*given, **named),
     )
     cfg = make_map(tmp_path, 6)
