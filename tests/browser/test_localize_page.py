@@ -193,9 +193,11 @@ def test_a_confirmed_photo_becomes_an_experience_and_is_indexed_alone(page, copi
     expect(page.locator("#history li").first.get_by_title("In the map")).to_be_visible()
     (id,) = [photo["id"] for photo in api.state(copied_map)["photos"] if photo["name"] == name]
     page.get_by_role("tab", name="Answer").click()
-    with page.expect_response(lambda response: response.url.endswith("/localize")) as answered:
+    with (
+        page.expect_response(lambda response: "/coordinates?" in response.url),  # the last that is asked for
+        page.expect_response(lambda response: response.url.endswith("/localize")) as answered,
+    ):
         page.locator("#ask-again").evaluate("button => button.form.requestSubmit()")
-    page.wait_for_load_state("networkidle")  # coordinates of the answer are asked for, too
     answer = answered.value.json()
     assert id in answer["hypotheses"][0]["experiences"]  # it is found by itself now
 

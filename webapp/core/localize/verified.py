@@ -49,7 +49,7 @@ class PlaceSearch:
 
     Attributes
     ----------
-    places : list of Place
+    places : list of PlaceCandidate
         The best first.
     evidence : (h, EVIDENCE) float64
         Of each place: log of the inliers that agree on the best place, share of the votes that photos
@@ -116,7 +116,7 @@ def find_places(
         Experience ids to leave out.
     closer : collection of int
         Experience ids of which the best are verified, too, where the votes name none of them.
-    depths : Depths or DepthsWithout, optional
+    depths : KeypointDepths or DepthsExcluding, optional
         Those that rest on no sighting of a hidden photo. By default the map's, and none where photos are
         hidden.
     """
