@@ -17,9 +17,9 @@ export function bulkPlacing(page) {
   const { server, refresh } = page;
   const positions = async (file) => {
     try {
-      const told = await server.positionsFromFile(file);
+      const result = await server.positionsFromFile(file);
       await refresh();
-      report(told, t("Positions of {name}", { name: file.name }));
+      report(result, t("Positions of {name}", { name: file.name }));
     } catch (error) {
       toastError(error);
     }
@@ -27,9 +27,9 @@ export function bulkPlacing(page) {
   const track = (file = null) => trackDialog(page, file, report);
   byId("place-by-gps").addEventListener("click", async () => {
     try {
-      const told = await server.placeByGps();
+      const result = await server.placeByGps();
       await refresh();
-      report(told, t("Place by GPS"));
+      report(result, t("Place by GPS"));
     } catch (error) {
       toastError(error);
     }
@@ -50,17 +50,17 @@ function choose(accept, take) {
 }
 
 /** Say what placing did: in a line, and in full where something was left out. */
-function report(told, title) {
-  const placed = tn("{n} photo placed.", "{n} photos placed.", told.placed.length);
+function report(result, title) {
+  const placed = tn("{n} photo placed.", "{n} photos placed.", result.placed.length);
   const parts = [
-    names(t("Outside the image"), (told.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
-    names(t("Not found on the track"), (told.unmatched || []).map(({ name, reason }) => `${name}: ${reason}`)),
-    names(t("Listed, but no photo has this name"), told.unknown || []),
-    names(t("Ambiguous name"), told.ambiguous || []),
-    told.missing ? h("p", {}, tn("{n} photo in the tray is not in the list.", "{n} photos in the tray are not in the list.", told.missing)) : null,
+    names(t("Outside the image"), (result.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    names(t("Not found on the track"), (result.unmatched || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    names(t("Listed, but no photo has this name"), result.unknown || []),
+    names(t("Ambiguous name"), result.ambiguous || []),
+    result.missing ? h("p", {}, tn("{n} photo in the tray is not in the list.", "{n} photos in the tray are not in the list.", result.missing)) : null,
   ].filter(Boolean);
   if (!parts.length) {
-    toast(told.placed.length ? placed : t("Nothing to place."));
+    toast(result.placed.length ? placed : t("Nothing to place."));
     return;
   }
   openDialog(title, [h("p", { class: "row" }, icon("pin"), placed), ...parts]);

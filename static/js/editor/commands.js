@@ -102,8 +102,8 @@ export class Commands {
     const id = this._neighbour(direction, keep);
     if (id === null || id === store.currentId) return;
     store.setCurrent(id);
-    const told = store.isPlaced(id) ? t("{name}, placed", { name: store.current.name }) : store.current.name;
-    this.say(told);
+    const announcement = store.isPlaced(id) ? t("{name}, placed", { name: store.current.name }) : store.current.name;
+    this.say(announcement);
   }
 
   /** @param {"undo"|"redo"} action */

@@ -218,8 +218,8 @@ export class EditQueue extends EventTarget {
     this.items = this.items.filter((other) => !lost.includes(other));
     this._show();
     const count = Math.max(lost.length, 1);
-    const told = hint || tn("Your change was not saved: the photo is shown as it is now", "{n} of your changes were not saved: the photos are shown as they are now", count);
-    this.dispatchEvent(new CustomEvent("refused", { detail: { message, hint: told } }));
+    const explanation = hint || tn("Your change was not saved: the photo is shown as it is now", "{n} of your changes were not saved: the photos are shown as they are now", count);
+    this.dispatchEvent(new CustomEvent("refused", { detail: { message, hint: explanation } }));
   }
 
   _refused(error) {

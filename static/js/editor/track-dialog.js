@@ -76,10 +76,10 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
   place.addEventListener("click", async () => {
     place.disabled = true;
     try {
-      const told = await server.matchTrack(fields(), { preview: false });
+      const result = await server.matchTrack(fields(), { preview: false });
       dialog.close();
       await refresh();
-      report(told, t("Place by a GPX track"));
+      report(result, t("Place by a GPX track"));
     } catch (problem) {
       error.show(problem);
       place.disabled = false;

@@ -56,8 +56,8 @@ async function render() {
 }
 
 /** Say how many photos wait, and why. */
-async function status(told) {
-  const entries = Array.isArray(told) ? told : await outbox.all();
+async function status(given) {
+  const entries = Array.isArray(given) ? given : await outbox.all();
   const waiting = entries.filter(({ state }) => state === "waiting").length;
   const line = byId("waiting");
   line.textContent = waiting ? tn("waiting: {n} photo", "waiting: {n} photos", waiting) : t("Nothing waiting");

@@ -59,7 +59,7 @@ export class Sender extends EventTarget {
     return account === this.outbox.account;
   }
 
-  /** Send a photo; what can be better later stops here, what cannot is told and left behind. */
+  /** Send a photo; what can be better later stops here, what cannot is reported and left behind. */
   async _one({ key, map, name, photo }) {
     const body = new FormData();
     body.append("file", photo, name);

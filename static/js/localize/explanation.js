@@ -30,8 +30,8 @@ function rows(session, { options, askAgain }) {
     facts.push([t("Photos"), hypothesis.experiences.join(", ")]);
   }
   if (counts.distance_mean !== null) {
-    const told = { least: numberText(counts.distance_min, 1), mean: numberText(counts.distance_mean, 1), most: numberText(counts.distance_max, 1) };
-    facts.push([t("Distances"), t("{least} to {most}, mean {mean}", told)]);
+    const values = { least: numberText(counts.distance_min, 1), mean: numberText(counts.distance_mean, 1), most: numberText(counts.distance_max, 1) };
+    facts.push([t("Distances"), t("{least} to {most}, mean {mean}", values)]);
   }
   facts.push([t("Time"), times(seconds)]);
   facts.push([t("Map revision"), numberText(answer.map_revision)]);
@@ -41,14 +41,14 @@ function rows(session, { options, askAgain }) {
 function times(seconds) {
   const names = { read: t("reading"), extract: t("extracting"), retrieve: t("searching"), verify: t("verifying"), position: t("positioning") };
   const parts = Object.entries(names).filter(([stage]) => seconds[stage] !== null && seconds[stage] !== undefined);
-  const told = parts.map(([stage, name]) => `${name} ${numberText(seconds[stage], 2)}`).join(", ");
-  return t("{total} s ({parts})", { total: numberText(seconds.total, 2), parts: told });
+  const values = parts.map(([stage, name]) => `${name} ${numberText(seconds[stage], 2)}`).join(", ");
+  return t("{total} s ({parts})", { total: numberText(seconds.total, 2), parts: values });
 }
 
 function fieldOfView({ fov_deg, fov_source }, options, askAgain) {
-  const told = { n: numberText(fov_deg, 1) };
-  if (fov_source === "option") return t("{n}°, as given", told);
-  if (fov_source === "exif") return t("{n}°, from the photo", told);
+  const values = { n: numberText(fov_deg, 1) };
+  if (fov_source === "option") return t("{n}°, as given", values);
+  if (fov_source === "exif") return t("{n}°, from the photo", values);
   const input = h("input", {
     class: "input", type: "number", min: 1, max: 179, step: "any", inputmode: "decimal",
     "aria-label": t("Field of view in degrees"), placeholder: String(Math.round(fov_deg)),
@@ -60,6 +60,6 @@ function fieldOfView({ fov_deg, fov_source }, options, askAgain) {
     askAgain();
   };
   return h("form", { class: "lo-fov", onsubmit: give },
-    h("span", {}, t("{n}°, assumed. Known value:", told)), input, "°",
+    h("span", {}, t("{n}°, assumed. Known value:", values)), input, "°",
     h("button", { class: "button", type: "submit" }, t("Ask again")));
 }

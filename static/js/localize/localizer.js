@@ -47,8 +47,8 @@ export class Localizer extends EventTarget {
   ask(files) {
     const { session } = this;
     session.setQuery({ name: files.map(({ name }) => name).join(", "), url: URL.createObjectURL(files[0]), files });
-    const told = (sent, all) => this._progress(sent < all ? sent / all : null);
-    return this._run((signal) => this.server.ask(files, this.options.values(), told, signal));
+    const showProgress = (sent, all) => this._progress(sent < all ? sent / all : null);
+    return this._run((signal) => this.server.ask(files, this.options.values(), showProgress, signal));
   }
 
   /** Ask about the same photo, with the options as they are now. */

@@ -42,9 +42,9 @@ async function showCoordinates({ session, server }) {
   if (!position) return;
   const pixels = row(t("Map"), `${numberText(position[0], 1)}, ${numberText(position[1], 1)} px`);
   try {
-    const told = await server.coordinates(position, abort.signal);
+    const received = await server.coordinates(position, abort.signal);
     if (abort.signal.aborted) return;
-    const known = [[t("Decimal"), told.decimal], [t("Degrees"), told.dms], ["UTM", told.utm], ["MGRS", told.mgrs]];
+    const known = [[t("Decimal"), received.decimal], [t("Degrees"), received.dms], ["UTM", received.utm], ["MGRS", received.mgrs]];
     const rows = known.filter(([, text]) => text).flatMap(([name, text]) => row(name, text));
     byId("coordinates").replaceChildren(...(rows.length ? rows : pixels));
   } catch (error) {

@@ -64,12 +64,12 @@ export function showQuery({ session, server, slug }, on) {
 /**
  * Put text into the clipboard; without https the browser has none, and the text is shown instead.
  * @param {string} text
- * @param {string} told
+ * @param {string} confirmation
  */
-export async function copy(text, told) {
+export async function copy(text, confirmation) {
   try {
     await navigator.clipboard.writeText(text);
-    toast(told);
+    toast(confirmation);
   } catch {
     toast(text);
   }

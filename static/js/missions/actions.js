@@ -41,7 +41,7 @@ export function connectActions(store, refresh) {
   on("delete", () => bin(store, server));
 }
 
-/** What an import says when it is done; what could not be used is told with its reason. */
+/** What an import says when it is done; what could not be used is listed with its reason. */
 function tellImported({ kind, tracks, objects, skipped, new: isNew }) {
   if (!isNew) return toast(t("Everything in this file was already here."));
   const poses = tracks.reduce((sum, track) => sum + track.poses, 0);

@@ -1,4 +1,4 @@
-/** Colours of tracks: by source, mission, time or speed; told apart by people who see colours differently, too. */
+/** Colours of tracks: by source, mission, time or speed; distinguishable for people who see colours differently, too. */
 
 const SOURCES = { gps: "#0072b2", odometry: "#e69f00", visual: "#cc79a7", fused: "#009e73", manual: "#56b4e9" };
 const OTHERS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442"];

@@ -17,7 +17,7 @@ const SPARSE = new Set(["visual", "manual"]);
 export function drawMarks(pen, frame, { store, lines, hover }) {
   const several = store.missions.size > 1;
   drawFixes(pen, frame, store.fixes, store.timeIn(store.mission));
-  if (store.moment === null) for (const shown of store.shown) drawClosing(pen, frame, shown.track, { line: lines.best(shown.key), told: !several });
+  if (store.moment === null) for (const shown of store.shown) drawClosing(pen, frame, shown.track, { line: lines.best(shown.key), received: !several });
   const moving = store.shown.filter(({ track }) => !SPARSE.has(track.source));
   const labelled = new Map(moving.toReversed().map(({ mission, key }) => [mission.id, key]));
   for (const { mission, track, key } of moving.toReversed()) {
@@ -66,7 +66,7 @@ function cross(pen, { ink }, { x, y }) {
 }
 
 /** A dashed line from the end of a track to its start, with how far that is. */
-function drawClosing(pen, frame, { closing }, { line, told }) {
+function drawClosing(pen, frame, { closing }, { line, received }) {
   if (!closing || !line?.length) return;
   const end = line.length - 1;
   const [from, to] = [end, 0].map((n) => ({ x: frame.x(line.x[n]), y: frame.y(line.y[n]) }));
@@ -81,7 +81,7 @@ function drawClosing(pen, frame, { closing }, { line, told }) {
     pen.stroke();
     pen.setLineDash([]);
   }
-  if (!told) return;
+  if (!received) return;
   const [x, y] = [(from.x + to.x) / 2, (from.y + to.y) / 2];
   const beside = Math.hypot(from.x - to.x, from.y - to.y) < SMALL_GAP_PX ? 20 : 0;
   words(pen, frame, text, [x + 26, y + 4 + beside]);

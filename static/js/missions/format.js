@@ -3,7 +3,7 @@
 import { locale, t } from "../shared/i18n.js";
 
 const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "medium" });
-/** Times within a day are told without their date. */
+/** Times within a day are written without their date. */
 export const DAY_S = 86400;
 
 /** What took less has no times that mean something: many files have all points at one. */

@@ -18,7 +18,7 @@ const SOURCES = ["gps", "odometry", "visual", "manual"];
  * @param {?File} [what.file] chosen already
  * @param {function(File): Promise<number>} what.mission gives the mission that the file goes into, made if need be
  * @param {Array<Node>} [what.more] fields in front
- * @param {function(number, Object): void} what.done told the mission and the job's result
+ * @param {function(number, Object): void} what.done called with the mission and the job's result
  */
 export function importDialog({ file = null, mission, more = [], done }) {
   const input = h("input", { class: "input", type: "file", accept: ACCEPT, "data-testid": "track-file" });

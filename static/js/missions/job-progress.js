@@ -24,7 +24,7 @@ export function jobBar(label) {
  * Wait for the end of a job.
  * @param {function(number): Promise<Object>} ask
  * @param {number} id
- * @param {function(Object): void} show told each state
+ * @param {function(Object): void} show called with each state
  * @returns {Promise<Object>} the job that is done
  * @throws {Error} what made it fail, with its hint
  */

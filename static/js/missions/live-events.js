@@ -34,7 +34,7 @@ export class Live extends EventTarget {
     const mission = this.store.missions.get(this.id);
     if (mission.ended_at) return this._later(ENDED_MS); // it may still be corrected, and needs no stream for that
     this._stream = this._server.events(mission.cursor, {
-      changed: (told, cursor) => this._take(told, cursor),
+      changed: (received, cursor) => this._take(received, cursor),
       open: () => this._heard(),
       error: (closed) => this._lost(closed),
     });
@@ -65,9 +65,9 @@ export class Live extends EventTarget {
     this._stream = null;
   }
 
-  _take(told, cursor) {
+  _take(received, cursor) {
     this._heard();
-    this.store.merge(this.id, { ...told, cursor });
+    this.store.merge(this.id, { ...received, cursor });
   }
 
   _heard() {

@@ -31,7 +31,7 @@ const server = store.server(page.id);
 
 load();
 
-/** The mission comes first; what fails here is told in place of the map. */
+/** The mission comes first; what fails here is reported in place of the map. */
 async function load() {
   byId("loading").hidden = false;
   byId("failed").hidden = true;

@@ -134,17 +134,17 @@ export class MissionStore extends EventTarget {
     this.emit("grown");
   }
 
-  /** Take what an event of the server told. */
+  /** Apply an event of the server. */
   merge(id, { tracks, objects, ...facts }) {
     const mission = this.missions.get(id);
     if (!mission) return;
     Object.assign(mission, facts);
     const known = new Map(mission.tracks.map((track) => [track.id, track]));
-    const added = tracks.filter((told) => !known.has(told.id));
-    for (const { new: points, ...told } of tracks) {
-      if (known.has(told.id)) Object.assign(known.get(told.id), told);
-      else mission.tracks.push(told);
-      if (points.length) this.emit("poses", { key: keyOf(id, told.id), points });
+    const added = tracks.filter((received) => !known.has(received.id));
+    for (const { new: points, ...received } of tracks) {
+      if (known.has(received.id)) Object.assign(known.get(received.id), received);
+      else mission.tracks.push(received);
+      if (points.length) this.emit("poses", { key: keyOf(id, received.id), points });
     }
     if (objects.length) this.setObjects(id, objects);
     if (added.length) this.emit("missions");

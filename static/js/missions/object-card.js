@@ -17,11 +17,11 @@ export function showObject(store) {
     if (!object) return;
     card.replaceChildren(...content(store, object, null));
     try {
-      const told = await store.server(object.mission).object(object.id);
+      const received = await store.server(object.mission).object(object.id);
       if (store.chosen !== object.key) return;
-      const sightings = told.sightings || [];
+      const sightings = received.sightings || [];
       store.setTrail(sightings);
-      card.replaceChildren(...content(store, { ...object, ...told, key: object.key, mission: object.mission }, sightings));
+      card.replaceChildren(...content(store, { ...object, ...received, key: object.key, mission: object.mission }, sightings));
     } catch (error) {
       toastError(error);
     }

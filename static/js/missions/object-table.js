@@ -22,7 +22,7 @@ const VALUES = {
 export class ObjectTable {
   /**
    * @param {import("./mission-store.js").MissionStore} store
-   * @param {function(Object): void} look told the object that was chosen here
+   * @param {function(Object): void} look called with the object that was chosen here
    */
   constructor(store, look) {
     this.store = store;

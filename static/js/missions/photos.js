@@ -45,7 +45,7 @@ function render(store, photos, look) {
   byId("photos").replaceChildren(...photos.map((photo, n) => row(store, named(photo, n), look)));
 }
 
-/** Visitors are told neither the name of the file nor what its EXIF says. */
+/** Visitors see neither the name of the file nor what its EXIF says. */
 function named(photo, n) {
   return { ...photo, name: photo.name ?? t("Photo {id}", { id: n + 1 }), time_s: photo.time_s ?? photo.fix?.time ?? null };
 }

@@ -29,7 +29,7 @@ export class Profile {
     this.scene = scene;
     this.player = player;
     this.quantity = "speed";
-    this.told = new Map();
+    this.received = new Map();
     this.hover = null;
     this.canvas = byId("profile", HTMLCanvasElement);
     this._draw = rafThrottle(() => this._paint());
@@ -76,20 +76,20 @@ export class Profile {
   }
 
   async _load({ anew = false } = {}) {
-    const wanted = this.store.shown.filter(({ key, track }) => track.poses && (anew || !this.told.has(key)));
+    const wanted = this.store.shown.filter(({ key, track }) => track.poses && (anew || !this.received.has(key)));
     await Promise.all(wanted.map(({ mission, track, key }) =>
-      this.store.server(mission.id).profile(track.id, POINTS).then((told) => this.told.set(key, told), toastError)));
+      this.store.server(mission.id).profile(track.id, POINTS).then((received) => this.received.set(key, received), toastError)));
     this._facts();
     this._draw();
   }
 
   /** The most and the sum of what is shown first, in words, for those who do not see the chart. */
   _facts() {
-    const shown = this.store.shown.find(({ key }) => this.told.has(key));
-    const told = shown && this.told.get(shown.key);
-    const rows = told ? factsOf(told, shown.track) : [];
+    const shown = this.store.shown.find(({ key }) => this.received.has(key));
+    const received = shown && this.received.get(shown.key);
+    const rows = received ? factsOf(received, shown.track) : [];
     byId("profile-facts").replaceChildren(...rows.map(([name, value]) => h("span", {}, h("span", { class: "soft" }, name), " ", value)));
-    const heights = [...this.told.values()].some(({ height_m: column }) => column.some(Number.isFinite));
+    const heights = [...this.received.values()].some(({ height_m: column }) => column.some(Number.isFinite));
     const [height, speed] = ["height", "speed"].map((name) => queryAll(`[data-quantity=${name}]`, HTMLButtonElement)[0]);
     height.disabled = !heights;
     speed.disabled = !this._timed;
@@ -111,21 +111,21 @@ export class Profile {
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     const { clock } = store;
     const { column, text, name } = QUANTITIES[this.quantity];
-    const drawn = store.shown.filter(({ key, track }) => this.told.has(key) && (track.timed || !this._timed));
-    const series = drawn.map((one) => ({ ...one, told: this.told.get(one.key) }));
-    const values = series.flatMap(({ told }) => told[column].filter(Number.isFinite));
+    const drawn = store.shown.filter(({ key, track }) => this.received.has(key) && (track.timed || !this._timed));
+    const series = drawn.map((one) => ({ ...one, received: this.received.get(one.key) }));
+    const values = series.flatMap(({ received }) => received[column].filter(Number.isFinite));
     const [low, high] = values.length ? rangeOf(values, this.quantity) : [0, 1];
     const across = (share) => PAD.side + share * (width - 2 * PAD.side);
     const x = (moment) => across(moment / clock.span);
-    const way = Math.max(1, ...series.map(({ told }) => told.travelled_m.at(-1) || 0));
-    const place = ({ told, mission }) => (n) => (this._timed ? x(store.momentOf(mission, told.time_s[n])) : across(told.travelled_m[n] / way));
+    const way = Math.max(1, ...series.map(({ received }) => received.travelled_m.at(-1) || 0));
+    const place = ({ received, mission }) => (n) => (this._timed ? x(store.momentOf(mission, received.time_s[n])) : across(received.travelled_m[n] / way));
     const y = (value) => height - PAD.bottom - ((value - low) / (high - low)) * (height - PAD.top - PAD.bottom);
     const ink = this._inks.all;
     frame(pen, { width, bottom: y(low), top: y(high), colour: ink.line });
     const missions = [...store.missions.keys()];
     const colour = ({ mission, track }) => (store.mode === "mission" ? nthColour(missions.indexOf(mission.id)) : sourceColour(track.source));
     for (const one of series.toReversed()) {
-      curve(pen, one.told[column], { x: place(one), y, colour: colour(one), fill: series.length === 1 && y(low) });
+      curve(pen, one.received[column], { x: place(one), y, colour: colour(one), fill: series.length === 1 && y(low) });
     }
     pen.font = "12px system-ui, sans-serif";
     pen.textBaseline = "top";
@@ -140,7 +140,7 @@ export class Profile {
   _pointed(pen, { x, width, height, colour }, series) {
     cursor(pen, x, { height, colour, width: 1 });
     const { column, text } = QUANTITIES[this.quantity];
-    const values = series.map(({ told, mission }) => valueAt(told, column, this.store.timeIn(mission, this.hover))).filter(Number.isFinite);
+    const values = series.map(({ received, mission }) => valueAt(received, column, this.store.timeIn(mission, this.hover))).filter(Number.isFinite);
     const words = [spanText(this.hover), ...values.slice(0, 3).map(text)].join("  ·  ");
     pen.textAlign = "end";
     pen.fillText(words, width - PAD.side, 2);
@@ -215,7 +215,7 @@ function cursor(pen, x, { height, colour, width }) {
   pen.fillRect(x - width / 2, PAD.top - 2, width, height - PAD.top + 2);
 }
 
-function valueAt({ time_s: times, ...told }, column, time) {
+function valueAt({ time_s: times, ...received }, column, time) {
   const n = times.findIndex((one) => one >= time);
-  return n < 0 ? NaN : told[column][n];
+  return n < 0 ? NaN : received[column][n];
 }

@@ -74,10 +74,10 @@ export class TrackLines extends EventTarget {
     if (this._asking.has(key)) return this._asking.get(key);
     const [south, west, north, east] = track.bounds || [0, 0, 0, 0];
     const wish = track.poses <= FEW ? 0 : metresBetween([south, west], [north, east]) * WHOLE_SHARE;
-    const asked = this._ask(shown, { tolerance_m: wish.toPrecision(3) }).then((told) => {
-      if (!told) return;
-      const exact = told.level < 0 ? 0 : wish;
-      this._keep(this.whole, shown, told, { tolerance: told.complete ? exact : Infinity, wish, box: null });
+    const asked = this._ask(shown, { tolerance_m: wish.toPrecision(3) }).then((received) => {
+      if (!received) return;
+      const exact = received.level < 0 ? 0 : wish;
+      this._keep(this.whole, shown, received, { tolerance: received.complete ? exact : Infinity, wish, box: null });
     });
     this._asking.set(key, asked);
     await asked.finally(() => this._asking.delete(key));
@@ -105,10 +105,10 @@ export class TrackLines extends EventTarget {
     const abort = new AbortController();
     this._aborts.get(shown.key)?.abort();
     this._aborts.set(shown.key, abort);
-    const told = await this._ask(shown, { tolerance_m: tolerance.toPrecision(3), ...box }, abort.signal);
-    if (!told || abort.signal.aborted) return;
+    const received = await this._ask(shown, { tolerance_m: tolerance.toPrecision(3), ...box }, abort.signal);
+    if (!received || abort.signal.aborted) return;
     this._aborts.delete(shown.key);
-    this._keep(this.detail, shown, told, { tolerance, box });
+    this._keep(this.detail, shown, received, { tolerance, box });
   }
 
   async _ask({ mission, track }, wish, signal) {
@@ -120,8 +120,8 @@ export class TrackLines extends EventTarget {
     }
   }
 
-  _keep(lines, { key }, told, facts) {
-    const line = new TrackPoints(told, this.view.ground);
+  _keep(lines, { key }, received, facts) {
+    const line = new TrackPoints(received, this.view.ground);
     const before = lines.get(key)?.line || this.whole.get(key)?.line;
     lines.set(key, { ...facts, line, appended: 0 });
     if (before && before.last > line.last) line.append(tail(before, line.last)); // came while it was asked for
@@ -144,13 +144,13 @@ export class TrackLines extends EventTarget {
     this._changed();
   }
 
-  /** Poses that no event told of. */
+  /** Poses that no event reported. */
   async _missed(key) {
     const kept = this.whole.get(key);
     const shown = this.store.track(key);
     if (!kept || !shown) return;
-    const told = await this._ask(shown, { tolerance_m: kept.wish.toPrecision(3), since: kept.line.last });
-    if (told) this._append({ key, points: told.points });
+    const received = await this._ask(shown, { tolerance_m: kept.wish.toPrecision(3), since: kept.line.last });
+    if (received) this._append({ key, points: received.points });
   }
 
   /** A line that has grown long is asked for anew, simpler. */

@@ -10,7 +10,7 @@ const RADIANS = Math.PI / 180;
  * `x` and `y` (flat coordinates of the ground).
  */
 export class TrackPoints {
-  /** @param {{points: Array<Array<number>>, gaps: number[]}} told @param {Object} ground */
+  /** @param {{points: Array<Array<number>>, gaps: number[]}} received @param {Object} ground */
   constructor({ points, gaps }, ground) {
     this.ground = ground;
     this.gaps = new Set(gaps);

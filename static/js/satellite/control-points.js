@@ -48,9 +48,9 @@ export class ControlPoints {
   }
 
   /** Show what the server thinks: residuals in the table, arrows in both maps. */
-  tell(told) {
+  tell(received) {
     const whole = this.points.filter(isWhole);
-    const known = told?.points?.length === whole.length ? told.points : [];
+    const known = received?.points?.length === whole.length ? received.points : [];
     for (const point of this.points) {
       const found = known[whole.indexOf(point)];
       point.row.querySelector("[data-part=residual]").textContent = found ? `${metresText(found.residual_m)} m` : "–";

@@ -23,7 +23,7 @@ function connect() {
   const judge = new Verdict();
   const points = new ControlPoints(() => judge.ask());
   const sources = {
-    "control-points": { wish: () => points.wish(), tell: (told) => points.tell(told) },
+    "control-points": { wish: () => points.wish(), tell: (received) => points.tell(received) },
     corners: { wish: cornersForm(() => judge.ask()) },
     worldfile: { wish: worldfileForm(() => judge.ask()) },
   };
@@ -84,10 +84,10 @@ class Verdict {
     const mine = this.asked;
     if (!wish) return this._show(source, null, []);
     try {
-      const told = await post(`${base}/georeference/preview`, wish);
+      const received = await post(`${base}/georeference/preview`, wish);
       if (mine !== this.asked) return null;
       this.wish = wish;
-      return this._show(source, told, verdict(told));
+      return this._show(source, received, verdict(received));
     } catch (error) {
       if (mine !== this.asked) return null;
       if (![400, 422].includes(error.status)) toastError(error);
@@ -95,26 +95,26 @@ class Verdict {
     }
   }
 
-  _show(source, told, content) {
+  _show(source, received, content) {
     byId("verdict").replaceChildren(...content);
-    byId("apply", HTMLButtonElement).disabled = !told;
-    source.tell?.(told);
+    byId("apply", HTMLButtonElement).disabled = !received;
+    source.tell?.(received);
   }
 }
 
-function verdict(told) {
-  const facts = [[t("Fit"), kindName(told.kind)]];
-  if (told.rms_m !== null && told.rms_m !== undefined) {
-    facts.push([t("Residuals"), t("{rms} m RMS, {most} m maximum", { rms: metresText(told.rms_m), most: metresText(Math.max(...told.residuals)) })]);
+function verdict(received) {
+  const facts = [[t("Fit"), kindName(received.kind)]];
+  if (received.rms_m !== null && received.rms_m !== undefined) {
+    facts.push([t("Residuals"), t("{rms} m RMS, {most} m maximum", { rms: metresText(received.rms_m), most: metresText(Math.max(...received.residuals)) })]);
   }
-  if (told.metres_per_pixel) {
-    facts.push([t("Scale"), t("{metres} m per pixel", { metres: metresText(told.metres_per_pixel) })]);
+  if (received.metres_per_pixel) {
+    facts.push([t("Scale"), t("{metres} m per pixel", { metres: metresText(received.metres_per_pixel) })]);
     const { width, height } = page.satellite;
-    facts.push([t("Extent"), `${Math.round(width * told.metres_per_pixel)} × ${Math.round(height * told.metres_per_pixel)} m`]);
+    facts.push([t("Extent"), `${Math.round(width * received.metres_per_pixel)} × ${Math.round(height * received.metres_per_pixel)} m`]);
   }
-  if (Math.abs(told.north_deg ?? 0) >= 0.05) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: told.north_deg.toFixed(1) })]);
+  if (Math.abs(received.north_deg ?? 0) >= 0.05) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: received.north_deg.toFixed(1) })]);
   const list = h("dl", { class: "facts number" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
-  return [list, ...told.warnings.map((text) => note("warning", text))];
+  return [list, ...received.warnings.map((text) => note("warning", text))];
 }
 
 function kindName(kind) {

@@ -7,7 +7,7 @@ const FACTORS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 const INVISIBLE_PX = 0.02;
 const PANE = "arrows";
 
-/** Arrows on one map; small ones are drawn longer, all by the same factor, which is told. */
+/** Arrows on one map; small ones are drawn longer, all by the same factor, which is shown. */
 export class Arrows {
   /** @param {L.Map} map */
   constructor(map) {

@@ -99,9 +99,9 @@ export function upload(path, { method = "POST", body, headers = {}, onProgress, 
  * Listen to what a server tells by itself (server-sent events); the browser comes back when the stream ends.
  * @param {string} path
  * @param {Object} listeners
- * @param {function(Object, string): void} listeners.changed told the data of each event, and its id
+ * @param {function(Object, string): void} listeners.changed called with the data of each event, and its id
  * @param {function(): void} listeners.open
- * @param {function(boolean): void} listeners.error told whether the browser has given up
+ * @param {function(boolean): void} listeners.error called with whether the browser has given up
  * @returns {{close: function(): void}}
  */
 export function events(path, { changed, open, error }) {
@@ -150,8 +150,8 @@ async function patiently(path, options) {
 async function read(response) {
   const isJson = (response.headers.get("Content-Type") || "").includes("json");
   if (response.ok) return isJson && response.status !== 204 ? response.json() : null;
-  const told = isJson ? (await response.json()).error : null;
-  const error = new ApiError({ status: response.status, ...(told || unreadable(response)) });
+  const failure = isJson ? (await response.json()).error : null;
+  const error = new ApiError({ status: response.status, ...(failure || unreadable(response)) });
   if (error.status === 401) location.assign(`/sign-in?next=${encodeURIComponent(location.pathname)}`);
   throw error;
 }

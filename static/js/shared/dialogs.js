@@ -125,9 +125,9 @@ export function openDialog(title, body, { actions = [], beside = false } = {}) {
 /** A labelled field. @param {string} label @param {HTMLElement} input @param {string} [hint] */
 export function field(label, input, hint = "") {
   input.id ||= `field-${label.replace(/\W+/g, "-")}`;
-  const told = hint && h("span", { class: "field__hint", id: `${input.id}-hint` }, hint);
-  if (told) input.setAttribute("aria-describedby", told.id);
-  return h("div", { class: "field" }, h("label", { for: input.id }, label), input, told);
+  const description = hint && h("span", { class: "field__hint", id: `${input.id}-hint` }, hint);
+  if (description) input.setAttribute("aria-describedby", description.id);
+  return h("div", { class: "field" }, h("label", { for: input.id }, label), input, description);
 }
 
 /** A place for the reason why something in a dialog did not work. */

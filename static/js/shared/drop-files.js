@@ -44,7 +44,7 @@ async function walk(entry) {
   const found = [];
   for (;;) {
     const some = await new Promise((resolve, reject) => reader.readEntries(resolve, reject));
-    if (!some.length) break; // a folder is told in parts
+    if (!some.length) break; // a folder is listed in parts
     found.push(...some);
   }
   return (await Promise.all(found.map(walk))).flat();

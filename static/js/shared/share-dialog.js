@@ -37,7 +37,7 @@ export function shareDialog({ slug, query = null, made = () => {} }) {
   }));
 }
 
-/** Show address and tag of a share. @param {Object} share as the server told it */
+/** Show address and tag of a share. @param {Object} share as the server sent it */
 export function showAddress(share) {
   const once = h("p", { class: "soft" }, t("This address is shown only once: copy it now."));
   openDialog(t("Link"), [

@@ -4,7 +4,7 @@
 export class ThemeColours {
   /**
    * @param {HTMLElement} element in which the variables hold
-   * @param {string[]} names of variables, as `--mi-grid-strong`, which is told as `gridStrong`
+   * @param {string[]} names of variables, as `--mi-grid-strong`, which becomes `gridStrong`
    * @param {function(): void} changed
    */
   constructor(element, names, changed) {

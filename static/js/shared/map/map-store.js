@@ -1,5 +1,5 @@
 /**
- * What the page knows: the map as the server last told it, with edits on their way laid over it.
+ * What the page knows: the map as the server last sent it, with edits on their way laid over it.
  *
  * Three layers give a photo's place: `preview` (what a hand is dragging right now), `pending` (edits that wait
  * for the server), and what the server said. So an answer or somebody else's change never undoes what is shown.
