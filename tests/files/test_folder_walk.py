@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.errors import UsageError
-from webapp.files.folder_walk import list_files, natural_key
+from webapp.files.listing import list_files, natural_key
 
 
 def make(folder, *names):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from webapp.app.jobs import DUTIES
+from webapp.app.wings import DUTIES
 from webapp.jobs.kinds import Duties
 from webapp.settings import JobSettings, Settings
 from webapp.store.accounts import accounts

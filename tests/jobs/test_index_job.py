@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from webapp.app.jobs import DUTIES
+from webapp.app.wings import DUTIES
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
 from webapp.store.accounts import accounts

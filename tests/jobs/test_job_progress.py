@@ -3,7 +3,7 @@
 import pytest
 
 from webapp.errors import Cancelled
-from webapp.jobs.progress import JobProgress
+from webapp.jobs.context import JobProgress
 
 
 def test_stages_add_up():

@@ -12,8 +12,7 @@ from PIL import Image
 
 from webapp.errors import StorageError
 from webapp.files.exchange import tum
-from webapp.render.evaluation_folder import worst_rows, write
-from webapp.render.results_table import COLUMNS, results_csv
+from webapp.render.evaluation_folder import COLUMNS, results_csv, worst_rows, write
 from webapp.settings import PhotoLimits
 from webapp.tasks.localize.evaluate import to_json
 from webapp.tasks.localize.evaluation_types import Evaluation

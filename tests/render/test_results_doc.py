@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from webapp.render.results_table import COLUMNS
+from webapp.render.evaluation_folder import COLUMNS
 from webapp.tasks.localize.evaluate import to_json
 
 PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text("utf-8")

@@ -12,9 +12,8 @@ import webapp.missions.store.schema  # noqa: F401  (its tables are part of the d
 from webapp.errors import NotFound, StorageError
 from webapp.missions.store import shares as mission_shares
 from webapp.store.database import Database
-from webapp.store.library import Library, open_library
+from webapp.store.library import Library, migrate, open_library
 from webapp.store.maps import edits
-from webapp.store.migrate import migrate
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, Base, Job, Photo
 from webapp.store.sharing import shares

@@ -7,15 +7,31 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import click
 
 from webapp import __version__
-from webapp.app.composition import COMPOSITION
+from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
 from webapp.configuration import use_config
 from webapp.errors import ExpMapError
 from webapp.settings import let_threads_sleep
+
+if TYPE_CHECKING:
+    from webapp.jobs.kinds import Duties
+    from webapp.tasks.operate.parts import LibraryPart
+
+
+def _duties() -> Duties:
+    return cast("Duties", importlib.import_module("webapp.app.wings").DUTIES)
+
+
+def _library_parts() -> Sequence[LibraryPart]:
+    return cast("Sequence[LibraryPart]", importlib.import_module("webapp.app.wings").PARTS)
+
+
+COMPOSITION = Composition(web_app="webapp.app.web:create_app", duties=_duties, library_parts=_library_parts)
 
 
 class LazyGroup(click.Group):
@@ -59,9 +75,9 @@ map_group = LazyGroup(
     name="map",
     help="Make and check map files.",
     where={
-        "check": "webapp.cli.map_check:check",
-        "from-photos": "webapp.cli.map_from_photos:from_photos",
-        "write-exif": "webapp.cli.map_write_exif:write_exif",
+        "check": "webapp.cli.map:check",
+        "from-photos": "webapp.cli.map:from_photos",
+        "write-exif": "webapp.cli.map:write_exif",
     },
 )
 
@@ -115,7 +131,7 @@ root = LazyGroup(
         "evaluate": "webapp.cli.evaluate:evaluate",
         "models": "webapp.app.main:models_group",
         "serve": "webapp.cli.serve:serve",
-        "worker": "webapp.cli.worker:worker",
+        "worker": "webapp.cli.serve:worker",
         "mission": "webapp.app.main:mission_group",
         "robot": "webapp.app.main:robot_group",
         "account": "webapp.app.main:account_group",

@@ -3,14 +3,109 @@
 from __future__ import annotations
 
 from apiflask import APIFlask
+from flask import Blueprint
 
-from webapp.app.blueprints import BLUEPRINTS
 from webapp.missions.store import shares as mission_shares
+from webapp.missions.web.api_batches import blueprint as api_batches
+from webapp.missions.web.api_events import blueprint as api_mission_events
+from webapp.missions.web.api_exports import blueprint as api_mission_exports
+from webapp.missions.web.api_fixes import blueprint as api_mission_fixes
+from webapp.missions.web.api_imports import blueprint as api_mission_imports
+from webapp.missions.web.api_missions import blueprint as api_missions
+from webapp.missions.web.api_objects import blueprint as api_mission_objects
+from webapp.missions.web.api_photos import blueprint as api_mission_photos
+from webapp.missions.web.api_shared import blueprint as api_shared_missions
+from webapp.missions.web.api_shares import blueprint as api_mission_shares
+from webapp.missions.web.api_tracks import blueprint as api_tracks
+from webapp.missions.web.pages import blueprint as mission_pages
 from webapp.missions.web.parameters import PATH_PARAMETERS
+from webapp.missions.web.public_pages import blueprint as public_mission_pages
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.web import make_app
+from webapp.web.accounts.account_page import blueprint as account_page
+from webapp.web.accounts.api_account import blueprint as api_account
+from webapp.web.accounts.api_members import blueprint as api_members
+from webapp.web.accounts.api_people import blueprint as api_people
+from webapp.web.accounts.api_session import blueprint as api_session
+from webapp.web.accounts.people_page import blueprint as people_page
+from webapp.web.accounts.sign_in import blueprint as sign_in
+from webapp.web.exchange.api_exchange import blueprint as api_exchange
+from webapp.web.installable import blueprint as installable
+from webapp.web.localize.api_evaluation import blueprint as api_evaluation
+from webapp.web.localize.api_localize import blueprint as api_localize
+from webapp.web.localize.api_queries import blueprint as api_queries
+from webapp.web.localize.page import blueprint as localize
+from webapp.web.localize.quality_page import blueprint as quality_page
+from webapp.web.maps.api_checks import blueprint as api_checks
+from webapp.web.maps.api_maps import blueprint as api_maps
+from webapp.web.maps.api_photos import blueprint as api_photos
+from webapp.web.maps.api_placements import blueprint as api_placements
+from webapp.web.maps.api_placing import blueprint as api_placing
+from webapp.web.maps.api_uploads import blueprint as api_uploads
+from webapp.web.maps.editor import blueprint as editor
+from webapp.web.maps.maps_page import blueprint as maps_page
+from webapp.web.maps.settings_page import blueprint as map_settings
+from webapp.web.operate.api_jobs import blueprint as api_jobs
+from webapp.web.operate.health import blueprint as health
+from webapp.web.operate.jobs_page import blueprint as jobs_page
+from webapp.web.satellite.api_georeference import blueprint as api_georeference
+from webapp.web.satellite.api_satellite import blueprint as api_satellite
+from webapp.web.satellite.page import blueprint as satellite
+from webapp.web.sharing.api_blur import blueprint as api_blur
+from webapp.web.sharing.api_shared import blueprint as api_shared
+from webapp.web.sharing.api_shares import blueprint as api_shares
+from webapp.web.sharing.public_pages import blueprint as public_pages
 from webapp.web.state import Parts
+
+BLUEPRINTS: tuple[Blueprint, ...] = (
+    account_page,
+    api_account,
+    api_batches,
+    api_blur,
+    api_checks,
+    api_evaluation,
+    api_exchange,
+    api_georeference,
+    api_jobs,
+    api_localize,
+    api_maps,
+    api_members,
+    api_mission_events,
+    api_mission_exports,
+    api_mission_imports,
+    api_mission_fixes,
+    api_mission_objects,
+    api_mission_photos,
+    api_mission_shares,
+    api_missions,
+    api_people,
+    api_photos,
+    api_placements,
+    api_placing,
+    api_queries,
+    api_satellite,
+    api_session,
+    api_shared,
+    api_shared_missions,
+    api_shares,
+    api_tracks,
+    api_uploads,
+    editor,
+    health,
+    installable,
+    jobs_page,
+    localize,
+    map_settings,
+    maps_page,
+    mission_pages,
+    people_page,
+    public_mission_pages,
+    public_pages,
+    quality_page,
+    satellite,
+    sign_in,
+)
 
 PARTS = Parts(
     blueprints=BLUEPRINTS,

@@ -1,4 +1,4 @@
-"""`expmap build`: the index beside a map."""
+"""`expmap build`: the index beside a map, and what is printed about a build."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 import click
 
 from webapp.cli import exitcodes
-from webapp.cli.build_text import build_line, tell_failed
 from webapp.cli.options import MAP_FILE, chosen_settings, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import build_map
+from webapp.tasks.localize.build_index import BuildReport
 
 
 @click.command()
@@ -46,3 +46,18 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     else:
         click.echo(build_line(index, report.features))
     sys.exit(exitcodes.SOME_FAILED if index.failed else exitcodes.DONE)
+
+
+def tell_failed(report: BuildReport | None) -> None:
+    """Name the map photos that could not be used, on standard error; nothing where nothing was built."""
+    for number, photo, reason in report.failed if report else ():
+        click.echo(f"{photo} (id {number}): {reason}", err=True)
+
+
+def build_line(report: BuildReport, features: str) -> str:
+    """Sum up a build in a line."""
+    return (
+        f"{report.folder}: {report.photos} photos with {features}, {report.extracted} computed, "
+        f"{report.reused} kept, {report.removed} removed, {len(report.failed)} failed; "
+        f"{report.descriptors} descriptors, {report.bytes / 1e6:.1f} MB, {report.seconds:.1f} s"
+    )

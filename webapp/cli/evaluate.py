@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from webapp.cli import exitcodes
-from webapp.cli.build_text import tell_failed
+from webapp.cli.build import tell_failed
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,

@@ -12,7 +12,7 @@ import click
 from PIL import Image
 
 from webapp.cli import exitcodes
-from webapp.cli.build_text import tell_failed
+from webapp.cli.build import tell_failed
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,

@@ -1,17 +1,31 @@
-"""`expmap serve`: the web application."""
+"""`expmap serve` and `expmap worker`: the web application, and what does its long work."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
 from webapp.cli.composition import Composition
-from webapp.cli.log import log_option
 from webapp.configuration import load_settings
 from webapp.jobs import serving
-from webapp.jobs.logs import Form, log_to_stderr
+from webapp.jobs.logs import FORMS, Form, log_to_stderr
+from webapp.store.library import open_library
+
+_POLITENESS = 5
+"""A page that somebody waits for goes before work in the background."""
+
+
+def log_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the form of the log."""
+    return click.option(
+        "--log", type=click.Choice(FORMS), default="text", show_default=True,
+        help="Form of the log on standard error.",
+    )(command)  # fmt: skip
 
 
 @click.command()
@@ -47,3 +61,33 @@ def serve(
         settings = replace(settings, library=library)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, tell=click.echo)
+
+
+@click.command()
+@click.option(
+    "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+)  # fmt: skip
+@click.option("--once", is_flag=True, help="End when there is nothing left to do.")
+@click.option("--parent", type=int, metavar="PID", help="End when this process, which started it, has ended.")
+@log_option
+@click.pass_obj
+def worker(composition: Composition, library: Path | None, once: bool, parent: int | None, log: Form) -> None:
+    """Do the long work of a library in the background, until Ctrl-C.
+
+    `expmap serve` starts one itself. More of them share the work, on this machine or others that see the same
+    library.
+    """
+    from webapp.jobs.worker import Worker  # loads OpenCV, which the server does not need
+
+    log_to_stderr(log)
+    settings = load_settings()
+    if library is not None:
+        settings = replace(settings, library=library)
+    if parent is not None and hasattr(os, "nice"):
+        os.nice(_POLITENESS)
+    opened = open_library(settings.library)
+    working = Worker(opened, settings, duties=composition.duties(), parent=parent)
+    working.stop_on_signals()
+    working.run(once=once)
+    opened.database.close()

@@ -1,4 +1,4 @@
-"""One writer at a time for what lies beside a map."""
+"""File locks between processes: one writer at a time beside a map, and whether workers are alive."""
 
 from __future__ import annotations
 
@@ -45,3 +45,22 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def any_alive(folder: Path) -> bool:
+    """Tell whether one of the files in a folder is locked by a process of this machine.
+
+    Parameters
+    ----------
+    folder : Path
+        Of `*.lock` files; may be missing.
+    """
+    return any(_is_held(path) for path in folder.glob("*.lock"))
+
+
+def _is_held(path: Path) -> bool:
+    try:
+        with FileLock(path, timeout=0):
+            return False
+    except Timeout:
+        return True

@@ -35,7 +35,7 @@ KINDS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Duties:
-    """What a worker does (`webapp.app.jobs` names it).
+    """What a worker does (`webapp.app.wings` names it).
 
     Attributes
     ----------

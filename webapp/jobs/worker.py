@@ -8,31 +8,36 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import signal
+import socket
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from filelock import FileLock, Timeout
+from sqlalchemy import select
+
 from webapp.errors import Cancelled, ExpMapError, ProcessLost, StorageError
 from webapp.files.atomic import is_full, storage_error
-from webapp.jobs import sweep
-from webapp.jobs.context import Context
-from webapp.jobs.kinds import Duties
-from webapp.jobs.process_lock import ProcessLock
-from webapp.jobs.progress import JobProgress
+from webapp.jobs.context import Context, JobProgress
+from webapp.jobs.kinds import Duties, Sweep
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
-from webapp.store.schema import Job
+from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps.export import export_late_maps
+from webapp.tasks.operate import sweep_uploads
+from webapp.tasks.satellite import unused
 
 _log = logging.getLogger(__name__)
-
 _TICK_S = 0.25
 """Progress is written down so often."""
 
@@ -127,7 +132,7 @@ class Worker:
     def _clean(self) -> None:
         """Delete every now and then what interrupted work has left behind."""
         if time.monotonic() >= self._clean_at:
-            sweep.clean(self._library, self._settings, more=self._duties.sweeps)
+            delete_leftovers(self._library, self._settings, more=self._duties.sweeps)
             self._clean_at = time.monotonic() + _CLEAN_S
 
     def _next(self) -> Job | None:
@@ -242,3 +247,60 @@ def _told(error: BaseException, job: Job) -> dict[str, str | None]:
         "where": None,
         "hint": "the server's log has the details; please report it",
     }
+
+
+def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Sweep] = ()) -> None:
+    """Delete what interrupted uploads and deletions have left behind."""
+    with library.database.read() as session:
+        ids = session.scalars(select(MapRecord.id)).all()
+    sweeps: list[Sweep] = [*more, partial(sweep_uploads.sweep_uploads, settings=settings)]
+    sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
+    keep = timedelta(hours=settings.upload.keep_hours)
+    sweeps += [partial(unused.sweep, map_id=id, keep=keep) for id in ids]
+    for sweep in sweeps:
+        try:
+            sweep(library)
+        except (ExpMapError, OSError) as error:
+            _log.warning("what was left behind could not be deleted: %s", error)
+
+
+class ProcessLock:
+    """A worker's name, with a locked file of that name as long as its process lives.
+
+    The system frees the lock however the process ends; unlike a process id, a name never comes back.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the workers of a library have their files.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self._host = f"{socket.gethostname()}:"
+        self.name = f"{self._host}{os.getpid()}:{secrets.token_hex(4)}"
+        self._lock = FileLock(self._path(self.name), timeout=0)
+        self._lock.acquire()
+
+    def is_gone(self, name: str) -> bool:
+        """Check whether a worker of this machine has ended; False for other machines, which is unknown."""
+        if name == self.name or not name.startswith(self._host):
+            return False
+        path = self._path(name)
+        if not path.exists():
+            return True
+        try:
+            FileLock(path, timeout=0).acquire().lock.release()
+        except Timeout:
+            return False
+        path.unlink(missing_ok=True)
+        return True
+
+    def release(self) -> None:
+        """Free the lock and delete its file."""
+        self._lock.release()
+        self._path(self.name).unlink(missing_ok=True)
+
+    def _path(self, name: str) -> Path:
+        return self._folder / (name.removeprefix(self._host).replace(":", "-") + ".lock")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 from PIL import Image
@@ -16,11 +19,16 @@ from webapp.files.photos.photo import read_upright
 from webapp.render.map_picture import draw_map
 from webapp.render.match_picture import draw_matches
 from webapp.render.report import Pictured, render_report
-from webapp.render.results_table import results_csv
 from webapp.settings import PhotoLimits
 from webapp.tasks.localize.evaluate import to_json
 from webapp.tasks.localize.evaluation_poses import trajectories
 from webapp.tasks.localize.evaluation_types import Evaluation
+
+COLUMNS = (
+    "path", "x", "y", "keypoints", "matches", "matches_pruned", "distance_min", "distance_max",
+    "distance_mean", "distance_total", "seconds", "grade_first", "grade_others", "first_px", "worst_px",
+    "first_m", "worst_m", "first_x", "first_y", "probability", "radius_px", "off_map_probability", "error",
+)  # fmt: skip
 
 WORST = 8
 """Queries that the report shows with pictures."""
@@ -96,3 +104,41 @@ def _jpeg(image: Image.Image) -> bytes:
     data = io.BytesIO()
     image.save(data, "JPEG", quality=JPEG_QUALITY, optimize=True)
     return data.getvalue()
+
+
+def results_csv(rows: Iterable[Row]) -> str:
+    """Write the table, columns separated by semicolons; what is unknown is empty.
+
+    Returns
+    -------
+    str
+        With a header line.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, delimiter=";", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(_record(row) for row in rows)
+    return text.getvalue()
+
+
+def _record(row: Row) -> dict[str, object]:
+    result, answer = row.result, row.result.answer
+    record: dict[str, object] = {
+        "path": result.path,
+        "x": result.truth.x,
+        "y": result.truth.y,
+        "seconds": row.seconds,
+        "grade_first": row.grade_first,
+        "grade_others": row.grade_others,
+        "first_px": row.first_px,
+        "worst_px": row.worst_px,
+        "first_m": row.first_m,
+        "worst_m": row.worst_m,
+        "error": result.error,
+    }
+    if answer is not None:
+        record |= asdict(answer.statistics) | {"off_map_probability": answer.off_map_probability}
+        for first in answer.hypotheses[:1]:
+            record |= {"first_x": first.position.x, "first_y": first.position.y}
+            record |= {"probability": first.probability, "radius_px": first.radius_px}
+    return record

@@ -7,12 +7,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from alembic import command
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.util.exc import CommandError
 from filelock import FileLock, Timeout
 
 from webapp.errors import StorageError
 from webapp.store.database import Database
 from webapp.store.maps.changing import MapChange, change_map
-from webapp.store.migrate import migrate
+
+_BEFORE_0_7 = ("0001", "0002", "0003", "0004", "0005", "0006")
+"""Schemas of versions before 0.7.0, which that version converts."""
 
 INNER = ".library"
 """Folder of what is no map."""
@@ -100,3 +106,31 @@ def open_library(folder: Path, *, url: str | None = None) -> Library:
             hint="check the permissions of the folder",
         ) from error
     return library
+
+
+def migrate(database: Database) -> None:
+    """Bring a database of version 0.7.0 or later to the newest schema; make all tables in an empty one.
+
+    Raises
+    ------
+    StorageError
+        An older version has made it, which 0.7.0 converts; or a newer one than this.
+    """
+    config = Config()
+    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+    with database.engine.connect() as connection:
+        there = MigrationContext.configure(connection).get_current_revision()
+        connection.rollback()
+        if there in _BEFORE_0_7:
+            raise StorageError(
+                "this library was made by a version before 0.7.0",
+                hint="make a backup, open the library once with version 0.7.0 (expmap serve), which converts "
+                "it, and then with this version",
+            )
+        config.attributes["connection"] = connection
+        try:
+            command.upgrade(config, "head")
+        except CommandError as error:
+            raise StorageError(
+                "a newer version of the program has made this library", hint="update the program"
+            ) from error

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from webapp.core.retrieval.engines.vlad import Codebook
 from webapp.errors import IndexDamaged
 from webapp.files.localize.arrays import read_arrays, write_arrays
-from webapp.files.localize.signatures import read_codebook, read_signatures, write_codebook, write_signatures
+from webapp.files.localize.features import read_codebook, read_signatures, write_codebook, write_signatures
 from webapp.threads import in_threads
 
 

@@ -13,10 +13,14 @@ from webapp.core.geo.corners import Corners
 from webapp.core.geo.crs import parse_crs
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, TableError
-from webapp.files.satellite.control_points import read_control_points
-from webapp.files.satellite.corners import parse_corners, read_corners
-from webapp.files.satellite.geotiff import read_geotiff
-from webapp.files.satellite.world_file import find_worldfile, read_worldfile
+from webapp.files.satellite.georeference_files import (
+    find_worldfile,
+    parse_corners,
+    read_control_points,
+    read_corners,
+    read_geotiff,
+    read_worldfile,
+)
 
 UTM = Transformer.from_crs(32633, 4326, always_xy=True)
 EAST, NORTH, METRES = 458_000.0, 5_548_000.0, 0.5

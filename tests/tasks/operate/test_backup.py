@@ -12,11 +12,11 @@ import zipfile
 import pytest
 from sqlalchemy import select
 
-from webapp.app.library import PARTS
+from webapp.app.wings import PARTS
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
 from webapp.files.operate import backup
 from webapp.files.operate.backup import MANIFEST
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.worker import ProcessLock
 from webapp.progress import Progress
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
@@ -212,7 +212,7 @@ import os, sys, signal
 from pathlib import Path
 from webapp.progress import Progress
 from webapp.store.library import open_library
-from webapp.app.library import PARTS
+from webapp.app.wings import PARTS
 from webapp.tasks.operate import backup as backup_library
 
 class Killed(Progress):

@@ -10,9 +10,8 @@ from tests.tile_server import global_pixel, serving
 from webapp.core.geo.tilegrid import Box
 from webapp.errors import Cancelled, GeoreferenceError, InputError, NotFound, UsageError
 from webapp.files.maps.map_json import parse_georeference
-from webapp.jobs.context import Context
+from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.map_jobs import fetch_satellite_tiles as run_job
-from webapp.jobs.progress import JobProgress
 from webapp.progress import Progress
 from webapp.settings import Settings, TileSettings
 from webapp.store.library import open_library

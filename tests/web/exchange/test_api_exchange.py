@@ -7,8 +7,7 @@ import zipfile
 import pytest
 
 from webapp.jobs import map_jobs
-from webapp.jobs.context import Context
-from webapp.jobs.progress import JobProgress
+from webapp.jobs.context import Context, JobProgress
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import MapRecord

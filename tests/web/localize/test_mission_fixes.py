@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import select
 
-from webapp.app.jobs import DUTIES
+from webapp.app.wings import DUTIES
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.jobs import map_jobs

@@ -6,7 +6,7 @@ from collections import namedtuple
 
 import pytest
 
-from webapp.jobs.process_lock import ProcessLock
+from webapp.jobs.worker import ProcessLock
 
 Usage = namedtuple("Usage", "total used free")
 

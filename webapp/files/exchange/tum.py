@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.files.atomic import write_text
-from webapp.files.text_lines import numbered_lines
+from webapp.files.text_file import numbered_lines
 
 COLUMNS = 8
 _UNKNOWN = "# heading unknown"

@@ -16,7 +16,7 @@ from webapp.core.trajectory.records import SOURCES, Sighting, Source, make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.files.text_lines import numbered_lines
+from webapp.files.text_file import numbered_lines
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 from webapp.core.trajectory.records import make_poses
 from webapp.extras import extra
-from webapp.files.text_lines import numbered_lines
+from webapp.files.text_file import numbered_lines
 from webapp.missions.files.track_chunks import CHUNK, Findings, Piece, WorldPiece
 
 _USED = {"RMC", "GGA", "GLL", "GST", "ZDA"}

@@ -11,9 +11,8 @@ from typing import Any
 from sqlalchemy import ForeignKey, Index, LargeBinary, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from webapp.store.base import ShareColumns
 from webapp.store.clock import now
-from webapp.store.schema import Base
+from webapp.store.schema import Base, ShareColumns
 
 
 class Mission(Base):

@@ -1,4 +1,4 @@
-"""Runs the migrations on the connection that `webapp.store.migrate` gives.
+"""Runs the migrations on the connection that `webapp.store.library` gives.
 
 The first one makes the tables of 0.7.0. A new migration: change `schema.py`, then write
 `versions/000N_what_it_does.py`; a test compares the two.

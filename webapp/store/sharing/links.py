@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
 from webapp.store.accounts.accounts import hashed
-from webapp.store.base import ShareColumns
+from webapp.store.schema import ShareColumns
 
 Kind = TypeVar("Kind", bound=ShareColumns)
 

@@ -21,9 +21,7 @@ from webapp.core.localize.verified import find_places
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import calibration as calibrationfile
-from webapp.files.localize import trials_log
-from webapp.files.localize.calibration import StoredCalibration
-from webapp.files.localize.trials_log import Trial
+from webapp.files.localize.calibration import StoredCalibration, Trial, resumed_trials
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
 from webapp.tasks.localize import orient_map
@@ -98,7 +96,7 @@ def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progr
     started = time.perf_counter()
     key = f"{calibrationfile.FORMAT} {opened.map_hash} {radius} {map_fov_deg}"
     path = paths(opened)[-1]
-    with trials_log.resumed(path.with_suffix(".trials"), key) as (known_trials, keep):
+    with resumed_trials(path.with_suffix(".trials"), key) as (known_trials, keep):
         sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
         calibration = calibrate(opened.indexed, progress, sightings=sightings, known=known_trials, keep=keep)
     stored = StoredCalibration(calibration, map_fov_deg, radius, photos, time.perf_counter() - started)

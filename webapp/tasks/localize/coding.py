@@ -12,14 +12,19 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Engine, Kind
 from webapp.core.retrieval.engines import ivf, vlad
 from webapp.errors import IndexDamaged
-from webapp.files.localize.features import read_segment
+from webapp.files.localize.features import (
+    read_codebook,
+    read_segment,
+    read_signatures,
+    write_codebook,
+    write_signatures,
+)
 from webapp.files.localize.index_store import (
     IndexFolder,
     SegmentRecord,
     read_search_index,
     write_search_index,
 )
-from webapp.files.localize.signatures import read_codebook, read_signatures, write_codebook, write_signatures
 
 _ENCODED_AT_ONCE = 65_536
 

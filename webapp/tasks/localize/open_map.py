@@ -25,10 +25,9 @@ from webapp.core.retrieval.engines.types import DescriptorSearch
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.tuning import DEFAULT, RetrievalTuning
 from webapp.errors import IndexDamaged, MapError, NotReady
-from webapp.files.localize.features import read_segment
+from webapp.files.localize.features import read_codebook, read_segment, read_signatures
 from webapp.files.localize.index_store import IndexFolder, Manifest, read_search_index
 from webapp.files.localize.models import pair_matcher, with_weights
-from webapp.files.localize.signatures import read_codebook, read_signatures
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings

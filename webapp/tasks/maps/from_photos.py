@@ -9,8 +9,7 @@ from webapp.core.geo.blank import BlankPlan, plan_around
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Map, SatelliteImage
 from webapp.errors import UsageError
-from webapp.files.folder_walk import list_files
-from webapp.files.listing import DERIVED
+from webapp.files.listing import DERIVED, list_files
 from webapp.files.maps.folder import read_map
 from webapp.files.maps.positions import Positions, read_positions
 from webapp.files.satellite.image_probe import image_size

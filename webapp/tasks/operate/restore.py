@@ -14,8 +14,8 @@ from pathlib import Path, PurePosixPath
 from sqlalchemy import select
 
 from webapp.errors import Conflict, InputError, UsageError
-from webapp.files.alive import any_alive
 from webapp.files.atomic import storage_error, sync_folder
+from webapp.files.lock import any_alive
 from webapp.files.operate.backup import read_manifest, unpack
 from webapp.progress import Progress
 from webapp.store.clock import now

@@ -16,7 +16,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.errors import UsageError
 from webapp.files.maps.map_json import georeference_fields
-from webapp.files.satellite.world_file import parse_worldfile
+from webapp.files.satellite.georeference_files import parse_worldfile
 
 Kind = Literal["corners", "control-points", "worldfile"]
 

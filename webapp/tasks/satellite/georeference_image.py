@@ -10,10 +10,13 @@ from webapp.core.geo.controlpoints import Model, from_control_points
 from webapp.core.geo.corners import from_corners
 from webapp.core.geo.fit import Fit
 from webapp.errors import GeoreferenceError, UsageError
-from webapp.files.satellite.control_points import read_control_points
-from webapp.files.satellite.corners import read_corners
-from webapp.files.satellite.geotiff import read_geotiff
-from webapp.files.satellite.world_file import find_worldfile, read_worldfile
+from webapp.files.satellite.georeference_files import (
+    find_worldfile,
+    read_control_points,
+    read_corners,
+    read_geotiff,
+    read_worldfile,
+)
 
 
 @dataclass(frozen=True, slots=True)

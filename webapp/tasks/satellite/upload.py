@@ -8,7 +8,7 @@ from pathlib import Path
 
 from webapp.core.geo.georeference import Georeference
 from webapp.errors import GeoreferenceError
-from webapp.files.satellite.geotiff import read_geotiff
+from webapp.files.satellite.georeference_files import read_geotiff
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library

@@ -10,7 +10,7 @@ from flask import Blueprint
 from sqlalchemy import text
 
 from webapp.errors import StorageError
-from webapp.files.alive import any_alive
+from webapp.files.lock import any_alive
 from webapp.web.accounts.access import public
 from webapp.web.context import library, settings
 

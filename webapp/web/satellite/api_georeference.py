@@ -12,7 +12,7 @@ from apiflask.validators import Length, OneOf
 from webapp.core.geo.controlpoints import NEEDED, ControlPoint
 from webapp.core.geo.fit import Fit
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.files.satellite.corners import parse_corners
+from webapp.files.satellite.georeference_files import parse_corners
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image

@@ -15,7 +15,7 @@ from werkzeug.datastructures import FileStorage
 from webapp.core.geo.tilegrid import MAX_ZOOM, Box
 from webapp.errors import UsageError
 from webapp.files.part_file import receive, told_as
-from webapp.files.satellite.corners import parse_corners
+from webapp.files.satellite.georeference_files import parse_corners
 from webapp.net.services import tile_services
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name

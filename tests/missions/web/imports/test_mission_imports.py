@@ -4,10 +4,9 @@ import io
 
 import pytest
 
-from webapp.app.jobs import DUTIES
+from webapp.app.wings import DUTIES
 from webapp.errors import UsageError
-from webapp.jobs.context import Context
-from webapp.jobs.progress import JobProgress
+from webapp.jobs.context import Context, JobProgress
 from webapp.missions.store import missions, tracks
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits

@@ -2,9 +2,8 @@
 
 import pytest
 
-from webapp.app.jobs import DUTIES
-from webapp.jobs.context import Context
-from webapp.jobs.progress import JobProgress
+from webapp.app.wings import DUTIES
+from webapp.jobs.context import Context, JobProgress
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 

@@ -3,8 +3,8 @@
 import hashlib
 import io
 
-from webapp.app.jobs import DUTIES
-from webapp.jobs import sweep
+from webapp.app.wings import DUTIES
+from webapp.jobs import worker
 from webapp.settings import Settings
 
 CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0, "lon": 14.0}
@@ -50,5 +50,5 @@ def test_folders_of_no_mission_are_swept(library, mission, add_photo):
     add_photo()
     stray = library.folder / ".missions" / "999" / "photos"
     stray.mkdir(parents=True)
-    sweep.clean(library, Settings(), more=DUTIES.sweeps)
+    worker.clean(library, Settings(), more=DUTIES.sweeps)
     assert [path.name for path in (library.folder / ".missions").iterdir()] == [str(mission)]

@@ -12,7 +12,7 @@ INT = sa.Integer()
 
 
 def upgrade() -> None:
-    """Make all tables; constraints get their names by the convention of `webapp.store.base`."""
+    """Make all tables; constraints get their names by the convention of `webapp.store.schema`."""
     op.create_table(
         "account",
         sa.Column("id", INT, primary_key=True),

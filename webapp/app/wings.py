@@ -1,10 +1,15 @@
-"""What the background worker does: jobs of maps, of missions, and the sample map."""
+"""What the wings add to the program: kinds of jobs, sweeps, and parts of a library."""
 
 from __future__ import annotations
 
 from webapp.jobs import kinds
 from webapp.jobs.kinds import Duties
 from webapp.missions.tasks import delete as delete_mission
+from webapp.missions.tasks.backup_part import MissionPart
+from webapp.tasks.operate.parts import LibraryPart
+
+PARTS: tuple[LibraryPart, ...] = (MissionPart(),)
+
 
 _KINDS = {
     **kinds.KINDS,

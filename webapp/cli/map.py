@@ -1,24 +1,149 @@
-"""`expmap map from-photos`: a map from the GPS positions of a folder of photos."""
+"""`expmap map`: check a map, make one from photos, copy its photos with their positions in EXIF."""
 
 from __future__ import annotations
 
 import json
+from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 
-from webapp.cli.exitcodes import SOME_FAILED
+from webapp.cli.exitcodes import BAD_MAP, SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.core.geo.controlpoints import Model
+from webapp.core.mapmodel.findings import Finding
 from webapp.errors import UsageError
+from webapp.progress import Progress
+from webapp.tasks.exchange.export_source import of_folder
+from webapp.tasks.exchange.write_exif import PhotoCopy
+from webapp.tasks.exchange.write_exif import write_exif as copy_photos
+from webapp.tasks.maps import check_map
 from webapp.tasks.maps import from_photos as map_from_photos
 from webapp.tasks.maps.place_photos import FileResult
 from webapp.tasks.maps.survey_photos import State
 from webapp.tasks.satellite.georeference_image import GeoSource
 
-_BESIDE = Path()
+_SHOWN = {"error": 20, "warning": 5}
+"""Findings of one kind in one file that are printed; --json has all."""
+
 _FILE = click.Path(path_type=Path)
+
+_BESIDE = Path()
+
+
+@click.command("check")
+@click.argument("cfg", metavar="MAP.cfg", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print all findings as one JSON object.")
+@click.pass_context
+def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
+    """Say what is wrong with a map file and how to fix it.
+
+    Looks at the .cfg, the map.json and placements beside it, the satellite image and every photo.
+    Exit code 3 when the map has errors; warnings alone leave it usable.
+    """
+    report = check_map.check_map(cfg, settings=load_settings(), progress=Progress())
+    if as_json:
+        click.echo(json.dumps(_as_json(report), indent=1))
+    else:
+        _print(report)
+    counts = ((report.photos, "photo"), (report.errors, "error"), (report.warnings, "warning"))
+    summary = ", ".join(f"{count} {noun}{'s' * (count != 1)}" for count, noun in counts)
+    click.echo(f"{cfg}: {summary}", err=True)
+    if report.errors:
+        ctx.exit(BAD_MAP)
+
+
+def _print(report: check_map.Report) -> None:
+    """Print the findings; of one kind in one file, only the first."""
+    seen: Counter[tuple[str, str]] = Counter()
+    most: dict[tuple[str, str], int] = {}
+    for finding in report.findings:
+        kind = (finding.file, finding.code)
+        seen[kind] += 1
+        most[kind] = _SHOWN[finding.severity]
+        if seen[kind] <= most[kind]:
+            place = f"{_file(report, finding)}:{finding.line}:{finding.column}"
+            click.echo(
+                f"{place}: {finding.severity}: {finding.message} ({finding.code})\n    fix: {finding.fix}"
+            )
+    for (file, code), count in seen.items():
+        if count > most[file, code]:
+            name = report.cfg_path.with_name(file) if file else report.cfg_path
+            click.echo(f"{name}: {count - most[file, code]} more of {code}; --json lists all", err=True)
+
+
+def _file(report: check_map.Report, finding: Finding) -> Path:
+    return report.cfg_path.with_name(finding.file) if finding.file else report.cfg_path
+
+
+def _as_json(report: check_map.Report) -> dict[str, object]:
+    findings = [
+        {
+            "file": str(_file(report, finding)),
+            "line": finding.line,
+            "column": finding.column,
+            "severity": finding.severity,
+            "code": str(finding.code),
+            "message": finding.message,
+            "fix": finding.fix,
+        }
+        for finding in report.findings
+    ]
+    return {
+        "photos": report.photos,
+        "errors": report.errors,
+        "warnings": report.warnings,
+        "findings": findings,
+    }
+
+
+@click.command("write-exif", short_help="Copy photos with their positions in EXIF.")
+@click.argument("cfg", metavar="MAP.cfg", type=_FILE)
+@click.option("-o", "--out", type=_FILE, required=True, metavar="FOLDER", help="Where the copies go.")
+@click.option("--json", "as_json", is_flag=True, help="Print the list as one JSON object.")
+@click.pass_context
+def write_exif(ctx: click.Context, cfg: Path, out: Path, as_json: bool) -> None:
+    """Copy the photos of a map, with the positions and headings of the map in their EXIF.
+
+    The map needs a georeference. Originals stay as they are, and no file in FOLDER is replaced. Exit code 1
+    when a photo could not be copied.
+    """
+    settings = load_settings()
+    with terminal_progress("photos") as progress:
+        copies = list(copy_photos(of_folder(cfg), out, limits=settings.photo, progress=progress))
+    written = sum(one.position is not None for one in copies)
+    if as_json:
+        click.echo(
+            json.dumps({"written": written, "photos": [_copy_as_json(one) for one in copies]}, indent=1)
+        )
+    else:
+        for one in copies:
+            click.echo(_copy_line(one))
+    click.echo(f"{out}: {written} of {len(copies)} photos copied", err=True)
+    if written < len(copies):
+        ctx.exit(SOME_FAILED)
+
+
+def _copy_as_json(one: PhotoCopy) -> dict[str, object]:
+    lat, lon = one.position or (None, None)
+    facts = asdict(one)
+    del facts["position"]
+    return facts | {"written": one.position is not None, "lat": lat, "lon": lon}
+
+
+def _copy_line(one: PhotoCopy) -> str:
+    facts = []
+    if one.position is None:
+        facts.append("not copied")
+    else:
+        facts.append(f"{one.position.lat:.7f}, {one.position.lon:.7f}")
+        if one.heading_deg is not None:
+            facts.append(f"{one.heading_deg:.1f} degrees")
+    if one.reason:
+        facts.append(one.reason)
+    return f"{one.photo}  {'; '.join(facts)}"
 
 
 @click.command("from-photos", short_help="Make a map from the photos in a folder.")
@@ -92,13 +217,17 @@ def from_photos(
         report = map_from_photos.map_from_photos(
             folder, options=options, settings=load_settings(), progress=progress
         )
-    _tell(report)
-    click.echo(json.dumps(_as_json(report), indent=1, ensure_ascii=False) if as_json else _table(report))
+    _show_warnings(report)
+    click.echo(
+        json.dumps(_report_as_json(report), indent=1, ensure_ascii=False)
+        if as_json
+        else _report_table(report)
+    )
     if report.count(State.UNREADABLE) or not report.written:
         ctx.exit(SOME_FAILED)
 
 
-def _tell(report: map_from_photos.Report) -> None:
+def _show_warnings(report: map_from_photos.Report) -> None:
     """Say on standard error what is no result: residuals, warnings, that nothing was written."""
     if report.residuals_m:
         metres = " ".join(f"{residual:.3g}" for residual in report.residuals_m)
@@ -109,7 +238,7 @@ def _tell(report: map_from_photos.Report) -> None:
         click.echo("no photo could be placed: no map was written", err=True)
 
 
-def _table(report: map_from_photos.Report) -> str:
+def _report_table(report: map_from_photos.Report) -> str:
     width = max((len(file.name) for file in report.files), default=0)
     lines = []
     for file in report.files:
@@ -122,7 +251,7 @@ def _table(report: map_from_photos.Report) -> str:
     return "\n".join([*lines, f"{len(report.files)} files: {counts}"])
 
 
-def _as_json(report: map_from_photos.Report) -> dict[str, object]:
+def _report_as_json(report: map_from_photos.Report) -> dict[str, object]:
     image = report.satellite
     return {
         "map": str(report.cfg) if report.written else None,

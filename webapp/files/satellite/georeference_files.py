@@ -1,0 +1,291 @@
+"""Files that state where an image is on the Earth, each read into a georeference.
+
+- corners: JSON with the positions of the image's corners
+- control points: a table `x;y;lat;lon` of known points
+- world file: six numbers beside the image, and perhaps a `.prj` with the coordinate system
+- GeoTIFF: the image's own transform or ground control points
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from webapp.core.geo.controlpoints import ControlPoint, from_control_points
+from webapp.core.geo.corners import Corners
+from webapp.core.geo.crs import WGS84, crs_name, latlon_from_plane
+from webapp.core.geo.fit import Fit, check_on_image, check_positions
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.pixelgrid import homography_for_corners
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.errors import GeoreferenceError, MapJsonError, TableError
+from webapp.extras import extra
+from webapp.files.json_fields import JsonField, finite, parse_json
+from webapp.files.text_file import Row, read_bytes, read_table, read_text
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+    from rasterio.io import DatasetReader
+
+_EXAMPLE = '{"top_left": {"lat": 60.4055, "lon": 22.4676}, "bottom_right": {"lat": 60.4039, "lon": 22.4712}}'
+
+HEADER = "x;y;lat;lon"
+_HINT = "a world file has six lines: x size, rotation, rotation, -y size, x and y of the first pixel's centre"
+_ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF"}
+"""Only the file itself is read: nothing beside it, nothing from the network."""
+
+
+def read_corners(path: Path) -> Corners:
+    """Read a corners file.
+
+    Beside the corners it may hold a `note`; nothing else.
+
+    Raises
+    ------
+    GeoreferenceError
+        With the JSON path of the field, or line and column where it is no JSON at all.
+    """
+    return parse_corners(read_bytes(path, error=GeoreferenceError), where=str(path))
+
+
+def parse_corners(data: bytes, *, where: str = "corners") -> Corners:
+    """Read the content of a corners file; see `read_corners`."""
+    try:
+        fields = parse_json(data, where=where).record(
+            required=("top_left", "bottom_right"), optional=("top_right", "bottom_left", "note")
+        )
+        return Corners(
+            top_left=_position(fields["top_left"]),
+            bottom_right=_position(fields["bottom_right"]),
+            top_right=_optional(fields["top_right"]),
+            bottom_left=_optional(fields["bottom_left"]),
+        )
+    except MapJsonError as error:
+        hint = error.hint if error.hint and error.hint != "restore the file" else f"write it like {_EXAMPLE}"
+        raise GeoreferenceError(error.message, where=error.where, hint=hint) from error
+
+
+def _optional(field: JsonField) -> LatLon | None:
+    return None if field.missing else _position(field)
+
+
+def _position(field: JsonField) -> LatLon:
+    fields = field.record(required=("lat", "lon"))
+    # the range is checked with the rest of the geometry, where a swap can be suspected
+    return LatLon(
+        *(fields[name].number("a finite number of degrees", valid=finite) for name in ("lat", "lon"))
+    )
+
+
+def read_control_points(path: Path) -> list[ControlPoint]:
+    """Read control points.
+
+    Parameters
+    ----------
+    path : Path
+        Semicolon table with the header `x;y;lat;lon`: pixels right of and below the image's outer top-left
+        corner, degrees north and east.
+
+    Returns
+    -------
+    list of ControlPoint
+        At least one.
+
+    Raises
+    ------
+    TableError
+        The file cannot be read or breaks the format, with the line.
+    """
+    _, rows = read_table(path, headers=[HEADER])
+    if not rows:
+        raise TableError("there is no control point", where=str(path), hint=f"add one a line: {HEADER}")
+    return [_point(row) for row in rows]
+
+
+def _point(row: Row) -> ControlPoint:
+    x, y, lat, lon = (row.number(column) for column in range(4))
+    position = LatLon(lat, lon)
+    try:
+        check_positions([position])
+    except GeoreferenceError as error:
+        raise TableError(error.message, where=row.where, hint=error.hint) from error
+    return ControlPoint(MapPixel(x, y), position)
+
+
+def find_worldfile(image: Path) -> Path:
+    """Find the world file of an image: `.pgw`, `.pngw` or `.wld` for a `.png`, and so on, in any letter case.
+
+    Raises
+    ------
+    GeoreferenceError
+        There is none.
+    """
+    ending = image.suffix[1:].lower()
+    endings = [f".{ending[:1]}{ending[-1:]}w", f".{ending}w", ".wld"]
+    names = [f"{image.stem}{e}" for e in endings] + [f"{image.name}w", f"{image.name}.wld"]
+    beside = {p.name.lower(): p for p in sorted(image.parent.iterdir())} if image.parent.is_dir() else {}
+    for name in names:
+        if name.lower() in beside:
+            return beside[name.lower()]
+    raise GeoreferenceError(
+        "the image has no world file beside it",
+        where=str(image),
+        hint=f"add {names[0]}, or name the world file",
+    )
+
+
+def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = None) -> Fit:
+    """Read a world file.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the image, pixels.
+    crs : str, optional
+        Coordinate system of the numbers. Default: the one of the `.prj` beside it, else EPSG:4326 (degrees
+        of longitude and latitude), if the numbers can be that.
+
+    Returns
+    -------
+    Fit
+        Without residuals.
+
+    Raises
+    ------
+    GeoreferenceError
+        It cannot be read, does not hold six numbers, has no plausible coordinate system, or shows the Earth
+        mirrored.
+    """
+    text = read_text(path, error=GeoreferenceError)
+    return parse_worldfile(text, where=str(path), width=width, height=height, crs=crs or _beside(path))
+
+
+def parse_worldfile(text: str, *, where: str, width: int, height: int, crs: str | None = None) -> Fit:
+    """Read the content of a world file; see `read_worldfile`.
+
+    Parameters
+    ----------
+    where : str
+        Name of the file, for errors.
+    width, height : int
+        Of the image, pixels.
+    crs : str, optional
+        Default: EPSG:4326, if the numbers can be that.
+    """
+    a, d, b, e, c, f = _six_numbers(text, where)
+    centres = np.array([[a, b, c], [d, e, f], [0.0, 0.0, 1.0]])
+    matrix = homography_for_corners(centres)
+    plane = crs_name(crs) if crs else None
+    if plane is None:
+        _check_degrees(matrix, where, width=width, height=height)
+        plane = WGS84
+    try:
+        georeference = Georeference(plane, tuple(float(v) for v in matrix.ravel()), "worldfile")
+        check_on_image(georeference, width=width, height=height)
+    except GeoreferenceError as error:
+        raise GeoreferenceError(error.message, where=where, hint=error.hint or _HINT) from error
+    return Fit(georeference)
+
+
+def _six_numbers(text: str, where: str) -> list[float]:
+    lines = text.split()
+    try:
+        # some programs of some countries write decimal commas here
+        numbers = [float(line.replace(",", ".")) for line in lines]
+    except ValueError as error:
+        raise GeoreferenceError("a line is not a number", where=where, hint=_HINT) from error
+    if len(numbers) != 6 or not all(math.isfinite(n) for n in numbers):
+        raise GeoreferenceError(f"it holds {len(numbers)} numbers, not 6", where=where, hint=_HINT)
+    return numbers
+
+
+def _beside(path: Path) -> str | None:
+    for ending in (".prj", ".PRJ"):
+        prj = path.with_suffix(ending)
+        if prj.is_file():
+            try:
+                return crs_name(read_text(prj, error=GeoreferenceError).strip())
+            except GeoreferenceError as error:
+                raise GeoreferenceError(error.message, where=str(prj), hint=error.hint) from error
+    return None
+
+
+def _check_degrees(matrix: np.ndarray, where: str, *, width: int, height: int) -> None:
+    corners = np.array([(0, 0, 1), (width, 0, 1), (width, height, 1), (0, height, 1)], dtype=np.float64)
+    x, y = (corners @ matrix.T)[:, :2].T
+    if (np.abs(x) > 180.0).any() or (np.abs(y) > 90.0).any():
+        raise GeoreferenceError(
+            "its numbers are not degrees of longitude and latitude",
+            where=where,
+            hint="give the coordinate system, such as --crs EPSG:32633",
+        )
+
+
+def read_geotiff(path: Path, *, crs: str | None = None) -> Fit:
+    """Read the georeference of a GeoTIFF.
+
+    Parameters
+    ----------
+    crs : str, optional
+        Instead of the coordinate system that the file states.
+
+    Returns
+    -------
+    Fit
+        Of the transform, exactly (no residuals); where there is none, of the ground control points, by least
+        squares.
+
+    Raises
+    ------
+    GeoreferenceError
+        No TIFF, no georeference in it, no coordinate system, or one that describes no image seen from above.
+    MissingPart
+        rasterio is not installed.
+    """
+    with extra("geotiff"):
+        import rasterio
+        from rasterio.errors import NotGeoreferencedWarning, RasterioError
+    if not path.is_file():
+        raise GeoreferenceError("there is no such file", where=str(path), hint="check its path")
+    try:
+        with rasterio.Env(**_ALONE), warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(path, driver="GTiff") as dataset:
+                return _fit(dataset, crs)
+    except RasterioError as error:
+        hint = "use --corners, --worldfile or --control-points for other images"
+        raise GeoreferenceError("it is not a readable GeoTIFF", where=str(path), hint=hint) from error
+    except GeoreferenceError as error:
+        raise GeoreferenceError(error.message, where=str(path), hint=error.hint) from error
+
+
+def _fit(dataset: DatasetReader, crs: str | None) -> Fit:
+    points, points_crs = dataset.gcps
+    if dataset.transform.is_identity and points:
+        plane = _plane(points_crs, crs)
+        latlon = latlon_from_plane(plane, [(p.x, p.y) for p in points])
+        known = [
+            ControlPoint(MapPixel(p.col, p.row), LatLon(*position))
+            for p, position in zip(points, latlon.tolist(), strict=True)
+        ]
+        return from_control_points(known, width=dataset.width, height=dataset.height)
+    if dataset.transform.is_identity:
+        hint = "use --corners, --worldfile or --control-points"
+        raise GeoreferenceError("the TIFF has no georeference", hint=hint)
+    matrix = tuple(float(v) for v in dataset.transform)
+    georeference = Georeference(_plane(dataset.crs, crs), matrix, "geotiff")
+    check_on_image(georeference, width=dataset.width, height=dataset.height)
+    return Fit(georeference)
+
+
+def _plane(stated: CRS | None, chosen: str | None) -> str:
+    if chosen:
+        return crs_name(chosen)
+    if not stated:
+        hint = "give it, such as --crs EPSG:32633"
+        raise GeoreferenceError("the TIFF states no coordinate system", hint=hint)
+    return crs_name(stated.to_wkt())
