@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from webapp.resources import resource_folder
-from webapp.web import shell
+from webapp.web import installable
 
 
 @pytest.fixture
@@ -40,9 +40,9 @@ def test_every_file_that_is_kept_is_there(stranger, worker):
 
 
 def test_pages_tell_the_version_of_their_files(client, stranger, worker):
-    assert client.get("/").headers[shell.VERSION_HEADER] == worker["version"]
-    assert stranger.get("/sign-in").headers[shell.VERSION_HEADER] == worker["version"]
-    assert shell.VERSION_HEADER not in client.get("/api/v1/maps").headers
+    assert client.get("/").headers[installable.VERSION_HEADER] == worker["version"]
+    assert stranger.get("/sign-in").headers[installable.VERSION_HEADER] == worker["version"]
+    assert installable.VERSION_HEADER not in client.get("/api/v1/maps").headers
 
 
 def test_another_content_is_another_version(app, tmp_path, monkeypatch):
@@ -50,12 +50,12 @@ def test_another_content_is_another_version(app, tmp_path, monkeypatch):
     shutil.copytree(resource_folder("static"), copy)
     monkeypatch.setattr(app, "static_folder", str(copy))
     with app.app_context():
-        before = shell.version()
-        assert shell.version() == before
+        before = installable.version()
+        assert installable.version() == before
         (copy / "js" / "shared" / "shell.js").write_text("// other\n")
-        changed = shell.version()
+        changed = installable.version()
         (copy / "js" / "sw.js").write_text("// the worker itself is none of them\n")
-        assert before != changed == shell.version()
+        assert before != changed == installable.version()
 
 
 def test_the_policy_lets_no_other_worker_in(client):

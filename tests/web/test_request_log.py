@@ -67,7 +67,7 @@ def test_no_secret_is_in_it(app, library, owner, lines):
 
 def test_a_mistake_of_the_program_is_a_line_with_its_traceback(app, library, owner, lines, monkeypatch):
     app.testing = False
-    monkeypatch.setattr("webapp.web.accounts.sign_in.render_template", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("webapp.web.accounts.pages.render_template", lambda *_, **__: 1 / 0)
     app.test_client().get("/sign-in/" + "x" * 32)
     told = lines()
     assert [line["level"] for line in told] == ["error", "error"]

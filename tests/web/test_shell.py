@@ -12,7 +12,7 @@ from webapp.app.web import create_app
 from webapp.settings import WebSettings
 from webapp.store.library import open_library
 from webapp.store.maps import maps
-from webapp.web.accounts.secret_key import secret_key
+from webapp.web.accounts.security import secret_key
 from webapp.web.errors import status_of
 
 PAGES = ["/", "/bin", "/account", "/people", "/maps/park/jobs", "/maps/park/settings"]

@@ -17,44 +17,41 @@ from webapp.missions.web.api_photos import blueprint as api_mission_photos
 from webapp.missions.web.api_shared import blueprint as api_shared_missions
 from webapp.missions.web.api_shares import blueprint as api_mission_shares
 from webapp.missions.web.api_tracks import blueprint as api_tracks
+from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.missions.web.pages import blueprint as mission_pages
-from webapp.missions.web.parameters import PATH_PARAMETERS
-from webapp.missions.web.public_pages import blueprint as public_mission_pages
+from webapp.missions.web.pages import public_pages as public_mission_pages
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.web import make_app
-from webapp.web.accounts.account_page import blueprint as account_page
-from webapp.web.accounts.api_account import blueprint as api_account
-from webapp.web.accounts.api_members import blueprint as api_members
-from webapp.web.accounts.api_people import blueprint as api_people
-from webapp.web.accounts.api_session import blueprint as api_session
-from webapp.web.accounts.people_page import blueprint as people_page
-from webapp.web.accounts.sign_in import blueprint as sign_in
+from webapp.web.accounts.api_accounts import account_api as api_account
+from webapp.web.accounts.api_accounts import people_api as api_people
+from webapp.web.accounts.api_accounts import session_api as api_session
+from webapp.web.accounts.pages import account_pages as account_page
+from webapp.web.accounts.pages import people_pages as people_page
+from webapp.web.accounts.pages import sign_in_pages as sign_in
 from webapp.web.exchange.api_exchange import blueprint as api_exchange
 from webapp.web.installable import blueprint as installable
-from webapp.web.localize.api_evaluation import blueprint as api_evaluation
 from webapp.web.localize.api_localize import blueprint as api_localize
 from webapp.web.localize.api_queries import blueprint as api_queries
-from webapp.web.localize.page import blueprint as localize
-from webapp.web.localize.quality_page import blueprint as quality_page
+from webapp.web.localize.pages import blueprint as localize_pages
 from webapp.web.maps.api_checks import blueprint as api_checks
+from webapp.web.maps.api_checks import evaluation_api as api_evaluation
 from webapp.web.maps.api_maps import blueprint as api_maps
 from webapp.web.maps.api_photos import blueprint as api_photos
-from webapp.web.maps.api_placements import blueprint as api_placements
+from webapp.web.maps.api_photos import blur_api as api_blur
 from webapp.web.maps.api_placing import blueprint as api_placing
+from webapp.web.maps.api_placing import placements_api as api_placements
 from webapp.web.maps.api_uploads import blueprint as api_uploads
-from webapp.web.maps.editor import blueprint as editor
-from webapp.web.maps.maps_page import blueprint as maps_page
-from webapp.web.maps.settings_page import blueprint as map_settings
-from webapp.web.operate.api_jobs import blueprint as api_jobs
+from webapp.web.maps.pages import blueprint as map_pages
 from webapp.web.operate.health import blueprint as health
-from webapp.web.operate.jobs_page import blueprint as jobs_page
+from webapp.web.operate.jobs import blueprint as api_jobs
+from webapp.web.operate.jobs import jobs_pages as jobs_page
 from webapp.web.satellite.api_georeference import blueprint as api_georeference
 from webapp.web.satellite.api_satellite import blueprint as api_satellite
 from webapp.web.satellite.page import blueprint as satellite
-from webapp.web.sharing.api_blur import blueprint as api_blur
 from webapp.web.sharing.api_shared import blueprint as api_shared
 from webapp.web.sharing.api_shares import blueprint as api_shares
+from webapp.web.sharing.api_shares import members_api as api_members
 from webapp.web.sharing.public_pages import blueprint as public_pages
 from webapp.web.state import Parts
 
@@ -91,18 +88,15 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_shares,
     api_tracks,
     api_uploads,
-    editor,
     health,
     installable,
     jobs_page,
-    localize,
-    map_settings,
-    maps_page,
+    map_pages,
     mission_pages,
     people_page,
     public_mission_pages,
     public_pages,
-    quality_page,
+    localize_pages,
     satellite,
     sign_in,
 )

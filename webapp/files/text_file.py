@@ -1,4 +1,4 @@
-"""Text files: lines with numbers; small files and semicolon tables, with one error for all that goes wrong."""
+"""Text files: lines with numbers; small files and semicolon tables, and one error for all that goes wrong."""
 
 from __future__ import annotations
 

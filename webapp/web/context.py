@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from flask import Flask, current_app, request
+
 from webapp.errors import NotFound, NotSignedIn
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
 from webapp.web.accounts import sessions
 from webapp.web.state import library, settings
+
+View = TypeVar("View", bound=Callable[..., Any])
+
+_MARK = "expmap_public"
+_PUBLIC_ENDPOINTS = frozenset({"static", "openapi.spec"})
+"""That libraries make, and that hold nothing of anybody."""
 
 __all__ = ["account", "library", "open_map", "settings"]
 
@@ -51,3 +62,27 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
     if record.binned_at is not None and not binned:
         raise NotFound("this map is in the bin", where=slug, hint="restore it from the bin first")
     return record
+
+
+def public(view: View) -> View:
+    """Mark a view as open to everyone; put it right below the route."""
+    setattr(view, _MARK, True)
+    return view
+
+
+def is_public(view: Callable[..., Any]) -> bool:
+    """Tell whether a view is open to everyone."""
+    return bool(getattr(view, _MARK, False))
+
+
+def init_app(app: Flask) -> None:
+    """Have every request checked before anything of its body is read."""
+    app.before_request(_check)
+
+
+def _check() -> None:
+    endpoint = request.endpoint
+    if endpoint is None or endpoint in _PUBLIC_ENDPOINTS:
+        return
+    if not is_public(current_app.view_functions[endpoint]):
+        account()

@@ -15,7 +15,7 @@ from flask import Flask
 from werkzeug.routing import Rule
 
 from webapp.render.export_file import FORMATS
-from webapp.web.accounts.access import is_public
+from webapp.web.context import is_public
 from webapp.web.state import parts
 
 PATH = "/api/v1/openapi.json"

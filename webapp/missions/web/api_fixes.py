@@ -26,7 +26,7 @@ from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, settings
-from webapp.web.localize.answer_schemas import Located
+from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import answer, received
 from webapp.web.openapi import file_answer
 

@@ -13,7 +13,8 @@ from webapp.errors import NotFound
 from webapp.files.photos.preview import Kind
 from webapp.missions.store import missions, reading, shares, tracks
 from webapp.missions.tasks import add_photo
-from webapp.missions.web import shared_state
+from webapp.missions.web import state
+from webapp.missions.web.api_missions import MissionSatelliteOut, TrackOut
 from webapp.missions.web.api_objects import ObjectHistory, ObjectOut
 from webapp.missions.web.api_tracks import (
     LineOut,
@@ -23,14 +24,12 @@ from webapp.missions.web.api_tracks import (
     line_json,
     profile_json,
 )
-from webapp.missions.web.schemas import MissionSatelliteOut, TrackOut
 from webapp.store.schema import MapRecord
 from webapp.tasks.satellite import display
 from webapp.web import converters
-from webapp.web.accounts.access import public
-from webapp.web.context import library, settings
+from webapp.web.context import library, public, settings
 from webapp.web.openapi import file_answer
-from webapp.web.sharing.shared_files import sent, shown
+from webapp.web.sharing.shared_state import sent, shown
 
 blueprint = APIBlueprint(
     "api_shared_missions", __name__, url_prefix="/api/v1/shared-missions/<token>", tag="Shared"
@@ -96,7 +95,7 @@ class SharedPhotos(Schema):
 def show(token: str) -> dict[str, Any]:
     """Tell all of a shared mission but its poses, objects and photos themselves."""
     with library().database.read() as session:
-        return shared_state.whole(session, shares.opened(session, token), token=token)
+        return state.shared_mission(session, shares.opened(session, token), token=token)
 
 
 @blueprint.get(f"/tracks/{_TRACK}/line")
@@ -130,7 +129,7 @@ def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
     with library().database.read() as session:
         opened = shares.opened(session, token)
         rows = reading.some_objects(session, opened.mission.id, **query)
-        return {"objects": [shared_state.object_of(opened, row) for row in rows]}
+        return {"objects": [state.shared_object(opened, row) for row in rows]}
 
 
 @blueprint.get("/objects/<text:object_id>", merge_slashes=False)
@@ -142,8 +141,8 @@ def one_object(token: str, object_id: str) -> dict[str, Any]:
         opened = shares.opened(session, token)
         row = missions.find_object(session, opened.mission.id, object_id)
         seen = missions.sightings(session, opened.mission.id, object_id)
-        history = [shared_state.sighting_of(opened, one) for one in seen]
-        return {**shared_state.object_of(opened, row), "sightings": history}
+        history = [state.shared_sighting(opened, one) for one in seen]
+        return {**state.shared_object(opened, row), "sightings": history}
 
 
 @blueprint.get("/photos")
@@ -152,8 +151,8 @@ def one_object(token: str, object_id: str) -> dict[str, Any]:
 def photos(token: str) -> dict[str, Any]:
     """List the photos that the share shows."""
     with library().database.read() as session:
-        found = shared_state.photos(session, shares.opened(session, token))
-        return {"photos": [shared_state.photo_of(token, photo) for photo in found]}
+        found = state.shared_photos(session, shares.opened(session, token))
+        return {"photos": [state.shared_photo(token, photo) for photo in found]}
 
 
 @blueprint.get(f"/photos/{_SHA}/thumb")
@@ -198,6 +197,6 @@ def _map(token: str) -> MapRecord:
 
 def _photo(token: str, sha256: str, kind: Kind) -> Response:
     with library().database.read() as session:
-        photo = shared_state.photo(session, shares.opened(session, token), sha256=sha256)
+        photo = state.find_shared_photo(session, shares.opened(session, token), sha256=sha256)
     path = add_photo.preview_of(library(), photo, kind=kind, settings=settings())
     return sent(path, etag=f"{sha256}-{kind}")

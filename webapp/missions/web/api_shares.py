@@ -112,13 +112,13 @@ def _told(mission: Mission, share: MissionShare, *, token: str | None = None) ->
     def address(endpoint: str) -> str | None:
         return None if token is None else url_for(endpoint, token=token, _external=True)
 
-    framed = address("public_mission_pages.embed")
+    framed = address("public_mission_pages.embedded")
     return {
         "id": share.id,
         "public": share.public_token is not None,
         "photos": share.photos,
         "created_at": share.created_at.isoformat(timespec="seconds"),
-        "url": address("public_mission_pages.show"),
+        "url": address("public_mission_pages.shared"),
         "embed": None if framed is None else _FRAME.format(escape(framed), escape(mission.name)),
         "kml": address("public_mission_pages.network_link"),
     }

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from webapp.errors import NotFound
+from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.store.maps.maps import Role
 from webapp.web.context import account, library
+
+PATH_PARAMETERS: dict[str, dict[str, Any]] = {
+    "mission_id": {"description": "Id of the mission."},
+    "object_id": {"description": "Id of the object, as the robot gave it."},
+    "track_id": {"description": "Id of the track."},
+    "ending": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
+}
 
 
 def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mission:

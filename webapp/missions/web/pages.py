@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from flask import Blueprint, render_template
+from typing import Any
 
-from webapp.missions.store import missions
+from apiflask import APIBlueprint
+from flask import Blueprint, Response, render_template
+
+from webapp.errors import NotFound
+from webapp.missions.store import missions, shares
+from webapp.missions.store.shares import OpenedMission
+from webapp.missions.web import api_exports
+from webapp.missions.web import state as shared_state
+from webapp.missions.web.api_exports import ExportQuery, LinkQuery
 from webapp.missions.web.context import open_mission
 from webapp.net.services import TileService, tile_services
 from webapp.store.maps import maps
-from webapp.web.accounts.security import allow_images
-from webapp.web.context import account, library, settings
+from webapp.web import errors
+from webapp.web.accounts.security import allow_framing, allow_images
+from webapp.web.context import account, library, public, settings
 from webapp.web.satellite.api_satellite import service_json
 
 blueprint = Blueprint("mission_pages", __name__, url_prefix="/missions")
+
+public_pages = APIBlueprint("public_mission_pages", __name__, url_prefix="/m/<token>", enable_openapi=False)
+_SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
 
 @blueprint.get("")
@@ -53,3 +65,63 @@ def _services() -> tuple[TileService, ...]:
     """Give the tile services that the owner configured; without that, no page asks other hosts for tiles."""
     file = settings().tile_services
     return () if file is None else tile_services(file)
+
+
+@public_pages.get("")
+@public
+def shared(token: str) -> tuple[str, int, dict[str, str]]:
+    """Show a shared mission."""
+    return _page(token, framed=False)
+
+
+@public_pages.get("/embedded")
+@public
+def embedded(token: str) -> tuple[str, int, dict[str, str]]:
+    """Show it in a frame of another site: no sign-in, no cookie, nothing that could be done for somebody."""
+    allow_framing()
+    return _page(token, framed=True)
+
+
+@public_pages.get("/export.<string(maxlength=20):ending>")
+@public
+@public_pages.input(ExportQuery, location="query", arg_name="query")
+def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
+    """Take a shared mission away; `?points=` thins its tracks."""
+    mission = _opened(token).mission
+    return api_exports.export(mission.id, ending=ending, query=query)
+
+
+@public_pages.get("/objects.csv")
+@public
+def objects(token: str) -> Response:
+    """Take the objects of a shared mission away."""
+    return api_exports.export(_opened(token).mission.id, ending="objects.csv", query={"points": None})
+
+
+@public_pages.get("/link.kml")
+@public
+@public_pages.input(LinkQuery, location="query", arg_name="query")
+def network_link(token: str, query: dict[str, int]) -> Response:
+    """Take a KML link away that programs fetch again and again, each `?every=` seconds."""
+    mission = _opened(token).mission
+    return api_exports.link(mission.name, token=token, every=query["every"])
+
+
+def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
+    try:
+        with library().database.read() as session:
+            opened = shares.opened(session, token)
+            state = shared_state.shared_mission(session, opened, token=token)
+    except NotFound as error:
+        gone = render_template("sharing/gone.html", error=error, framed=framed)
+        return gone, errors.status_of(error), _SECRET
+    page = {"id": state["id"], "token": token, "photos": opened.share.photos, "services": []}
+    text = render_template(
+        "missions/shared.html", mission=opened.mission, page=page, token=token, framed=framed, role="visitor"
+    )
+    return text, 200, {} if opened.share.public_token else _SECRET
+
+
+def _opened(token: str) -> OpenedMission:
+    with library().database.read() as session:
+        return shares.opened(session, token)

@@ -5,22 +5,30 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from flask import url_for
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.drift import Closing, closing
 from webapp.core.trajectory.records import Poses
-from webapp.missions.store import listing, tracks
+from webapp.errors import NotFound
+from webapp.missions.store import listing, missions, tracks
 from webapp.missions.store.listing import Entry, Spot
-from webapp.missions.store.schema import Mission, Track
+from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
+from webapp.missions.store.shares import OpenedMission
+from webapp.missions.web.api_objects import object_json
 from webapp.store.schema import Account, MapRecord
-from webapp.web.maps import state
+from webapp.web.maps import state as map_state
+from webapp.web.sharing.shared_state import located
 
 SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$(?!\n)"  # which `$` alone would let pass
 """What a place in a list looks like: microseconds since 1970, and the id of a mission."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
+
+_OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
+"""Of a georeference: how it was found is not told."""
 
 
 def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
@@ -99,7 +107,7 @@ def last_json(poses: Poses) -> dict[str, Any]:
 def satellite(session: Session, mission: Mission, *, base: str | None = None) -> dict[str, Any] | None:
     """Tell of the image of a mission's map, with its georeference; `base` as for `satellite_json`."""
     record = _map(session, mission)
-    found = None if record is None else state.image(record, base=base)
+    found = None if record is None else map_state.image(record, base=base)
     if found is None or found["satellite"] is None:
         return None
     return {**found["satellite"], "georeference": found["georeference"]}
@@ -169,3 +177,82 @@ def _closing(track: Track, ends: Poses) -> dict[str, float] | None:
     south, west, north, east = bounds
     found = closing(first, last, distance_m=track.distance_m, bounds=(south, west, north, east))
     return {"gap_m": found.gap_m, "share": found.share} if isinstance(found, Closing) else None
+
+
+def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> dict[str, Any]:
+    """Tell all of a shared mission but its poses, objects and photos themselves.
+
+    What the page of a mission needs has the names that its owners see; the note is the owners' own.
+    """
+    mission = opened.mission
+    found = tracks.listed(session, mission.id)
+    _, objects, shared_photos = missions.counts(session, mission.id)
+    return {
+        "id": mission.id,
+        "name": mission.name,
+        "revision": mission.revision,
+        "ended_at": None if mission.ended_at is None else mission.ended_at.isoformat(timespec="seconds"),
+        "tracks": [track_json(session, track) for track in found],
+        "objects": objects,
+        "photos": shared_photos if opened.share.photos else 0,
+        "satellite": _satellite(session, opened, token),
+        "cursor": cursor(mission.revision, {track.id: track.poses for track in found}),
+    }
+
+
+def shared_object(opened: OpenedMission, row: MissionObject) -> dict[str, Any]:
+    """Tell of an object; its photo only where photos are shown."""
+    return {**object_json(row), "photo": row.photo_sha if opened.share.photos else None}
+
+
+def shared_sighting(opened: OpenedMission, row: ObjectSighting) -> dict[str, Any]:
+    """Tell where an object was seen once."""
+    return {
+        "time_s": row.time_s,
+        "lat": row.lat,
+        "lon": row.lon,
+        "height_m": row.height_m,
+        "confidence": row.confidence,
+        "photo": row.photo_sha if opened.share.photos else None,
+    }
+
+
+def shared_photo(token: str, photo: MissionPhoto) -> dict[str, Any]:
+    """Tell of a photo without what its EXIF or the name of its file says."""
+    named: dict[str, Any] = {"token": token, "sha256": photo.sha256}
+    return {
+        "sha256": photo.sha256,
+        "width": photo.width,
+        "height": photo.height,
+        "object": photo.object_id,
+        "fix": located(photo.fix, exif=False) if photo.fix and photo.fix_state == "done" else None,
+        "url": url_for("api_shared_missions.photo_preview", **named),
+        "thumb": url_for("api_shared_missions.photo_thumb", **named),
+    }
+
+
+def shared_photos(session: Session, opened: OpenedMission) -> list[MissionPhoto]:
+    """List the photos that a share shows."""
+    return missions.photos(session, opened.mission.id) if opened.share.photos else []
+
+
+def find_shared_photo(session: Session, opened: OpenedMission, *, sha256: str) -> MissionPhoto:
+    """Find a photo whose pictures a share gives.
+
+    Raises
+    ------
+    NotFound
+        The share gives no pictures of it.
+    """
+    if not opened.share.photos:
+        raise NotFound("photos are not shared here")
+    return missions.find_photo(session, opened.mission.id, sha256)
+
+
+def _satellite(session: Session, opened: OpenedMission, token: str) -> dict[str, Any] | None:
+    base = f"/api/v1/shared-missions/{token}/satellite"
+    found = satellite(session, opened.mission, base=base)
+    if found is None:
+        return None
+    earth = found["georeference"]
+    return {**found, "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH}}

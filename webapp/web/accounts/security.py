@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import secrets
+from pathlib import Path
+
+from filelock import FileLock
 from flask import Flask, Response, current_app, g, has_request_context, request, session
 from flask.sessions import SecureCookieSessionInterface
 from flask_limiter import Limiter
 from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
 
-from webapp.web.accounts import access
+from webapp.errors import StorageError
+from webapp.web import context
 from webapp.web.accounts.sessions import bearer, is_api
 from webapp.web.state import settings
+
+_NAME = "secret-key"
+_BYTES = 32
 
 _PAGE_FORM_BYTES = 1_000_000
 """Forms of pages are small; files go to the API."""
@@ -18,7 +27,6 @@ _JSON_BYTES = 16_000_000
 """JSON is read into memory; files come as forms."""
 
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
-
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
@@ -26,7 +34,6 @@ _HEADERS = {
     "Permissions-Policy": "camera=(self), geolocation=(self), microphone=(), payment=(), usb=()",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
-
 _csrf = CSRFProtect()
 
 
@@ -57,7 +64,7 @@ def init_app(app: Flask) -> None:
     )
     app.session_interface = _Sessions()
     _limit(app)
-    access.init_app(app)
+    context.init_app(app)
     _csrf.init_app(app)
     app.before_request(_protect)
     app.before_request(_limit_json)
@@ -109,7 +116,7 @@ def _limit_json() -> None:
 def _takes_no_session() -> bool:
     """Tell whether the address is open to everyone, where a session gives nothing."""
     view = current_app.view_functions.get(request.endpoint or "")
-    return view is not None and access.is_public(view)
+    return view is not None and context.is_public(view)
 
 
 def _add_headers(response: Response) -> Response:
@@ -137,3 +144,50 @@ def _policy() -> str:
         "form-action 'self'",
     )
     return "; ".join(rules)
+
+
+def secret_key(folder: Path) -> str:
+    """Read the key, or make it where there is none; all worker processes get the same.
+
+    Parameters
+    ----------
+    folder : Path
+        The inner folder of a library.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    Raises
+    ------
+    StorageError
+        The file cannot be written, or holds something else.
+    """
+    path = folder / _NAME
+    try:
+        with FileLock(folder / f"{_NAME}.lock"):
+            if not path.exists():
+                _write(path, secrets.token_hex(_BYTES))
+        key = path.read_text("ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StorageError(f"the secret key cannot be kept: {error}", where=str(path)) from error
+    if len(key) != 2 * _BYTES:
+        raise StorageError(
+            "this is not a valid secret key",
+            where=str(path),
+            hint="delete it: everybody has to sign in again",
+        )
+    return key
+
+
+def _write(path: Path, key: str) -> None:
+    """Write under the name only what is complete, and readable by nobody else from the start."""
+    temporary = path.with_name(f".{_NAME}.{os.getpid()}.tmp")
+    temporary.unlink(missing_ok=True)
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(handle, "w", encoding="ascii") as file:
+        file.write(key)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)

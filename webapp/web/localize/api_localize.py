@@ -32,7 +32,7 @@ from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeRe
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.localize.answer_schemas import AnswerOut
+from webapp.web.localize.answers import AnswerOut
 from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")

@@ -21,7 +21,7 @@ from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.localize import adopt_query, show_query
 from webapp.tasks.localize.adopt_query import Spot
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.localize.answer_schemas import Located
+from webapp.web.localize.answers import Located
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint(

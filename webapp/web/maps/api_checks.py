@@ -7,7 +7,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Length
+from apiflask.validators import Length, Range
 from flask_babel import LazyString, lazy_gettext
 from sqlalchemy import select
 
@@ -19,7 +19,7 @@ from webapp.tasks.maps import findings, fix_findings, health, outside_edit
 from webapp.tasks.maps.findings import Fix
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.maps import state as map_state
-from webapp.web.maps.schemas import EditAnswer
+from webapp.web.maps.schemas import EditAnswer, JobSchema
 
 blueprint = APIBlueprint("api_checks", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
 
@@ -36,6 +36,9 @@ LABELS: dict[Fix, LazyString] = {
     "outside-discard": lazy_gettext("Write the file anew"),
 }
 """Words on the button of each fix."""
+
+evaluation_api = APIBlueprint("api_evaluation", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
+_KIND = "evaluate"
 
 
 class FixOut(Schema):
@@ -213,3 +216,26 @@ def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         return map_state.edited(session, row, account=who, revision=revision)
+
+
+class EvaluationRequest(Schema):
+    """How much work it may be."""
+
+    limit = Integer(
+        load_default=None,
+        allow_none=True,
+        validate=Range(1, _MOST),
+        metadata={"description": "So many photos, evenly spread over the map; null for all."},
+    )
+
+
+@evaluation_api.post("/evaluation")
+@evaluation_api.input(EvaluationRequest, arg_name="wish")
+@evaluation_api.output(JobSchema, status_code=202)
+def evaluate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+    """Have every photo of the map localized as if it were not on it; the job's result has the figures."""
+    record, who = open_map(slug, "editor"), account()
+    with library().database.write() as session:
+        job = jobs.enqueue(session, _KIND, map_id=record.id, account_id=who.id, arguments=wish)
+        session.flush()
+        return jobs.to_json(session, job, account_id=who.id)

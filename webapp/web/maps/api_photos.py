@@ -9,9 +9,11 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, File, Integer, List, Nested, String
+from apiflask.validators import Length
 from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
+from webapp.core.blur import Box
 from webapp.errors import ExpMapError, UsageError
 from webapp.files.part_file import discard, receive
 from webapp.files.photos.preview import Kind
@@ -19,14 +21,19 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import Intake
-from webapp.web.context import library, open_map, settings
+from webapp.tasks.sharing import blur_photo
+from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
+from webapp.web.maps import state
+from webapp.web.maps.schemas import BoxOut, EditAnswer
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 
 _OTHER_PARTS = 20
 """Fields of a form beside its files."""
+
+blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 
 
 class ErrorOut(Schema):
@@ -154,3 +161,22 @@ def _lasting(path: Path, *, etag: str) -> Response:
     response = send_file(path, mimetype=kind, etag=etag, conditional=True)
     response.headers["Cache-Control"] = "private, max-age=31536000, immutable"
     return response
+
+
+class BlurIn(Schema):
+    """All that is to be blurred; nothing for the photo as it is."""
+
+    boxes = List(Nested(BoxOut), required=True, validate=Length(max=blur_photo.MOST_BOXES))
+
+
+@blur_api.put("/<int(max=2147483647):id>/blur")
+@blur_api.input(BlurIn, arg_name="wish")
+@blur_api.output(EditAnswer)
+def blur(slug: str, id: int, wish: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
+    """Blur parts of a photo in every picture of it; its file stays as it came, and visitors never get it."""
+    record = open_map(slug, "editor")
+    boxes = [Box(**box) for box in wish["boxes"]]
+    revision = blur_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.edited(session, row, account=account(), revision=revision)

@@ -6,21 +6,31 @@ import secrets
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, File, Float, Integer, List, Nested, String
+from apiflask.fields import Boolean, Dict, File, Float, Integer, List, Nested, String
+from apiflask.validators import Length
 from flask import request
 from werkzeug.datastructures import FileStorage
 
+from webapp.core.geo.types import MapPixel
 from webapp.core.trajectory.match import ClockOffset
+from webapp.errors import UsageError
 from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, told_as
 from webapp.files.text_file import MAX_BYTES
-from webapp.tasks.maps import place_by_file, place_by_gps, place_by_track
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps import place_by_file, place_by_gps, place_by_track, placements
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
 from webapp.tasks.maps.placing import Placing
 from webapp.web.context import account, library, open_map
+from webapp.web.maps import state
+from webapp.web.maps.schemas import EditAnswer
 
 blueprint = APIBlueprint("api_placing", __name__, url_prefix="/api/v1/maps/<slug>", tag="Placing")
+
+placements_api = APIBlueprint(
+    "api_placements", __name__, url_prefix="/api/v1/maps/<slug>/placements", tag="Placements"
+)
 
 
 class NotPlacedOut(Schema):
@@ -190,3 +200,55 @@ def _preview_json(seen: Preview) -> dict[str, Any]:
         suggested = {"offset_s": seen.suggested.offset_s, "median_m": seen.suggested.median_m}
     unmatched = [{"id": u.id, "name": u.name, "reason": u.reason} for u in seen.unmatched]
     return {"photos": photos, "unmatched": unmatched, "suggested": suggested}
+
+
+class PlacementIn(Schema):
+    """Where the photos are in the placement; without anything, where they are on the map."""
+
+    positions = Dict(
+        keys=Integer(),
+        values=List(Float(), validate=Length(equal=2)),
+        load_default=None,
+        metadata={"description": "x and y by the photo's id, pixels."},
+    )
+    clusters_px = Float(
+        load_default=None,
+        metadata={"description": "Instead: gather photos within this radius at their centre."},
+    )
+
+
+@placements_api.put("/<string(maxlength=60):name>")
+@placements_api.input(PlacementIn, arg_name="wish")
+@placements_api.output(EditAnswer)
+def put(slug: str, name: str, *, wish: dict[str, Any]) -> dict[str, Any]:
+    """Make a placement, or replace it."""
+    record, who = open_map(slug, "editor"), account()
+    if wish["positions"] is not None and wish["clusters_px"] is not None:
+        raise UsageError("positions and clusters_px exclude each other", where="clusters_px")
+    positions = None
+    if wish["positions"] is not None:
+        positions = {id: MapPixel(x, y) for id, (x, y) in wish["positions"].items()}
+    revision = placements.put(
+        library(),
+        record.id,
+        name=name,
+        account_id=who.id,
+        positions=positions,
+        clusters_px=wish["clusters_px"],
+    )
+    return _answer(record, revision)
+
+
+@placements_api.delete("/<string(maxlength=60):name>")
+@placements_api.output(EditAnswer)
+def delete(slug: str, name: str) -> dict[str, Any]:
+    """Delete a placement; the photos and their places on the map stay."""
+    record, who = open_map(slug, "editor"), account()
+    return _answer(record, placements.delete(library(), record.id, name=name, account_id=who.id))
+
+
+def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
+    who = account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.edited(session, row, account=who, revision=revision)

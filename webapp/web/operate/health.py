@@ -11,8 +11,7 @@ from sqlalchemy import text
 
 from webapp.errors import StorageError
 from webapp.files.lock import any_alive
-from webapp.web.accounts.access import public
-from webapp.web.context import library, settings
+from webapp.web.context import library, public, settings
 
 blueprint = Blueprint("health", __name__)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -17,10 +18,11 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite import georeference as satellite_georeference
-from webapp.tasks.satellite.apply import Choice, set_georeference
+from webapp.tasks.satellite.apply import Applied, Choice, set_georeference
 from webapp.tasks.satellite.georeference import GeoWish
 from webapp.web.context import account, library, open_map
-from webapp.web.satellite.image_answer import ImageAnswer, answer
+from webapp.web.maps import state
+from webapp.web.maps.schemas import EditAnswer
 
 blueprint = APIBlueprint(
     "api_georeference", __name__, url_prefix="/api/v1/maps/<slug>/georeference", tag="Satellite image"
@@ -68,6 +70,14 @@ class PreviewOut(Schema):
     georeference = Dict()
 
 
+class ImageAnswer(EditAnswer):
+    """The map's new image, and the photos that changed with it."""
+
+    to_tray = Integer(metadata={"description": "Photos that went back to the tray."})
+    from_tray = Integer(metadata={"description": "Photos that were placed by their GPS."})
+    warnings = List(String())
+
+
 @blueprint.post("/preview")
 @blueprint.input(GeoreferenceIn, arg_name="given")
 @blueprint.output(PreviewOut)
@@ -111,3 +121,19 @@ def _fitted(record: MapRecord, given: dict[str, Any]) -> tuple[MapImage, GeoWish
         crs=given["crs"],
     )
     return image, wish, satellite_georeference.fit(wish, width=image.width, height=image.height)
+
+
+def answer(record: MapRecord, applied: Applied, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
+    """Tell what is new.
+
+    Parameters
+    ----------
+    record : MapRecord
+        As it was before.
+    """
+    who = account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        changed = state.changes(session, row, account=who, since=record.revision)
+    told = {"to_tray": applied.to_tray, "from_tray": applied.from_tray, "warnings": list(warnings)}
+    return {**changed, **told}

@@ -28,7 +28,7 @@ from webapp.tasks.satellite.georeference import GeoWish
 from webapp.tasks.satellite.tiles import TILES_JOB, TileWish
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.openapi import file_answer
-from webapp.web.satellite.image_answer import ImageAnswer, answer
+from webapp.web.satellite.api_georeference import ImageAnswer, answer
 
 blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="Satellite image")
 

@@ -22,13 +22,12 @@ from webapp.tasks.localize import show_query, upload
 from webapp.tasks.localize.upload import LocalizeRequest
 from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
-from webapp.web.accounts.access import public
-from webapp.web.context import library, settings
-from webapp.web.localize.answer_schemas import Located
+from webapp.web.context import library, public, settings
+from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.openapi import file_answer
 from webapp.web.sharing import shared_state
-from webapp.web.sharing.shared_files import sent, shown
+from webapp.web.sharing.shared_state import sent, shown
 
 blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<token>", tag="Shared")
 

@@ -6,10 +6,14 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Integer, List, Nested, String
+from apiflask.validators import OneOf
 from flask import url_for
 from markupsafe import escape
 
-from webapp.store.schema import MapRecord, Share
+from webapp.errors import NotFound
+from webapp.store.accounts import accounts, members
+from webapp.store.maps import maps
+from webapp.store.schema import Account, MapRecord, Share
 from webapp.store.sharing import shares
 from webapp.store.sharing.shares import Allows
 from webapp.web.context import account, library, open_map
@@ -18,6 +22,8 @@ blueprint = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>
 
 _ID = "<int(max=2147483647):id>"
 _FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></iframe>'
+
+members_api = APIBlueprint("api_members", __name__, url_prefix="/api/v1/maps/<slug>/members", tag="Sharing")
 
 
 class AllowsIn(Schema):
@@ -136,3 +142,65 @@ def _embed(record: MapRecord, token: str) -> str:
     return _FRAME.format(
         escape(url_for("public_pages.embed", token=token, _external=True)), escape(record.name)
     )
+
+
+class MemberIn(Schema):
+    """Whom the map is shared with."""
+
+    name = String(required=True, metadata={"description": "Of an account; capital letters do not matter."})
+    role = String(required=True, validate=OneOf(maps.ROLES))
+
+
+class MemberOut(Schema):
+    """An account that may use the map."""
+
+    account = Integer(metadata={"description": "Id."})
+    name = String()
+    role = String(validate=OneOf(maps.ROLES))
+
+
+class MemberList(Schema):
+    """Who may use the map, by name; who owns the library may use every map."""
+
+    members = List(Nested(MemberOut))
+
+
+@members_api.get("")
+@members_api.output(MemberList)
+def list_members(slug: str) -> dict[str, Any]:
+    """List who may use a map."""
+    record = open_map(slug)
+    with library().database.read() as session:
+        return {
+            "members": [_member_as_json(person, role) for person, role in members.listed(session, record)]
+        }
+
+
+@members_api.post("")
+@members_api.input(MemberIn, arg_name="wish")
+@members_api.output(MemberOut)
+def set_role(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+    """Share the map with somebody, or change what somebody may do."""
+    record = open_map(slug, "owner")
+    with library().database.write() as session:
+        person = accounts.named(session, wish["name"])
+        members.set_role(session, record, account=person, role=wish["role"])
+    return _member_as_json(person, wish["role"])
+
+
+@members_api.delete("/<int(max=2147483647):account_id>", endpoint="remove")
+@members_api.output({}, status_code=204)
+def remove_member(slug: str, account_id: int) -> str:
+    """Share the map with somebody no longer; everybody may leave by themselves."""
+    leaving = account_id == account().id
+    record = open_map(slug, "viewer" if leaving else "owner")
+    with library().database.write() as session:
+        person = session.get(Account, account_id)
+        if person is None:
+            raise NotFound("there is no such account")
+        members.remove(session, record, account=person)
+    return ""
+
+
+def _member_as_json(person: Account, role: str) -> dict[str, Any]:
+    return {"account": person.id, "name": person.name, "role": role}

@@ -7,10 +7,9 @@ from flask import Blueprint, render_template
 from webapp.errors import NotFound
 from webapp.store.sharing import shares
 from webapp.web import errors
-from webapp.web.accounts.access import public
 from webapp.web.accounts.security import allow_framing
-from webapp.web.context import library
-from webapp.web.localize.answer_colours import answer_colours
+from webapp.web.context import library, public
+from webapp.web.localize.answers import answer_colours
 from webapp.web.sharing import shared_state
 from webapp.web.state import parts
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import mimetypes
+from pathlib import Path
 from typing import Any
 
-from flask import url_for
+from flask import Response, send_file, url_for
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.store.sharing.shares import Opened
+from webapp.tasks.satellite.display import Shown
 from webapp.web.maps import state
 
 _OF_EXIF = ("fov_deg", "fov_source")
@@ -121,3 +124,16 @@ def _answer(opened: Opened, query: QueryRecord, token: str) -> dict[str, Any]:
         "preview": url_for("api_shared.query_preview", token=token) if shown else None,
         "original": url_for("api_shared.query_original", token=token) if shown and exif else None,
     }
+
+
+def sent(path: Path, *, etag: str, kind: str | None = None) -> Response:
+    """Send a file; browsers ask again each time: a share that was taken back shows nothing any more."""
+    kind = kind or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    response = send_file(path, mimetype=kind, etag=etag, conditional=True)
+    response.headers["Cache-Control"] = "private, no-cache"
+    return response
+
+
+def shown(picture: Shown) -> Response:
+    """Send what is shown of a map's image."""
+    return sent(picture.path, etag=picture.key, kind=picture.mime)

@@ -10,7 +10,7 @@ import pytest
 from tests.kml_rules import KML, check_kml
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import query
-from webapp.missions.web import download
+from webapp.missions.web import api_exports
 
 
 def test_every_format_comes_as_a_file(client, new_mission):
@@ -109,7 +109,7 @@ def test_a_link_needs_a_public_share(client, new_mission, share):
 def test_slow_readers_leave_threads_for_others(app, client, new_mission):
     where = f"/api/v1/missions/{new_mission()}/export.csv"
     with app.app_context():
-        free = download.turns.free()
+        free = api_exports.turns.free()
     taken = 0
     while free.acquire(blocking=False):
         taken += 1

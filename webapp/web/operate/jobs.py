@@ -6,6 +6,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import List, Nested, String
+from flask import Blueprint, render_template
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
@@ -17,6 +18,8 @@ from webapp.web.context import account, library, open_map
 from webapp.web.maps.schemas import JobSchema
 
 blueprint = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
+
+jobs_pages = Blueprint("jobs_page", __name__)
 
 
 class JobQuery(Schema):
@@ -83,3 +86,12 @@ def _job(session: Session, job_id: int, *, role: Role) -> Job:
 
 def _told(session: Session, job: Job) -> dict[str, Any]:
     return jobs.to_json(session, job, account_id=account().id)
+
+
+@jobs_pages.get("/maps/<slug>/jobs")
+def show_jobs(slug: str) -> str:
+    """Show what is worked on; the list itself comes from the API and is kept up to date."""
+    record = open_map(slug)
+    with library().database.read() as session:
+        can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
+    return render_template("operate/jobs.html", map=record, tab="jobs", can_edit=can_edit)

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from apiflask import Schema
 from apiflask.fields import Boolean, Float, Integer, List, Nested, String
+
+from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_colour, text_on
+
+_STEPS = 100
 
 
 class HypothesisOut(Schema):
@@ -72,3 +78,20 @@ class AnswerOut(Located):
     id = Integer(allow_none=True, metadata={"description": "Of the answer; null for one that is not kept."})
     calibrated = Boolean(metadata={"description": "False: the probabilities are those of most maps so far."})
     not_indexed = Integer(metadata={"description": "Photos of the map that cannot be found yet."})
+
+
+def answer_colours() -> dict[str, Any]:
+    """Give the colours of the pictures to the page: fill and text for each percent of probability."""
+    scale = [probability_colour(step / _STEPS) for step in range(_STEPS + 1)]
+    return {
+        "scale": [_css(colour) for colour in scale],
+        "text": [_css(text_on(colour)) for colour in scale],
+        "inlier": _css(INLIER),
+        "outlier": _css(OUTLIER),
+        "ink": _css(INK),
+        "truth": _css(TRUTH),
+    }
+
+
+def _css(colour: RGB) -> str:
+    return "#" + bytes(colour).hex()

@@ -1,4 +1,4 @@
-"""The page that tells how well photos are found on a map, by the map's own photos."""
+"""Pages of localization: where a photo was taken, and how well the photos of a map are found on it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from markupsafe import Markup
 from webapp.core.evaluation.summary import WITHIN_PX
 from webapp.core.geo.types import MapPixel
 from webapp.errors import StorageError
+from webapp.files.localize.models import usable_features, usable_methods
 from webapp.render.charts import ChartWords, error_chart, reliability_chart
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
@@ -20,12 +21,30 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.localize import stored_evaluation
 from webapp.tasks.localize.stored_evaluation import Kept
 from webapp.tasks.maps.library_map import georeference
-from webapp.web.context import account, library, open_map
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.localize.answers import answer_colours
+from webapp.web.maps import state as map_state
 
-blueprint = Blueprint("quality_page", __name__)
-
+blueprint = Blueprint("localize_pages", __name__)
 KIND = "evaluate"
 """Of the job."""
+
+
+@blueprint.get("/maps/<slug>/localize")
+def localize(slug: str) -> str:
+    """Show the page; `?query=ID` opens an earlier answer."""
+    record, who = open_map(slug), account()
+    with library().database.read() as session:
+        state = map_state.whole(session, session.get_one(MapRecord, record.id), account=who)
+    return render_template(
+        "localize/localize.html",
+        map=record,
+        tab="localize",
+        state=state,
+        features=sorted(usable_features(settings().models)),
+        methods=usable_methods(settings().models),
+        colours=answer_colours(),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +68,7 @@ class Part:
 
 
 @blueprint.get("/maps/<slug>/quality")
-def show(slug: str) -> str:
+def quality(slug: str) -> str:
     """Show the last evaluation, and a button for a new one."""
     record = open_map(slug)
     with library().database.read() as session:

@@ -1,0 +1,233 @@
+"""API of accounts: one's own with its tokens, those of others for the owner of the library, and who asks.
+
+Passwords and sessions are left to the pages.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Boolean, Integer, List, Nested, String
+from apiflask.validators import OneOf
+from flask import url_for
+from flask_wtf.csrf import generate_csrf
+from sqlalchemy.orm import Session
+
+from webapp.errors import NotAllowed, NotFound
+from webapp.store.accounts import accounts, sign_in
+from webapp.store.schema import Account, ApiToken
+from webapp.web.context import account, library, settings
+from webapp.web.language import LANGUAGES
+
+account_api = APIBlueprint("api_account", __name__, url_prefix="/api/v1/account", tag="Accounts")
+
+session_api = APIBlueprint("api_session", __name__, url_prefix="/api/v1/session", tag="Session")
+
+people_api = APIBlueprint("api_people", __name__, url_prefix="/api/v1/accounts", tag="Accounts")
+_ID = "<int(max=2147483647):account_id>"
+
+
+class AccountOut(Schema):
+    """An account."""
+
+    id = Integer()
+    name = String()
+    is_owner = Boolean(metadata={"description": "Of the whole library."})
+    language = String(allow_none=True, metadata={"description": "Of the pages; null for the browser's."})
+    has_password = Boolean()
+    created_at = String()
+
+
+class AccountIn(Schema):
+    """What is to be another; what is left out stays."""
+
+    name = String()
+    language = String(allow_none=True, validate=OneOf(LANGUAGES))
+
+
+class TokenIn(Schema):
+    """A token to make."""
+
+    name = String(required=True, metadata={"description": "Of the program that is going to use it."})
+
+
+class TokenOut(Schema):
+    """A token, without its secret."""
+
+    id = Integer()
+    name = String()
+    created_at = String()
+    used_at = String(allow_none=True, metadata={"description": "To the hour."})
+
+
+class NewToken(TokenOut):
+    """A token as it is made."""
+
+    token = String(metadata={"description": "The secret: it is in this answer and nowhere else."})
+
+
+class TokenList(Schema):
+    """Tokens, the oldest first."""
+
+    tokens = List(Nested(TokenOut))
+
+
+@account_api.get("")
+@account_api.output(AccountOut)
+def show() -> dict[str, Any]:
+    """Tell who asks."""
+    return told(account())
+
+
+@account_api.patch("")
+@account_api.input(AccountIn, arg_name="wish")
+@account_api.output(AccountOut)
+def change(wish: dict[str, str | None]) -> dict[str, Any]:
+    """Take another name or language."""
+    with library().database.write() as session:
+        me = session.get_one(Account, account().id)
+        if (name := wish.get("name")) is not None:
+            accounts.rename(session, me, name=name)
+        me.language = wish.get("language", me.language)
+    return told(me)
+
+
+@account_api.get("/tokens")
+@account_api.output(TokenList)
+def list_tokens() -> dict[str, Any]:
+    """List one's tokens."""
+    with library().database.read() as session:
+        return {"tokens": [_token(token) for token in accounts.tokens(session, account())]}
+
+
+@account_api.post("/tokens")
+@account_api.input(TokenIn, arg_name="wish")
+@account_api.output(NewToken, status_code=201)
+def new_token(wish: dict[str, str]) -> dict[str, Any]:
+    """Make a token."""
+    with library().database.write() as session:
+        secret = accounts.new_token(session, account(), name=wish["name"])
+        made = accounts.tokens(session, account())[-1]
+    return {**_token(made), "token": secret}
+
+
+@account_api.delete("/tokens/<int(max=2147483647):token_id>")
+@account_api.output({}, status_code=204)
+def revoke_token(token_id: int) -> str:
+    """Make a token worthless."""
+    with library().database.write() as session:
+        accounts.revoke_token(session, account(), token_id=token_id)
+    return ""
+
+
+def told(who: Account) -> dict[str, Any]:
+    """Tell about an account what its owner may know."""
+    return {
+        "id": who.id,
+        "name": who.name,
+        "is_owner": who.is_owner,
+        "language": who.language,
+        "has_password": who.password_hash is not None,
+        "created_at": who.created_at.isoformat(timespec="seconds"),
+    }
+
+
+def _token(token: ApiToken) -> dict[str, Any]:
+    return {
+        "id": token.id,
+        "name": token.name,
+        "created_at": token.created_at.isoformat(timespec="seconds"),
+        "used_at": None if token.used_at is None else token.used_at.isoformat(timespec="seconds"),
+    }
+
+
+class SessionOut(Schema):
+    """Who asks."""
+
+    account = Integer(metadata={"description": "Id."})
+    name = String()
+    csrf = String(metadata={"description": "Pages send it as `X-CSRFToken` with all that changes something."})
+
+
+@session_api.get("", endpoint="show")
+@session_api.output(SessionOut)
+def show_session() -> dict[str, Any]:
+    """Tell who is signed in, and what a page has to send with its requests."""
+    who = account()
+    return {"account": who.id, "name": who.name, "csrf": generate_csrf()}
+
+
+class PersonIn(Schema):
+    """An account to make."""
+
+    name = String(required=True)
+
+
+class SignInLinkOut(Schema):
+    """A link that signs in once."""
+
+    account = Integer(metadata={"description": "Id."})
+    url = String(metadata={"description": "It is in this answer and nowhere else."})
+    hours = Integer(metadata={"description": "How long it works."})
+
+
+class AccountList(Schema):
+    """All accounts, by name."""
+
+    accounts = List(Nested(AccountOut))
+
+
+@people_api.before_request
+def only_owners() -> None:
+    """Let in who owns the library."""
+    if not account().is_owner:
+        raise NotAllowed("this is for the owner of the library")
+
+
+@people_api.get("")
+@people_api.output(AccountList)
+def list_accounts() -> dict[str, Any]:
+    """List all accounts."""
+    with library().database.read() as session:
+        return {"accounts": [told(person) for person in accounts.listed(session)]}
+
+
+@people_api.post("")
+@people_api.input(PersonIn, arg_name="wish")
+@people_api.output(SignInLinkOut, status_code=201)
+def add(wish: dict[str, str]) -> dict[str, Any]:
+    """Make an account, and a link to sign in to it."""
+    with library().database.write() as session:
+        return _link(session, accounts.create(session, wish["name"]))
+
+
+@people_api.post(f"/{_ID}/link")
+@people_api.output(SignInLinkOut, status_code=201)
+def new_link(account_id: int) -> dict[str, Any]:
+    """Make another link: for a person who cannot sign in any more."""
+    with library().database.write() as session:
+        return _link(session, _person(session, account_id))
+
+
+@people_api.delete(f"/{_ID}")
+@people_api.output({}, status_code=204)
+def remove(account_id: int) -> str:
+    """Delete an account; its maps stay."""
+    with library().database.write() as session:
+        accounts.remove(session, _person(session, account_id))
+    return ""
+
+
+def _person(session: Session, account_id: int) -> Account:
+    found = session.get(Account, account_id)
+    if found is None:
+        raise NotFound("there is no such account")
+    return found
+
+
+def _link(session: Session, person: Account) -> dict[str, Any]:
+    hours = settings().web.link_hours
+    token = sign_in.new_link(session, person, hours=hours)
+    url = url_for("sign_in.link", token=token, _external=True)
+    return {"account": person.id, "url": url, "hours": hours}

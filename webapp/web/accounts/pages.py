@@ -1,0 +1,259 @@
+"""Pages of accounts: one's own, those of others for the owner of the library, and signing in and out."""
+
+from __future__ import annotations
+
+from apiflask import APIBlueprint
+from flask import Blueprint, flash, redirect, render_template, request, session, url_for
+from flask_babel import gettext as _
+from flask_babel import refresh
+from werkzeug.wrappers import Response
+
+from webapp.errors import ExpMapError, NotAllowed, NotFound, NotSignedIn, TooMany
+from webapp.store.accounts import accounts, sign_in
+from webapp.store.schema import Account
+from webapp.web import errors
+from webapp.web.accounts import sessions
+from webapp.web.context import account, library, public, settings
+from webapp.web.language import LANGUAGES
+from webapp.web.pages import back, own_path, text
+
+account_pages = Blueprint("account_page", __name__)
+
+# A plain blueprint with a `before_request` has APIFlask fail while it writes the OpenAPI document.
+people_pages = APIBlueprint("people_page", __name__, url_prefix="/people", enable_openapi=False)
+
+sign_in_pages = Blueprint("sign_in", __name__)
+
+
+@account_pages.get("/account")
+def show() -> str:
+    """Show name, password, sessions and tokens."""
+    return _page()
+
+
+@account_pages.post("/account/name")
+def rename() -> Response | tuple[str, int]:
+    """Take another name."""
+    try:
+        with library().database.write() as db:
+            accounts.rename(db, db.get_one(Account, account().id), name=text("name"))
+    except ExpMapError as error:
+        return _page(error), errors.status_of(error)
+    flash(_("Your name has been changed."), "success")
+    return back("account_page.show")
+
+
+@account_pages.post("/account/password")
+def set_password() -> Response | tuple[str, int]:
+    """Set a password, or change it; everywhere else the account is signed out."""
+    me = account()
+    try:
+        if me.password_hash is not None:
+            sign_in.by_password(
+                library().database,
+                me.name,
+                password=text("current"),
+                address=request.remote_addr or "unknown",
+                limits=settings().web,
+            )
+        hashed = sign_in.password_hash(text("password"), minimum=settings().web.min_password)
+    except ExpMapError as error:
+        return _page(error), errors.status_of(error)
+    with library().database.write() as db:
+        me = db.get_one(Account, me.id)
+        me.password_hash = hashed
+        accounts.end_sessions(me)
+    sessions.sign_in(me)
+    flash(_("The password has been set; you are signed out everywhere else."), "success")
+    return back("account_page.show")
+
+
+@account_pages.post("/account/end-sessions")
+def end_sessions() -> Response:
+    """Sign out everywhere else."""
+    with library().database.write() as db:
+        me = db.get_one(Account, account().id)
+        accounts.end_sessions(me)
+    sessions.sign_in(me)
+    flash(_("You are signed out everywhere else."), "success")
+    return back("account_page.show")
+
+
+@account_pages.post("/account/tokens")
+def new_token() -> str | tuple[str, int]:
+    """Make a token; the answer is the only place where it is shown."""
+    try:
+        with library().database.write() as db:
+            token = accounts.new_token(db, account(), name=text("name"))
+    except ExpMapError as error:
+        return _page(error), errors.status_of(error)
+    return _page(token=token)
+
+
+@account_pages.post("/account/tokens/<int:token_id>/revoke")
+def revoke_token(token_id: int) -> Response:
+    """Make a token worthless."""
+    with library().database.write() as db:
+        accounts.revoke_token(db, account(), token_id=token_id)
+    flash(_("The token has been revoked."), "success")
+    return back("account_page.show")
+
+
+@account_pages.post("/language")
+@public
+def choose_language() -> Response:
+    """Choose the language of the pages: for the account, or for this browser where nobody is signed in."""
+    chosen = text("language")
+    if chosen not in LANGUAGES:
+        raise NotFound(_("the pages are not available in this language"), hint=", ".join(LANGUAGES.values()))
+    me = sessions.signed_in()
+    if me is None:
+        session["language"] = chosen
+    else:
+        with library().database.write() as db:
+            db.get_one(Account, me.id).language = chosen
+    refresh()
+    return redirect(own_path(request.referrer) or "/", code=303)
+
+
+def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
+    with library().database.read() as db:
+        tokens = accounts.tokens(db, account())
+    minimum = settings().web.min_password
+    return render_template("accounts/account.html", error=error, token=token, tokens=tokens, minimum=minimum)
+
+
+@people_pages.before_request
+def only_owners() -> None:
+    """Let in who owns the library."""
+    if not account().is_owner:
+        raise NotAllowed(_("this is for the owner of the library"))
+
+
+@people_pages.get("")
+def show_people() -> str:
+    """List all accounts."""
+    return _people_page()
+
+
+@people_pages.post("")
+def add() -> str | tuple[str, int]:
+    """Make an account, and a link to sign in to it."""
+    try:
+        with library().database.write() as db:
+            person = accounts.create(db, text("name"))
+            token = sign_in.new_link(db, person, hours=settings().web.link_hours)
+    except ExpMapError as error:
+        return _people_page(error=error), errors.status_of(error)
+    return _people_page(person=person, token=token)
+
+
+@people_pages.post("/<int:account_id>/link")
+def new_link(account_id: int) -> str:
+    """Make another link: for a person who cannot sign in any more."""
+    with library().database.write() as db:
+        person = _person(db.get(Account, account_id))
+        token = sign_in.new_link(db, person, hours=settings().web.link_hours)
+    return _people_page(person=person, token=token)
+
+
+@people_pages.post("/<int:account_id>/remove")
+def remove(account_id: int) -> Response | tuple[str, int]:
+    """Delete an account; its maps stay."""
+    try:
+        with library().database.write() as db:
+            accounts.remove(db, _person(db.get(Account, account_id)))
+    except ExpMapError as error:
+        return _people_page(error=error), errors.status_of(error)
+    flash(_("The account has been removed; its maps are still here."), "success")
+    return back("people_page.show_people")
+
+
+def _person(found: Account | None) -> Account:
+    if found is None:
+        raise NotFound(_("there is no such account"), hint=_("reload the page"))
+    return found
+
+
+def _people_page(
+    *, error: ExpMapError | None = None, person: Account | None = None, token: str | None = None
+) -> str:
+    with library().database.read() as db:
+        people = accounts.listed(db)
+    address = url_for("sign_in.link", token=token, _external=True) if token else None
+    hours = settings().web.link_hours
+    return render_template(
+        "accounts/people.html", error=error, people=people, person=person, address=address, hours=hours
+    )
+
+
+@sign_in_pages.get("/sign-in")
+@public
+def form() -> Response | str:
+    """Ask for name and password."""
+    if sessions.signed_in() is not None:
+        return back("map_pages.index")
+    return render_template("accounts/sign_in.html", next=own_path(request.args.get("next")))
+
+
+@sign_in_pages.post("/sign-in")
+@public
+def by_password() -> Response | tuple[str, int, dict[str, str]]:
+    """Sign in by name and password."""
+    there = own_path(text("next"))
+    try:
+        account = sign_in.by_password(
+            library().database,
+            text("name"),
+            password=text("password"),
+            address=request.remote_addr or "unknown",
+            limits=settings().web,
+        )
+    except (NotSignedIn, TooMany) as error:
+        page = render_template("accounts/sign_in.html", next=there, name=text("name"), error=error)
+        return page, errors.status_of(error), errors.extra_headers(error)
+    sessions.sign_in(account)
+    return redirect(there, code=303) if there else back("map_pages.index")
+
+
+@sign_in_pages.get("/sign-in/<token>")
+@public
+def link(token: str) -> Response | tuple[str, int]:
+    """Show whom a link signs in. Programs that look at links, as chats do, do not use it up."""
+    try:
+        with library().database.read() as session:
+            account = sign_in.link_account(session, token)
+    except NotSignedIn as error:  # who is in already loses nothing by a link that was used
+        return _refused(error) if sessions.signed_in() is None else back("map_pages.index")
+    return render_template("accounts/sign_in_link.html", whose=account, token=token), 200
+
+
+@sign_in_pages.post("/sign-in/<token>")
+@public
+def by_link(token: str) -> Response | tuple[str, int]:
+    """Sign in by a link, which works this once."""
+    try:
+        with library().database.write() as session:
+            account = sign_in.redeem_link(session, token)
+    except NotSignedIn as error:
+        return _refused(error)
+    sessions.sign_in(account)
+    _suggest_a_password(account)
+    return back("map_pages.index")
+
+
+@sign_in_pages.post("/sign-out")
+@public
+def out() -> Response:
+    """End the session of this browser."""
+    sessions.sign_out()
+    return back("sign_in.form")
+
+
+def _refused(error: NotSignedIn) -> tuple[str, int]:
+    return render_template("accounts/sign_in.html", error=error), errors.status_of(error)
+
+
+def _suggest_a_password(account: Account) -> None:
+    if account.password_hash is None:
+        flash(_("Welcome! The link works only once: set a password on the account page to sign in again."))

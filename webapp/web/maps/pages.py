@@ -1,0 +1,134 @@
+"""Pages of maps: the list and the bin; of one map, the editor and the settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flask import Blueprint, flash, render_template
+from flask_babel import gettext as _
+from sqlalchemy.orm import Session
+from werkzeug.wrappers import Response
+
+from webapp.errors import ExpMapError
+from webapp.store.accounts import accounts, members
+from webapp.store.maps import maps
+from webapp.store.maps.maps import Role
+from webapp.store.schema import Account, MapRecord
+from webapp.web import errors
+from webapp.web.context import account, library, open_map
+from webapp.web.maps import state as map_state
+from webapp.web.pages import back, text
+
+blueprint = Blueprint("map_pages", __name__)
+
+
+@dataclass(frozen=True, slots=True)
+class MapCard:
+    """What the list shows of a map.
+
+    Attributes
+    ----------
+    role : str or None
+        Of who looks at it.
+    """
+
+    map: MapRecord
+    role: Role | None
+    photos: int
+    placed: int
+
+
+@blueprint.get("/")
+def index() -> str:
+    """List the maps that are shared with who asks."""
+    with library().database.read() as session:
+        cards = _cards(session, account(), binned=False)
+        binned = len(maps.listed(session, account(), binned=True))
+    return render_template("maps/index.html", cards=cards, binned=binned)
+
+
+@blueprint.get("/bin")
+def trash() -> str:
+    """List the maps in the bin."""
+    with library().database.read() as session:
+        cards = _cards(session, account(), binned=True)
+    return render_template("maps/bin.html", cards=cards)
+
+
+def _cards(session: Session, who: Account, *, binned: bool) -> list[MapCard]:
+    return [
+        MapCard(record, maps.role_of(session, record, account=who), *maps.counts(session, record))
+        for record in maps.listed(session, who, binned=binned)
+    ]
+
+
+@blueprint.get("/maps/<slug>/edit")
+def editor(slug: str) -> str:
+    """Show the editor, with the state of the map in the page; who may only look finds nothing to change."""
+    record, who = open_map(slug), account()
+    with library().database.read() as session:
+        state = map_state.whole(session, session.get_one(MapRecord, record.id), account=who)
+    return render_template("maps/editor.html", map=record, tab="edit", state=state)
+
+
+@blueprint.get("/maps/<slug>/settings")
+def settings(slug: str) -> str:
+    """Show the settings; only owners can change them."""
+    return _settings_page(open_map(slug))
+
+
+@blueprint.post("/maps/<slug>/settings/name")
+def rename(slug: str) -> Response | tuple[str, int]:
+    """Give the map another name; its address stays."""
+    record = open_map(slug, "owner")
+    try:
+        with library().database.write() as db:
+            db.get_one(MapRecord, record.id).name = maps.checked_name(text("name"))
+    except ExpMapError as error:
+        return _settings_page(record, error=error), errors.status_of(error)
+    flash(_("The map has been renamed."), "success")
+    return back("map_pages.settings", slug=slug)
+
+
+@blueprint.post("/maps/<slug>/settings/members")
+def set_role(slug: str) -> Response | tuple[str, int]:
+    """Share the map with somebody, or change what somebody may do."""
+    record = open_map(slug, "owner")
+    try:
+        with library().database.write() as db:
+            person = accounts.named(db, text("name"))
+            members.set_role(db, record, account=person, role=text("role"))
+    except ExpMapError as error:
+        return _settings_page(record, error=error), errors.status_of(error)
+    flash(_("%(name)s now has access.", name=person.name), "success")
+    return back("map_pages.settings", slug=slug)
+
+
+@blueprint.post("/maps/<slug>/settings/members/<int:account_id>/remove")
+def remove_member(slug: str, account_id: int) -> Response | tuple[str, int]:
+    """Share the map with somebody no longer; everybody may leave by themselves."""
+    leaving = account_id == account().id
+    record = open_map(slug, "viewer" if leaving else "owner")
+    try:
+        with library().database.write() as db:
+            person = db.get(Account, account_id)
+            if person is not None:
+                members.remove(db, record, account=person)
+    except ExpMapError as error:
+        return _settings_page(record, error=error), errors.status_of(error)
+    flash(_("The map is no longer shared with this person."), "success")
+    return back("map_pages.index") if leaving else back("map_pages.settings", slug=slug)
+
+
+def _settings_page(record: MapRecord, *, error: ExpMapError | None = None) -> str:
+    with library().database.read() as session:
+        shared = members.listed(session, record)
+        role = maps.role_of(session, record, account=account())
+    return render_template(
+        "maps/settings.html",
+        map=record,
+        tab="settings",
+        members=shared,
+        is_owner=role == "owner",
+        error=error,
+    )
