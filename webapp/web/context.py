@@ -1,4 +1,4 @@
-"""What a request works with: library, settings, who asks, and the map it is about."""
+"""What a request works with: library, settings, who asks and the map it is about; which views are public."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
 from webapp.web.accounts import sessions
-from webapp.web.state import library, settings
+from webapp.web.state import library as library
+from webapp.web.state import settings as settings
 
 View = TypeVar("View", bound=Callable[..., Any])
 
 _MARK = "expmap_public"
 _PUBLIC_ENDPOINTS = frozenset({"static", "openapi.spec"})
 """That libraries make, and that hold nothing of anybody."""
-
-__all__ = ["account", "library", "open_map", "settings"]
 
 
 def account() -> Account:

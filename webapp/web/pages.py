@@ -1,4 +1,4 @@
-"""What every page needs besides its own content."""
+"""What every page needs besides its own content, and helpers for pages with forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Missions on their way out, for whoever may see them; and questions about their rows."""
+"""Missions on their way out, as files and links, for whoever may see them; questions about their rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Missions for pages and programs: list, state, changes of what they are called and where they belong."""
+"""Missions for pages and programs: their schemas, list, state, and changes of name, map and note."""
 
 from __future__ import annotations
 

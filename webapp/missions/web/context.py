@@ -1,4 +1,4 @@
-"""The mission that a request is about."""
+"""The mission that a request is about; what addresses of missions are made of, for OpenAPI."""
 
 from __future__ import annotations
 

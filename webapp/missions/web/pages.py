@@ -1,4 +1,4 @@
-"""The list of missions, and the page of one: its tracks and objects on the map, live."""
+"""Pages of missions: the list, and one live on the map; for visitors, a shared one and its files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page or a program is told of a mission."""
+"""What a page or a program is told of a mission; a visitor, nothing that the share does not give."""
 
 from __future__ import annotations
 

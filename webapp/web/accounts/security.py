@@ -1,4 +1,4 @@
-"""What every answer and every request goes through: headers, cookies, CSRF, rate limits."""
+"""What every request and answer goes through: headers, cookies and their key, CSRF, rate limits."""
 
 from __future__ import annotations
 

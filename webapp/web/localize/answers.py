@@ -1,4 +1,4 @@
-"""The shape of an answer to "where was this photo taken?", as `expmap localize --json` gives it."""
+"""Answers to "where was this photo taken?": their shape, as of `expmap localize --json`, and colours."""
 
 from __future__ import annotations
 

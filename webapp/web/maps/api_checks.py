@@ -1,4 +1,4 @@
-"""What is wrong with a map, and which of its places are weak, through the API."""
+"""What is wrong with a map, which places are weak, and its evaluation by its own photos, by the API."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photos through the API: several in one request, and each one back as a picture or as it came."""
+"""Photos through the API: several in a request, each one back as a picture or file, what is blurred."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many photos placed at once: by their GPS, by a list of file names, by a GPX track. Each is one edit."""
+"""Many photos placed in one edit: by GPS, a list of file names, a GPX track; and further placements."""
 
 from __future__ import annotations
 

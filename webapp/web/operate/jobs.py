@@ -1,4 +1,4 @@
-"""Jobs, for pages and programs."""
+"""Jobs: the API, and the page with those of a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sharing a map or one answer with everybody who has a link, or with everybody; for owners of the map."""
+"""Who may see a map besides its owners: links, of the map or one answer, and members."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a visitor is told of a shared map or answer: nothing that the share does not give."""
+"""What a visitor gets of a shared map or answer: state and files, nothing that the share does not give."""
 
 from __future__ import annotations
 
