@@ -15,7 +15,7 @@ from webapp.files.maps.folder import read_map
 from webapp.files.photos.photo import read_facts, read_gray
 from webapp.progress import Progress
 from webapp.sample import make as make_sample
-from webapp.sample.content import FOV_DEG, OFF_MAP, SampleSize
+from webapp.sample.make import FOV_DEG, OFF_MAP, SampleSize
 from webapp.settings import Settings
 from webapp.tasks.maps import check_map, from_photos
 from webapp.tasks.satellite.georeference_image import GeoSource

@@ -10,7 +10,7 @@ from webapp.errors import IndexDamaged, InputError, NotFound, NotReady, UsageErr
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context
 from webapp.missions.tasks import build_pieces, delete, fuse, import_file, localize_photos
-from webapp.missions.tasks.upload import order_of, waiting_path
+from webapp.missions.tasks.import_file import order_of, waiting_path
 from webapp.tasks.localize.map_cache import MapCache
 
 _LISTED = 100

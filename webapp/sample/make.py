@@ -3,19 +3,81 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import tempfile
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
 
+import numpy as np
+from PIL import Image
+
+from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.types import EnuMetres, LatLon, MapPixel
+from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.errors import StorageError, UsageError
 from webapp.files.atomic import write_text
+from webapp.files.localize.queries_csv import HEADER
+from webapp.files.maps.folder import write_map
+from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.progress import Progress
-from webapp.sample.content import FULL_SIZE, SampleSize, write_sample
+from webapp.sample.scene.camera import View, map_views, query_views
+from webapp.sample.scene.light import AFTERNOON, AUTUMN, EVENING, OVERCAST, Light
+from webapp.sample.scene.plan import DEPTH_M, WIDTH_M
+from webapp.sample.scene.render import overhead, render
+from webapp.sample.scene.stage import Stage, set_stage
+from webapp.sample.scene.world import World, build_world
 from webapp.settings import Settings
 
 RECORD = "sample.json"
 """File by which a folder is known as a sample."""
+
+FOCAL_35MM = 27
+FOV_DEG = math.degrees(2 * math.atan(0.4 * math.hypot(36, 24) / FOCAL_35MM))
+"""Horizontal, of photos with sides 4:3: the 35 mm focal length is measured on the diagonal."""
+
+ACCURACY_M = 0.1
+"""What the photos state of their positions, which are exact."""
+
+OFF_MAP = "queries/off_map.jpg"
+"""A photo from elsewhere. It has no position on the map, so it is not in `queries.csv`."""
+
+_CENTRE = LatLon(50.2104, 15.8252)
+_FIRST = datetime(2024, 5, 18, 15, 2, 10)
+_DAYS: tuple[tuple[str, datetime, Light], ...] = (
+    ("afternoon", datetime(2024, 6, 9, 15, 11, 0), AFTERNOON),
+    ("evening", datetime(2024, 6, 21, 20, 14, 0), EVENING),
+    ("autumn", datetime(2024, 10, 12, 13, 5, 0), AUTUMN),
+    ("overcast", datetime(2024, 7, 2, 11, 40, 0), OVERCAST),
+)
+"""Of the queries: the first is taken in the first light, the next in the next, and so on."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleSize:
+    """How much of it.
+
+    Attributes
+    ----------
+    photos : int
+        In the map.
+    queries : int
+        On the map; one more is from elsewhere.
+    width : int
+        Of a photo, pixels, a multiple of 4; the height is three quarters of it.
+    metres_per_pixel : float
+        Of the satellite image.
+    """
+
+    photos: int = 60
+    queries: int = 11
+    width: int = 640
+    metres_per_pixel: float = 0.12
+
+
+FULL_SIZE = SampleSize()
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +174,120 @@ def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
             "another sample is there", where=str(folder), hint="--force replaces it, or choose another folder"
         )
     return whole
+
+
+@dataclass(frozen=True, slots=True)
+class _Studio:
+    """What all pictures of one sample share."""
+
+    folder: Path
+    size: SampleSize
+    progress: Progress
+
+    def shoot(
+        self, name: str, stage: Stage, *, view: View, rng: np.random.Generator, tags: CameraTags
+    ) -> None:
+        """Take a photo and store it."""
+        self.progress.check()
+        camera = view.camera(fov_deg=FOV_DEG, width=self.size.width, height=self.size.width * 3 // 4)
+        photo = Image.fromarray(render(stage, camera, rng=rng))
+        photo.save(self.folder / name, quality=90, exif=exif_bytes(tags))
+        self.progress.advance()
+
+    def pixel(self, view: View) -> MapPixel:
+        """Where on the satellite image a photo is taken."""
+        step = self.size.metres_per_pixel
+        return MapPixel(view.east / step, (DEPTH_M - view.north) / step)
+
+
+def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progress) -> dict[str, object]:
+    """Write all files of the sample but its record.
+
+    Parameters
+    ----------
+    folder : Path
+        Is made.
+
+    Returns
+    -------
+    dict
+        For the record: the `files`, relative to the folder, and the truth about the `queries`.
+
+    Raises
+    ------
+    OSError
+        The disk refused.
+    Cancelled
+    """
+    for name in ("photos", "queries"):
+        (folder / name).mkdir(parents=True)
+    progress.size(size.photos + size.queries + 2)
+    studio = _Studio(folder, size, progress)
+    for_world, for_map, for_queries, for_elsewhere = np.random.default_rng(seed).spawn(4)
+    progress.note("inventing a park")
+    world = build_world(for_world)
+    progress.note("taking photos")
+    _make_map(studio, world, rng=for_map)
+    queries = _make_queries(studio, world, rng=for_queries)
+    _shoot_elsewhere(studio, rng=for_elsewhere)
+    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.*"))
+    return {"files": files, "queries": queries, "off_map": OFF_MAP}
+
+
+def _make_map(studio: _Studio, world: World, *, rng: np.random.Generator) -> None:
+    stage = set_stage(rng, world, light=AFTERNOON)
+    picture = Image.fromarray(overhead(stage, studio.size.metres_per_pixel, rng=rng))
+    picture.save(studio.folder / "satellite.png")
+    studio.progress.advance()
+    corners = _corners()
+    described = {name: getattr(corners, name)._asdict() for name in ("top_left", "bottom_right")}
+    write_text(studio.folder / "corners.json", json.dumps(described, indent=1) + "\n")
+    georeference = from_corners(corners, width=picture.width, height=picture.height).georeference
+    experiences = []
+    for number, view in enumerate(map_views(rng, world.plan, count=studio.size.photos)):
+        name, position = f"photos/photo_{number:02d}.jpg", studio.pixel(view)
+        taken_at = _FIRST + number * timedelta(seconds=25)
+        tags = CameraTags(
+            taken_at, FOCAL_35MM, georeference.latlon_of(position), view.heading_deg, accuracy_m=ACCURACY_M
+        )
+        studio.shoot(name, stage, view=view, rng=rng, tags=tags)
+        experiences.append(
+            Experience(number, name, position, view.heading_deg, FOV_DEG, ACCURACY_M, taken_at.isoformat())
+        )
+    satellite = SatelliteImage("satellite.png", picture.width, picture.height)
+    map_ = Map(satellite, tuple(experiences), georeference, next_id=len(experiences))
+    write_map(studio.folder / "map.cfg", map_)
+
+
+def _make_queries(studio: _Studio, world: World, *, rng: np.random.Generator) -> list[dict[str, object]]:
+    """Photograph the park on other days; returns the truth about each query."""
+    views = query_views(rng, world.plan, count=studio.size.queries, stops=studio.size.photos)
+    described: list[dict[str, object]] = []
+    for day, (light, date, conditions) in enumerate(_DAYS):
+        stage = set_stage(rng, world, light=conditions)
+        for number in range(day, len(views), len(_DAYS)):
+            name, view = f"queries/query_{number:02d}.jpg", views[number]
+            studio.shoot(name, stage, view=view, rng=rng, tags=CameraTags(date, FOCAL_35MM))
+            x, y = (round(side, 2) for side in studio.pixel(view))
+            heading = round(view.heading_deg, 2)
+            described.append({"path": name, "x": x, "y": y, "heading_deg": heading, "light": light})
+    described.sort(key=lambda query: str(query["path"]))
+    lines = [HEADER, *(f"{query['path']};{query['x']};{query['y']}" for query in described)]
+    write_text(studio.folder / "queries.csv", "\n".join(lines) + "\n")
+    return described
+
+
+def _shoot_elsewhere(studio: _Studio, *, rng: np.random.Generator) -> None:
+    """Photograph another park, in the same light."""
+    world = build_world(rng)
+    view = map_views(rng, world.plan, count=5)[2]
+    tags = CameraTags(_DAYS[0][1] + timedelta(days=1), FOCAL_35MM)
+    studio.shoot(OFF_MAP, set_stage(rng, world, light=AFTERNOON), view=view, rng=rng, tags=tags)
+
+
+def _corners() -> Corners:
+    """Lay the park on the Earth; degrees are rounded to 0.1 mm, and what they say is the truth."""
+    frame = LocalFrame(_CENTRE)
+    north_west = frame.latlon_of(EnuMetres(-WIDTH_M / 2, DEPTH_M / 2))
+    south_east = frame.latlon_of(EnuMetres(WIDTH_M / 2, -DEPTH_M / 2))
+    return Corners(*(LatLon(round(lat, 9), round(lon, 9)) for lat, lon in (north_west, south_east)))

@@ -14,7 +14,7 @@ from tests.kml_rules import KML, check_kml
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.missions.store import reading, tracks
 from webapp.missions.store.schema import Track
-from webapp.missions.tasks import export, export_kml, icons
+from webapp.missions.tasks import export, icons
 
 
 def whole(download):
@@ -150,7 +150,7 @@ def test_a_mission_without_poses_exports(library, new_mission):
 
 
 def test_a_link_fetches_again():
-    link = export_kml.run_link("Search", href="https://e.example/m/t/export.kmz", refresh_s=10)
+    link = export.export_network_link("Search", href="https://e.example/m/t/export.kmz", refresh_s=10)
     root = check_kml(whole(link))
     assert link.name == "Search-live.kml"
     assert root.find(f".//{KML}refreshInterval").text == "10"

@@ -49,7 +49,7 @@ def mission(library, owner):
 @pytest.fixture
 def small_parts(monkeypatch):
     """Have files cut into small parts, and stored a few at a time."""
-    monkeypatch.setattr("webapp.missions.files.csv_reader.CHUNK", 50)
+    monkeypatch.setattr("webapp.missions.files.csv_tables.CHUNK", 50)
     monkeypatch.setattr(import_file, "_AT_ONCE", 120)
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from webapp.errors import UsageError
 from webapp.missions.render import export_file
-from webapp.missions.render import page as mission_page
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionObject
 from webapp.settings import Settings
@@ -26,7 +25,7 @@ GEO = {
 
 
 def page(library, mission):
-    download = export_file.run(library, mission, form="html", settings=Settings())
+    download = export_file.export_mission_file(library, mission, form="html", settings=Settings())
     return b"".join(download.pieces).decode()
 
 
@@ -43,7 +42,7 @@ def test_it_needs_no_network_and_no_text_becomes_html(library, new_mission):
 
 
 def test_a_long_track_is_thinned(library, new_mission, monkeypatch):
-    monkeypatch.setattr(mission_page, "MAX_POSES", 50)
+    monkeypatch.setattr(export_file, "MAX_POSES", 50)
     text = page(library, new_mission(5000))
     points = json.loads(re.search(r'"coordinates": (\[\[.*?\]\])', text)[1])
     assert len(points) == 50
@@ -63,11 +62,11 @@ def test_too_many_objects_and_none_at_all(library, owner, new_mission, monkeypat
     with library.database.write() as session:
         empty = missions.create(session, "Empty", account_id=owner).id
     assert "L.Control.Scale" in page(library, empty)
-    monkeypatch.setattr(mission_page, "MAX_OBJECTS", 2)
+    monkeypatch.setattr(export_file, "MAX_OBJECTS", 2)
     with pytest.raises(UsageError, match="2 objects"):
         page(library, new_mission(objects=3))
 
 
 def test_there_is_no_other_format(library, new_mission):
     with pytest.raises(UsageError, match="no format"):
-        export_file.run(library, new_mission(), form="docx", settings=Settings())
+        export_file.export_mission_file(library, new_mission(), form="docx", settings=Settings())

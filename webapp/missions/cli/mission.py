@@ -25,8 +25,7 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export as export_mission
 from webapp.missions.tasks import import_file, read_track
 from webapp.missions.tasks.export import FORMATS
-from webapp.missions.tasks.import_file import Imported
-from webapp.missions.tasks.upload import order_of
+from webapp.missions.tasks.import_file import Imported, order_of
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
 from webapp.store.maps import maps

@@ -13,7 +13,7 @@ from webapp.cli.progressbar import TerminalProgress, terminal_progress
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import parse_min_move
-from webapp.missions.cli.robot_options import (
+from webapp.missions.cli.robot import (
     Target,
     find_target,
     min_move_option,

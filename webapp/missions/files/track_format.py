@@ -10,7 +10,7 @@ from typing import Literal
 from webapp.errors import TrackError
 from webapp.files.exchange.xml import local_name, walk
 from webapp.files.text_file import numbered_lines
-from webapp.missions.files.kmz import opened_kml
+from webapp.missions.files.kml_reader import opened_kml
 from webapp.missions.files.nmea import is_sentence
 from webapp.missions.files.trajectory_text import layout_of
 

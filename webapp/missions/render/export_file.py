@@ -1,18 +1,43 @@
-"""Every way to take a mission away, by its ending."""
+"""Every way to take a mission away, by its ending; and the page that shows it without a server."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import islice
+
+import folium
+from folium.raster_layers import ImageOverlay
+
+from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut, kind_colour
 from webapp.errors import UsageError
-from webapp.missions.render import page
+from webapp.files.exchange.times import utc
+from webapp.missions.store import reading
+from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export
+from webapp.missions.tasks.icons import icon
+from webapp.render.folium_page import Feature, add_features, data_uri, empty_page
+from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.tasks.exchange.export_source import Download
+from webapp.store.schema import MapRecord
+from webapp.tasks.exchange.export_source import Download, Source, of_library, plain_name
+from webapp.tasks.maps.thumbnails import encoded, satellite_picture
 
 FORMATS = (*export.FORMATS, "html")
 
+MAX_OBJECTS = 5000
+"""More would make a page that browsers cannot open."""
 
-def run(
+MAX_POSES = 5000
+"""Of each track, evenly spread."""
+
+_IMAGE_SIDE = 4096
+_PAD_DEG = 0.0005
+_POPUP = "mission-popup"
+_DOT = {"fill": True, "color": "#fff", "weight": 2, "fillOpacity": 1}
+
+
+def export_mission_file(
     library: Library,
     mission_id: int,
     *,
@@ -42,7 +67,122 @@ def run(
     if form not in FORMATS:
         raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     if form == "html":
-        return page.run(library, mission_id, settings=settings)
+        return mission_page(library, mission_id, settings=settings)
     return export.export_mission(
         library, mission_id, form=form, most=most, pictures=settings if photos else None
     )
+
+
+def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Download:
+    """Give a mission as a page, on the image of its map where that has a georeference.
+
+    Raises
+    ------
+    NotFound
+        There is no such mission.
+    UsageError
+        It has too many objects for one page.
+    """
+    mission = reading.read(library.database, mission_id, most=MAX_POSES)
+    found = list(islice(mission.objects(), MAX_OBJECTS + 1))
+    if len(found) > MAX_OBJECTS:
+        raise UsageError(
+            f"a page can hold {MAX_OBJECTS} objects, and the mission has more", hint="export KMZ instead"
+        )
+    text = _page(mission, found, _ground(library, mission_id, settings=settings))
+    return Download(
+        f"{plain_name(mission.name)}.html",
+        "text/html; charset=utf-8",
+        iter([text.encode("utf-8", "replace")]),
+    )
+
+
+def _page(mission: MissionOut, found: list[ObjectOut], ground: MercatorPicture | None) -> str:
+    page = empty_page("EPSG3857", title=mission.name)
+    folium.Control("Scale", imperial=False).add_to(page)
+    if ground is not None:
+        box = [[ground.south, ground.west], [ground.north, ground.east]]
+        url = data_uri("image/webp", encoded(ground.pixels, ".webp"))
+        ImageOverlay(url, box, pixelated=False).add_to(page)
+    tracks = [_line(track) for track in mission.tracks]
+    for line in tracks:
+        _add_track(page, line)
+    _add_objects(page, found)
+    places = [at for line in tracks for at in line.geometry[1]]
+    places += [[one.latlon.lon, one.latlon.lat] for one in found]
+    if places:
+        lons, lats = zip(*places, strict=True)
+        page.fit_bounds(
+            [[min(lats) - _PAD_DEG, min(lons) - _PAD_DEG], [max(lats) + _PAD_DEG, max(lons) + _PAD_DEG]]
+        )
+    elif ground is not None:
+        page.fit_bounds(box)
+    return str(page.get_root().render())
+
+
+def _add_track(page: folium.Map, line: Feature) -> None:
+    """Draw a line with a white border, and a dot at its end."""
+    points = line.geometry[1]
+    border = [(lat, lon) for lon, lat in points]
+    white = folium.PolyLine(border, color="#fff", weight=6, interactive=False)  # type: ignore[no-untyped-call]
+    white.add_to(page)
+    dot = _DOT | {"fillColor": line.style["color"]}
+    end = replace(line, geometry=("Point", points[-1]), style=dot)
+    add_features(page, [line], popup=_POPUP, name=line.title)
+    add_features(page, [end], popup=_POPUP, name=line.title, marker=folium.CircleMarker(radius=6))
+
+
+def _add_objects(page: folium.Map, found: list[ObjectOut]) -> None:
+    """Draw objects as the pins of their classes; dots where there are too many classes for pins."""
+    kinds = sorted({one.kind for one in found})[: reading.MOST_KINDS]
+    icons = {kind: data_uri("image/png", icon(kind)) for kind in kinds}
+    pins, dots = [], []
+    for one in found:
+        if one.kind in icons:
+            pins.append(_object(one, {"iconUrl": icons[one.kind]}))
+        else:
+            dots.append(_object(one, _DOT | {"fillColor": kind_colour(one.kind)}))
+    if pins:
+        # the tip of a pin, in the middle of its lower edge, is the place
+        pin = folium.CustomIcon(
+            icons[kinds[0]], icon_size=(36, 36), icon_anchor=(18, 36), popup_anchor=(0, -30)
+        )
+        add_features(page, pins, marker=folium.Marker(icon=pin), popup=_POPUP, name="Objects")
+    add_features(page, dots, marker=folium.CircleMarker(radius=7), popup=_POPUP, name="Objects")
+
+
+def _ground(library: Library, mission_id: int, *, settings: Settings) -> MercatorPicture | None:
+    """Redraw the image of the mission's map as Leaflet lays pictures; None where there is none."""
+    with library.database.read() as session:
+        map_id = session.get_one(Mission, mission_id).map_id
+        record = None if map_id is None else session.get_one(MapRecord, map_id)
+        if record is None or record.satellite_path is None or record.georeference is None:
+            return None
+    source: Source = of_library(library, record.id)
+    satellite = source.map.satellite
+    picture = satellite_picture(source.cfg, satellite.path, side=_IMAGE_SIDE, settings=settings)
+    if picture is None:
+        return None
+    return to_mercator(picture, source.georeference(), size=(satellite.width, satellite.height))
+
+
+def _line(track: TrackOut) -> Feature:
+    points: list[list[float]] = []
+    times: list[float] = []
+    for part in track.poses():
+        points += part.latlon[:, ::-1].round(7).tolist()
+        times += part.times_s[[0, -1]].tolist()
+    first, last = utc([times[0], times[-1]])
+    facts = f"{track.distance_m:.0f} m"
+    if track.timed:
+        facts += f" · {first[:19]}Z – {last[:19]}Z"
+    style = {"color": track.colour, "weight": 3}
+    return Feature(("LineString", points), track.title, facts, style)
+
+
+def _object(found: ObjectOut, style: dict[str, object]) -> Feature:
+    lat, lon = found.latlon
+    facts = [f"{lat:.6f}, {lon:.6f}", utc([found.last_time_s])[0][:19] + "Z"]
+    if found.confidence is not None:
+        facts.append(f"{found.confidence:.0%}")
+    return Feature(("Point", [lon, lat]), f"{found.kind} {found.id}", " · ".join(facts), style)

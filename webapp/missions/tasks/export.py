@@ -1,4 +1,4 @@
-"""What every export of a mission starts from, and the exports that are one file of text."""
+"""A mission as a download: a file of text, KML, KMZ with icons, or a link that is fetched repeatedly."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from pathlib import Path
 
 from webapp.core.trajectory.outgoing import MissionOut
 from webapp.errors import NotFound, PhotoError, UsageError
-from webapp.missions.files.csv_writer import format_objects_csv, format_poses_csv
+from webapp.files.exchange.zip_stream import Member, stream_zip
+from webapp.missions.files.csv_tables import format_objects_csv, format_poses_csv
 from webapp.missions.files.geojson_writer import format_mission_geojson
-from webapp.missions.files.gpx_writer import format_mission_gpx
+from webapp.missions.files.gpx import format_mission_gpx
+from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
 from webapp.missions.store import missions, reading
-from webapp.missions.tasks import add_photo, export_kml
+from webapp.missions.tasks import add_photo
+from webapp.missions.tasks.icons import icon
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download, plain_name
@@ -27,6 +30,14 @@ _WRITERS: dict[str, tuple[str, Writer]] = {
 }
 
 FORMATS = ("kml", "kmz", *_WRITERS)
+
+KML = "application/vnd.google-earth.kml+xml"
+KMZ = "application/vnd.google-earth.kmz"
+LIVE_POSES = 2000
+"""Of each track in what a link fetches: programs draw it anew every few seconds."""
+
+_BYTES_A_POSE = 120
+_LARGE_BYTES = 1_500_000_000
 
 
 def export_mission(
@@ -64,10 +75,10 @@ def export_mission(
         raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     mission = reading.read(library.database, mission_id, most=most)
     if form == "kml":
-        return export_kml.export_mission_kml(mission)
+        return export_mission_kml(mission)
     if form == "kmz":
         find = None if pictures is None else partial(_picture, library, mission_id, settings=pictures)
-        return export_kml.run_kmz(mission, picture=find)
+        return export_mission_kmz(mission, picture=find)
     media_type, write = _WRITERS[form]
     joint = "-" if form == "objects.csv" else "."
     return Download(f"{plain_name(mission.name)}{joint}{form}", media_type, write(mission))
@@ -81,3 +92,53 @@ def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settin
         return add_photo.preview_of(library, photo, kind="preview", settings=settings)
     except (NotFound, PhotoError):
         return None
+
+
+def export_mission_kml(mission: MissionOut) -> Download:
+    """Give a mission as KML; its objects are coloured pins."""
+    return Download(f"{plain_name(mission.name)}.kml", KML, format_mission_kml(mission))
+
+
+def export_mission_kmz(
+    mission: MissionOut, *, picture: Callable[[str], Path | None] | None = None
+) -> Download:
+    """Give a mission as KMZ: its objects have the icons of their classes, which are inside.
+
+    Parameters
+    ----------
+    picture : function, optional
+        Finds a picture without metadata of a photo, by its SHA-256; None where there is none. Without, no
+        photos go along.
+    """
+    pieces = stream_zip(_members(mission, picture or (lambda _sha: None)))
+    return Download(f"{plain_name(mission.name)}.kmz", KMZ, pieces)
+
+
+def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
+    """Give a KML that has programs fetch `href` every `refresh_s` seconds.
+
+    Parameters
+    ----------
+    name : str
+        Of the mission.
+    href : str
+        Absolute address of a KML or KMZ.
+    """
+    link = format_network_link(name, href=href, refresh_s=refresh_s)
+    return Download(f"{plain_name(name)}-live.kml", KML, iter([link]))
+
+
+def _members(mission: MissionOut, picture: Callable[[str], Path | None]) -> Iterator[Member]:
+    """Give pictures and icons, then the KML: it names those that are there."""
+    photos: dict[str, str] = {}
+    for sha in dict.fromkeys(found.photo for found in mission.objects() if found.photo):
+        path = picture(sha)
+        if path is not None:
+            photos[sha] = f"photos/{sha}{path.suffix}"
+            yield Member(photos[sha], path)
+    icons = {kind: f"icons/{number}.png" for number, kind in enumerate(mission.kinds)}
+    for kind, name in icons.items():
+        yield Member(name, icon(kind))
+    kml = format_mission_kml(mission, icons=icons, photos=photos)
+    bytes_about = _BYTES_A_POSE * sum(track.count for track in mission.tracks)
+    yield Member("doc.kml", kml, large=bytes_about > _LARGE_BYTES)

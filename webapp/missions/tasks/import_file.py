@@ -8,7 +8,7 @@ Who is killed goes on after the last of them; who imports a file again finds all
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path, PurePath
@@ -18,9 +18,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import Sighting, Source
+from webapp.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.core.trajectory.robotframe import Start
-from webapp.errors import NotFound, TrackError
+from webapp.core.trajectory.thinning import MinMove, parse_min_move
+from webapp.errors import NotFound, TrackError, UsageError
 from webapp.missions.files.track_chunks import Findings, Skipped
 from webapp.missions.files.track_format import TITLES, Kind, kind_of
 from webapp.missions.store import batches, missions, tracks
@@ -321,3 +322,52 @@ class _Silent(Progress):
 
     def cancelled(self) -> bool:
         return self._other.cancelled()
+
+
+def waiting_path(library: Library, token: str) -> Path:
+    """Where an uploaded file waits for its import; its folder is made when missing.
+
+    Parameters
+    ----------
+    token : str
+        Of hexadecimal digits.
+    """
+    folder = library.inner / "imports"
+    folder.mkdir(exist_ok=True)
+    return folder / f"{int(token, 16):032x}.track"
+
+
+def order_of(path: Path, told: Mapping[str, Any]) -> Order:
+    """Read how a file is to be imported, as a form or a job has it.
+
+    Parameters
+    ----------
+    told : mapping
+        `name`; and where they are known `source`, `min_move`, `columns`, and `topics`, separated by commas.
+
+    Raises
+    ------
+    UsageError
+        The source or the threshold is none.
+    """
+    topics = tuple(name for part in (told.get("topics") or "").split(",") if (name := part.strip()))
+    min_move = parse_min_move(told["min_move"]) if told.get("min_move") else MinMove()
+    columns, source = told.get("columns") or None, source_of(told.get("source"))
+    options = ReadOptions(topics=topics, min_move=min_move, columns=columns, source=source)
+    return Order(path, told["name"], options)
+
+
+def source_of(text: str | None) -> Source | None:
+    """Read where poses come from; None for what the file itself says.
+
+    Raises
+    ------
+    UsageError
+        It is no source.
+    """
+    if not text:
+        return None
+    found = next((source for source in SOURCES if source == text), None)
+    if found is None:
+        raise UsageError(f"{text[:40]!r} is no source", where="source", hint=f"use {', '.join(SOURCES)}")
+    return found

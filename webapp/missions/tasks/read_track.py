@@ -19,8 +19,8 @@ from webapp.core.trajectory.records import Poses, Sighting, Source, join
 from webapp.core.trajectory.robotframe import Anchor, RobotFrame, Start, anchor_of
 from webapp.core.trajectory.thinning import MinMove, Thinner
 from webapp.errors import ExpMapError, TrackError
-from webapp.missions.files import csv_reader, gpx_reader, kml_reader, nmea, rosbag, trajectory_text
-from webapp.missions.files.kmz import opened_kml
+from webapp.missions.files import csv_tables, gpx, kml_reader, nmea, rosbag, trajectory_text
+from webapp.missions.files.kml_reader import opened_kml
 from webapp.missions.files.rosbag import Topic
 from webapp.missions.files.track_chunks import (
     BAD_POSITION,
@@ -344,7 +344,7 @@ def _pieces(path: Path, kind: Kind, options: ReadOptions, *, findings: Findings)
         with path.open("rb") as file:
             match kind:
                 case "gpx":
-                    yield from gpx_reader.read(file, findings=findings)
+                    yield from gpx.read(file, findings=findings)
                 case "kml":
                     yield from kml_reader.read(file, findings=findings, tracks=options.topics)
                 case "nmea":
@@ -352,7 +352,7 @@ def _pieces(path: Path, kind: Kind, options: ReadOptions, *, findings: Findings)
                 case "tum" | "kitti":
                     yield from trajectory_text.read(file, kind, findings=findings)
                 case _:
-                    yield from csv_reader.read(file, columns=options.columns, findings=findings)
+                    yield from csv_tables.read(file, columns=options.columns, findings=findings)
 
 
 def _kind(path: Path, options: ReadOptions) -> Kind:

@@ -72,7 +72,7 @@ def store_batch(
         }
 
 
-def run_keyed(
+def store_keyed_batch(
     library: Library, mission_id: int, *, records: Sequence[object], key: str, keep: timedelta
 ) -> dict[str, Any]:
     """Store the records of a program that numbers nothing; when this returns, they are on the disk.

@@ -113,7 +113,7 @@ def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None])
         if numbered is not None:
             return store_batch.store_batch(library(), mission.id, records=records, place=numbered)
         keep = timedelta(days=settings().missions.keep_keys_days)
-        return store_batch.run_keyed(library(), mission.id, records=records, key=key or "", keep=keep)
+        return store_batch.store_keyed_batch(library(), mission.id, records=records, key=key or "", keep=keep)
 
 
 def _numbered(given: dict[str, Any]) -> Numbered | None:

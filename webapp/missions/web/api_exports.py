@@ -17,8 +17,8 @@ from webapp.missions.render import export_file
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
-from webapp.missions.tasks import export_kml
 from webapp.missions.tasks import query as query_mission
+from webapp.missions.tasks.export import LIVE_POSES, export_network_link
 from webapp.missions.web.context import open_mission
 from webapp.tasks.exchange.export_source import Download
 from webapp.web.context import library, settings
@@ -154,15 +154,17 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool 
         raise NotFound(f"there is no export {ending!r}", hint=f"there are {', '.join(FORMATS)}")
     place, limits, most = library(), settings(), query["points"]
     return sent(
-        lambda: export_file.run(place, mission_id, form=ending, settings=limits, most=most, photos=photos)
+        lambda: export_file.export_mission_file(
+            place, mission_id, form=ending, settings=limits, most=most, photos=photos
+        )
     )
 
 
 def link(name: str, *, token: str, every: int) -> Response:
     """Send a KML that has programs fetch a shared mission again and again."""
-    wish: dict[str, Any] = {"token": token, "ending": "kmz", "points": export_kml.LIVE_POSES}
+    wish: dict[str, Any] = {"token": token, "ending": "kmz", "points": LIVE_POSES}
     href = url_for("public_mission_pages.export", _external=True, **wish)
-    return sent(lambda: export_kml.run_link(name, href=href, refresh_s=every))
+    return sent(lambda: export_network_link(name, href=href, refresh_s=every))
 
 
 def sent(make: Callable[[], Download]) -> Response:

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import UsageError
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Track
-from webapp.missions.tasks import track_line, track_profile
+from webapp.missions.tasks import track_line
 from webapp.missions.tasks.track_line import View
 from webapp.missions.web.context import open_mission
 from webapp.web.context import library
@@ -111,7 +111,7 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
 
 def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
     """Give the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
-    told = track_profile.track_profile(session, track, points=query["points"])
+    told = track_line.track_profile(session, track, points=query["points"])
     if not track.timed:
         told[:, 2] = np.nan  # no speed comes of times that only keep the order
     columns = told.T.tolist()

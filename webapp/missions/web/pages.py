@@ -11,7 +11,7 @@ from webapp.errors import NotFound
 from webapp.missions.store import missions, shares
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.web import api_exports
-from webapp.missions.web import state as shared_state
+from webapp.missions.web import state as mission_state
 from webapp.missions.web.api_exports import ExportQuery, LinkQuery
 from webapp.missions.web.context import open_mission
 from webapp.net.services import TileService, tile_services
@@ -111,7 +111,7 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
     try:
         with library().database.read() as session:
             opened = shares.opened(session, token)
-            state = shared_state.shared_mission(session, opened, token=token)
+            state = mission_state.shared_mission(session, opened, token=token)
     except NotFound as error:
         gone = render_template("sharing/gone.html", error=error, framed=framed)
         return gone, errors.status_of(error), _SECRET

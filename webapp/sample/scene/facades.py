@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.sample.scene.masonry import PIXELS_PER_METRE, Colour, surface
+from webapp.sample.scene.masonry import PIXELS_PER_METRE, Colour, Style, darker, fill_box, surface
 from webapp.sample.scene.noise import fractal, jitter
-from webapp.sample.scene.style import Style, darker, fill_box
 
 _Box = tuple[float, float, float, float]
 

@@ -1,4 +1,4 @@
-"""Take a photo of the park."""
+"""Take a photo of the park, also from straight above, as a satellite sees it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from webapp.sample.scene.camera import Camera
 from webapp.sample.scene.foliage import draw_foliage
 from webapp.sample.scene.ground import DETAIL_METRES_PER_PIXEL, PAVED, WATER
+from webapp.sample.scene.plan import DEPTH_M, WIDTH_M
 from webapp.sample.scene.raster import NEAR_M, Frame, Quad, draw_quad, hit_quad, remap, sample
 from webapp.sample.scene.stage import Stage, shadow_pixels
 
 _HAZE_M, _HAZE_TOP_M = 420.0, 25.0
 _DETAIL_REACH_M = 22.0
 _OVERSAMPLING = 1.25
+
+_ALTITUDE_M = 4000.0
 
 
 def render(stage: Stage, camera: Camera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -155,3 +158,24 @@ def _develop(lit: NDArray[np.float32], stage: Stage, rng: np.random.Generator) -
     photo = np.asarray(cv2.GaussianBlur(photo, (0, 0), 0.45), np.float32)
     photo += rng.standard_normal((height, width, 1), np.float32) * np.float32(stage.light.noise)
     return np.asarray(np.clip(photo + 0.5, 0, 255), np.uint8)
+
+
+def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Take a picture from so high above that roofs hardly hide their walls.
+
+    Parameters
+    ----------
+    metres_per_pixel : float
+        Of the ground.
+    rng : numpy.random.Generator
+        For the camera's noise.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+        Red, green, blue; north is up, and the ground fills the park's rectangle exactly.
+    """
+    width, height = round(WIDTH_M / metres_per_pixel), round(DEPTH_M / metres_per_pixel)
+    fov = 2 * np.degrees(np.arctan(WIDTH_M / 2 / _ALTITUDE_M))
+    camera = Camera((WIDTH_M / 2, DEPTH_M / 2, _ALTITUDE_M), 0.0, float(fov), width, height, pitch_deg=-90.0)
+    return render(stage, camera, rng=rng)

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.sample.scene.facades import FLOOR_M, front, window
-from webapp.sample.scene.masonry import PIXELS_PER_METRE, roof_surface, surface
+from webapp.sample.scene.masonry import PIXELS_PER_METRE, Style, roof_surface, surface
 from webapp.sample.scene.plan import Footprint
 from webapp.sample.scene.raster import Quad, Texture
-from webapp.sample.scene.style import Style
 
 _UP = np.array([0.0, 0.0, 1.0])
 EAVES_M, RISE = 0.45, 0.62

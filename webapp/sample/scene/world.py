@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from webapp.sample.scene.foliage import Foliage, Leaves, cut_leaves, grow
 from webapp.sample.scene.furniture import along_paths, fence, monument, trunks
 from webapp.sample.scene.ground import Ground, lay_ground
-from webapp.sample.scene.masonry import Colour, Material
+from webapp.sample.scene.masonry import Colour, Lintel, Material, Style
 from webapp.sample.scene.noise import fractal, jitter, tint
 from webapp.sample.scene.plan import DEPTH_M, WIDTH_M, Plan, draw_plan
 from webapp.sample.scene.raster import Quad, Texture
 from webapp.sample.scene.solids import house_quads
-from webapp.sample.scene.style import Lintel, Style
 
 _RADIUS_M, _HEIGHT_M, _PIECES = 98.0, 15.0, 28
 _PIXELS_PER_METRE = 12

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files import csv_reader, nmea, trajectory_text
+from webapp.missions.files import csv_tables, nmea, trajectory_text
 from webapp.missions.files.track_chunks import (
     Findings,
     RobotObjects,
@@ -122,7 +122,7 @@ def test_a_trajectory_without_poses_is_refused() -> None:
 def read_csv(text: str | bytes, columns: str | None = None) -> tuple[list[object], Findings]:
     findings = Findings()
     data = text.encode() if isinstance(text, str) else text
-    return list(csv_reader.read(io.BytesIO(data), columns=columns, findings=findings)), findings
+    return list(csv_tables.read(io.BytesIO(data), columns=columns, findings=findings)), findings
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", "|"])

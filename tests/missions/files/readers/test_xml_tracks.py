@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from webapp.errors import TrackError
-from webapp.missions.files import gpx_reader, kml_reader, track_chunks
-from webapp.missions.files.kmz import opened_kml
+from webapp.missions.files import gpx, kml_reader, track_chunks
+from webapp.missions.files.kml_reader import opened_kml
 from webapp.missions.files.track_chunks import Findings, WorldObjects, WorldPiece
 
 GPX = """<gpx xmlns="http://www.topografix.com/GPX/1/1"><metadata><time>2024-03-23T12:00:00Z</time></metadata>
@@ -26,7 +26,7 @@ def point(lat: float, time: str = "") -> str:
 def read_gpx(text: str | bytes) -> tuple[list[object], Findings]:
     findings = Findings()
     data = text.encode() if isinstance(text, str) else text
-    return list(gpx_reader.read(io.BytesIO(data), findings=findings)), findings
+    return list(gpx.read(io.BytesIO(data), findings=findings)), findings
 
 
 def test_a_gpx_has_tracks_routes_and_waypoints() -> None:
@@ -51,7 +51,7 @@ def test_a_gpx_has_tracks_routes_and_waypoints() -> None:
 
 
 def test_a_long_gpx_comes_in_pieces_that_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gpx_reader, "CHUNK", 4)
+    monkeypatch.setattr(gpx, "CHUNK", 4)
     points = "".join(
         point(50 + i * 1e-4, f"1970-01-01T00:00:{i:02d}Z" if i % 3 else "") for i in range(1, 50)
     )
@@ -66,7 +66,7 @@ def test_memory_does_not_grow_with_a_gpx() -> None:
     points = "".join(point(50 + i * 1e-6, "1970-01-01T00:00:00Z") for i in range(10_000))
     data = io.BytesIO(GPX.format(points=points).encode())
     tracemalloc.start()
-    for _ in gpx_reader.read(data, findings=Findings()):
+    for _ in gpx.read(data, findings=Findings()):
         pass
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()

@@ -5,7 +5,7 @@ import io
 
 import numpy as np
 
-from webapp.missions.files.csv_writer import (
+from webapp.missions.files.csv_tables import (
     OBJECT_COLUMNS,
     POSE_COLUMNS,
     format_objects_csv,

@@ -4,7 +4,7 @@ import gpxpy
 import numpy as np
 import pytest
 
-from webapp.missions.files.gpx_writer import NAMESPACE, format_mission_gpx
+from webapp.missions.files.gpx import NAMESPACE, format_mission_gpx
 
 KEY = f"{{{NAMESPACE}}}"
 

@@ -1,10 +1,11 @@
-"""Tables of poses and objects: CSV of any delimiter, with a header or not."""
+"""Tables of poses and objects: CSV of any delimiter, with a header or not, is read; with one, written."""
 
 from __future__ import annotations
 
 import csv
+import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
@@ -12,10 +13,11 @@ import numpy as np
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.columns import Column, Columns, guess_columns, parse_columns
+from webapp.core.trajectory.outgoing import MissionOut
 from webapp.core.trajectory.records import SOURCES, Sighting, Source, make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import TrackError
-from webapp.files.exchange.times import unix_time
+from webapp.files.exchange.times import unix_time, utc
 from webapp.files.text_file import numbered_lines
 from webapp.missions.files.track_chunks import (
     CHUNK,
@@ -46,6 +48,15 @@ _NUMBERS = (
 )
 
 _UNKNOWN = dict.fromkeys(_NUMBERS, math.nan)
+
+POSE_COLUMNS = (
+    "source", "track", "number", "time", "time_s", "lat", "lon", "height_m", "heading_deg",
+    "var_e_m2", "var_n_m2", "cov_en_m2", "travelled_m",
+)  # fmt: skip
+OBJECT_COLUMNS = (
+    "id", "class", "lat", "lon", "height_m", "confidence", "sightings", "first_time", "last_time", "photo",
+)  # fmt: skip
+_PART = 1000
 
 
 def delimiter_of(line: str) -> str | None:
@@ -210,3 +221,61 @@ def _is_data(header: Sequence[str], table: _Table) -> bool:
     """Tell whether the first line is a row already: the columns of positions hold numbers."""
     place = ("lat", "lon") if "lat" in table.columns else ("x", "y")
     return all(not math.isnan(table.number(header, name)) for name in place)
+
+
+def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
+    """Write all poses, track by track, a header line first.
+
+    Yields
+    ------
+    bytes
+        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; those that no source tells
+        are left out.
+    """
+    yield csv_lines([POSE_COLUMNS])
+    for track in mission.tracks:
+        first = 0
+        for part in track.poses():
+            table = np.column_stack(
+                [part.latlon, part.height_m, part.heading_deg, part.covariance_m2, part.travelled_m]
+            ).tolist()
+            times = [("", "")] * len(part)
+            if track.timed:
+                seconds = (f"{time_s:.6f}" for time_s in part.times_s.tolist())
+                times = list(zip(utc(part.times_s), seconds, strict=True))
+            yield csv_lines(
+                (track.source, track.name, number, *time, *map(_number, row))
+                for number, (time, row) in enumerate(zip(times, table, strict=True), start=first)
+            )
+            first += len(part)
+
+
+def format_objects_csv(mission: MissionOut) -> Iterator[bytes]:
+    """Write all objects, where they were seen last, a header line first.
+
+    Yields
+    ------
+    bytes
+        UTF-8.
+    """
+    rows: list[Sequence[object]] = [OBJECT_COLUMNS]
+    for found in mission.objects():
+        numbers = map(_number, (*found.latlon, found.height_m, found.confidence))
+        times = utc([found.first_time_s, found.last_time_s])
+        rows.append((found.id, found.kind, *numbers, found.sightings, *times, found.photo))
+        if len(rows) == _PART:
+            yield csv_lines(rows)
+            rows = []
+    yield csv_lines(rows)
+
+
+def csv_lines(rows: Iterable[Sequence[object]]) -> bytes:
+    """Write lines as RFC 4180 has them, in UTF-8; None is empty."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\r\n").writerows(rows)
+    return text.getvalue().encode("utf-8", "replace")
+
+
+def _number(value: float | None) -> str:
+    """Write a number with as many digits as it takes to read the same one back."""
+    return "" if value is None or value != value else repr(value)
