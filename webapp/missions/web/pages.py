@@ -74,7 +74,7 @@ def shared(token: str) -> tuple[str, int, dict[str, str]]:
     return _page(token, framed=False)
 
 
-@public_pages.get("/embedded")
+@public_pages.get("/embed")
 @public
 def embedded(token: str) -> tuple[str, int, dict[str, str]]:
     """Show it in a frame of another site: no sign-in, no cookie, nothing that could be done for somebody."""
