@@ -114,11 +114,11 @@ def make_missions(api: Api, app: App) -> None:
     for query in queries[1:8:2]:
         photo = sample / query["path"]
         place = made.georeference.latlon_of(MapPixel(float(query["x"]), float(query["y"])))
-        told = {
+        form = {
             "file": {"name": photo.name, "mimeType": "image/jpeg", "buffer": photo.read_bytes()},
             "time": str(drive.time_at(place)),
         }
-        api.ask("POST", f"/missions/{mission}/fixes", multipart=told, timeout=120_000)
+        api.ask("POST", f"/missions/{mission}/fixes", multipart=form, timeout=120_000)
     api.ask("POST", f"/missions/{mission}/fuse")
     while not api.call("GET", f"/missions/{mission}/fusion").ok:
         time.sleep(0.5)

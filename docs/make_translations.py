@@ -2,7 +2,7 @@
 
 Gathers every text from the pages, the scripts, and the errors of the program, adds the new ones to the
 `.po` files below `webapp/web/translations`, and makes the `.mo` files. Then fill in what the `.po` files
-lack (a text editor or Poedit does) and run it again: it tells how many are still without a translation.
+lack (a text editor or Poedit does) and run it again: it prints how many are still without a translation.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last
 
 _NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
-_WITH_ERRORS = {"store", "web"}
+_WITH_ERRORS = {"store", "tasks", "web"}
 """Layers, here and in the missions wing, whose errors have texts that are translated when they are shown."""
 
 

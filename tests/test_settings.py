@@ -19,7 +19,7 @@ def test_processes_of_the_server_have_few_threads_and_small_heaps(monkeypatch):
     assert environment_for()["MALLOC_ARENA_MAX"] == "7"
 
 
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc can be told")
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's malloc only")
 def test_memory_that_is_kept_is_not_asked_for_again():
     work = (
         "import resource, numpy as np\n"

@@ -82,7 +82,7 @@ class NotAllowed(ExpMapError):
 
 
 class NotSignedIn(ExpMapError):
-    """Nobody is signed in, or no longer; or name and password do not go together."""
+    """Nobody is signed in, or no longer; or name or password are wrong."""
 
 
 class TooMany(ExpMapError):

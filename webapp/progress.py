@@ -1,4 +1,4 @@
-"""How long work tells how far it is, and is told to stop."""
+"""How long work reports its progress, and how it is stopped."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from webapp.errors import Cancelled
 
 
 class Progress:
-    """A silent progress; a front end derives from it and shows what it is told.
+    """A silent progress; a front end derives from it and shows what is reported.
 
     Work calls `size` once it knows how many steps there are, `advance` after each finished step, `note`
     for a word on what is being done, and `check` where it can stop without losing anything.
@@ -22,7 +22,7 @@ class Progress:
         """Say in a few words what is being done now."""
 
     def cancelled(self) -> bool:
-        """Tell whether the user wants the work to stop."""
+        """Return whether the user wants the work to stop."""
         return False
 
     def check(self) -> None:

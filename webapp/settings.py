@@ -206,7 +206,7 @@ class MissionSettings:
     """Seconds after which a stream of events ends; browsers open the next one by themselves."""
 
     look_s: float = 0.3
-    """Seconds between two looks for what a stream of events tells next."""
+    """Seconds between two looks for the next event of a stream."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,12 +34,12 @@ def test_a_stage_is_the_median_of_the_photos_that_had_it():
 
 def test_strangers_count_by_their_most_probable_place():
     answers = [answer(0.2, 0.6), answer(0.49), answer(), answer(0.5), {"query": "x", "error": "damaged"}]
-    told = figures.strangers(answers)
-    assert (told["foreign_photos"], told["foreign_failed"], told["foreign_placed"]) == (4, 1, 2)
-    assert told["foreign_share"] == 0.5
-    assert told["foreign_largest"] == 0.6
-    assert told["foreign_q99"] == pytest.approx(np.percentile([0.6, 0.49, 0.0, 0.5], 99))
-    low, high = told["foreign_interval"]
+    result = figures.strangers(answers)
+    assert (result["foreign_photos"], result["foreign_failed"], result["foreign_placed"]) == (4, 1, 2)
+    assert result["foreign_share"] == 0.5
+    assert result["foreign_largest"] == 0.6
+    assert result["foreign_q99"] == pytest.approx(np.percentile([0.6, 0.49, 0.0, 0.5], 99))
+    low, high = result["foreign_interval"]
     assert 0.0 < low < 0.5 < high < 1.0
 
 

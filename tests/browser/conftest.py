@@ -147,7 +147,7 @@ def small_photos(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture
 def elsewhere() -> Iterator[Callable[[str], str]]:
-    """Serve a page from another site; gives its address once it is told what it shows."""
+    """Serve a page from another site; gives its address for the HTML that it shall show."""
     pages: list[str] = []
 
     class Handler(BaseHTTPRequestHandler):

@@ -14,7 +14,7 @@ HANDLE_PX = 46
 
 
 def spots(count: int) -> list[tuple[int, int]]:
-    """Map pixels on the sample's image, well apart, in rows of six, above the card that tells of jobs."""
+    """Map pixels on the sample's image, well apart, in rows of six, above the card of jobs."""
     return [(100 + 150 * (n % 6), 60 + 90 * (n // 6)) for n in range(count)]
 
 

@@ -141,7 +141,7 @@ def test_a_wrong_world_file_is_told_and_a_file_that_is_no_image(image_page, cont
         {"name": "sat.png", "mimeType": "image/png", "buffer": b"no image"}
     )
     by_id(page, "image-upload").click()
-    expect(by_id(page, "error-message")).to_contain_text("no PNG, JPEG or TIFF")
+    expect(by_id(page, "error-message")).to_contain_text("not a PNG, JPEG or TIFF")
     assert state()["satellite"] is None
     upload(page, picture())
     by_id(page, "known-worldfile").click()

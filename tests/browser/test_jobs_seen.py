@@ -30,9 +30,9 @@ def test_the_card_of_jobs_leaves_the_image_free_on_a_wide_screen(make_page):
     edit = make_page(30, placed=True)
     card = edit.page.locator("#activity")
     expect(card).to_be_visible()
-    image, told = edit.canvas.bounding_box(), card.bounding_box()
-    assert told["x"] + told["width"] <= image["x"] + 1
-    assert told["y"] + told["height"] <= edit.page.viewport_size["height"]
+    image, result = edit.canvas.bounding_box(), card.bounding_box()
+    assert result["x"] + result["width"] <= image["x"] + 1
+    assert result["y"] + result["height"] <= edit.page.viewport_size["height"]
 
 
 def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_map):

@@ -75,10 +75,10 @@ def test_photos_without_gps_wait_and_say_why_and_a_list_places_them(
         page.locator("#place-by-file").click()
     choosing.value.set_files(sample_folder / "map.cfg")
     expect(edit.placed).to_have_text("3")
-    told = page.locator("dialog[open]")  # it can come after the photos are seen to be placed
-    expect(told).to_be_visible()
+    result = page.locator("dialog[open]")  # it can come after the photos are seen to be placed
+    expect(result).to_be_visible()
     page.keyboard.press("Escape")
-    expect(told).to_have_count(0)
+    expect(result).to_have_count(0)
     taken = {e.photo.split("/")[-1][:8]: e.position for e in take_away(edit, tmp_path).experiences}
     truth = {
         e.photo.split("/")[-1][:8]: e.position for e in read_cfg(sample_folder / "map.cfg").map.experiences

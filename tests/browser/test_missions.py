@@ -47,14 +47,14 @@ def mission(api, request):
 @pytest.fixture
 def send(api, mission):
     """Send records as a robot does, in order."""
-    told = {"next": 0}
+    result = {"next": 0}
 
     def send(*records):
-        told.update(
+        result.update(
             api.ask(
                 "POST",
                 f"/missions/{mission}/batches",
-                data={"sender": "robot", "first": told["next"], "records": list(records)},
+                data={"sender": "robot", "first": result["next"], "records": list(records)},
             )
         )
 

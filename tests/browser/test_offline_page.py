@@ -41,10 +41,12 @@ def opened(browser, tmp_path):
         context = browser.new_context(offline=True)
         contexts.append(context)
         page = context.new_page()
-        page.told = []
-        page.on("request", lambda r: page.told.append(r.url[:80]) if not r.url.startswith("data:") else None)
-        page.on("console", lambda m: page.told.append(m.text))
-        page.on("pageerror", lambda e: page.told.append(str(e)))
+        page.result = []
+        page.on(
+            "request", lambda r: page.result.append(r.url[:80]) if not r.url.startswith("data:") else None
+        )
+        page.on("console", lambda m: page.result.append(m.text))
+        page.on("pageerror", lambda e: page.result.append(str(e)))
         page.goto(path.as_uri())
         return page
 
@@ -65,8 +67,8 @@ def test_it_opens_offline_and_shows_everything(source, opened, georeference):
     assert page.locator(".photo-popup strong").inner_text() == NAME.rsplit("/", 1)[-1]
     assert ("60.39" in page.locator(".photo-popup").inner_text()) == (georeference is not None)
     assert page.evaluate("window.hacked") is None
-    assert [told for told in page.told if not told.startswith("file:")] == []
-    assert len(page.told) == 1
+    assert [result for result in page.result if not result.startswith("file:")] == []
+    assert len(page.result) == 1
 
 
 def test_markers_are_on_their_place_of_the_image(source, opened):

@@ -75,13 +75,13 @@ def imported(app, new, bag):
 
 
 def ended(process):
-    told, _ = process.communicate(timeout=ENDS_WITHIN_S)
-    assert process.returncode == 0, told
-    return told
+    result, _ = process.communicate(timeout=ENDS_WITHIN_S)
+    assert process.returncode == 0, result
+    return result
 
 
 def facts(api, mission):
-    """What is told of the only track, without what is of this one mission."""
+    """What the API says of the only track, without what belongs to this one mission."""
     (track,) = api.ask("GET", f"/missions/{mission}")["tracks"]
     return {name: value for name, value in track.items() if name != "id"}
 
@@ -122,11 +122,11 @@ def test_a_track_appears_and_grows_while_it_is_replayed(page, api, bag, new, rep
     expect(track).to_contain_text("989")
 
     by_file = imported("--min-move", "0")
-    told = facts(api, mission)
-    assert told == facts(api, by_file)
-    assert (told["poses"], told["skipped"], told["closing"] is None) == (989, 0, False)
+    result = facts(api, mission)
+    assert result == facts(api, by_file)
+    assert (result["poses"], result["skipped"], result["closing"] is None) == (989, 0, False)
     assert rows(api, mission) == rows(api, by_file) and len(rows(api, mission)) == 989
-    assert told["distance_m"] == pytest.approx(distance_m(bag), rel=0.01)
+    assert result["distance_m"] == pytest.approx(distance_m(bag), rel=0.01)
 
     seen = tmp_path / "seen.csv"
     seen.write_text(SEEN)
@@ -140,7 +140,7 @@ def test_what_hardly_moved_is_left_out_as_by_an_import(api, bag, new, replay, im
     mission = new("Thinned")
     ended(replay(bag, mission, "--speed", "1000"))
     by_file = imported()
-    told = facts(api, mission)
-    assert told == facts(api, by_file) and told["poses"] + told["skipped"] == 989 > told["poses"]
+    result = facts(api, mission)
+    assert result == facts(api, by_file) and result["poses"] + result["skipped"] == 989 > result["poses"]
     assert rows(api, mission) == rows(api, by_file)
-    assert told["distance_m"] == pytest.approx(distance_m(bag), rel=0.01)
+    assert result["distance_m"] == pytest.approx(distance_m(bag), rel=0.01)

@@ -13,11 +13,11 @@ PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobil
 def shared(api, small_photos):
     """A mission under way with two photos; gives how to send more, and its share."""
     id = api.ask("POST", "/missions", data={"name": "Round the yard"})["id"]
-    told = {"next": 0}
+    result = {"next": 0}
 
     def send(*records):
-        data = {"sender": "robot", "first": told["next"], "records": list(records)}
-        told.update(api.ask("POST", f"/missions/{id}/batches", data=data))
+        data = {"sender": "robot", "first": result["next"], "records": list(records)}
+        result.update(api.ask("POST", f"/missions/{id}/batches", data=data))
 
     send(*(pose(n) for n in range(40)), seen("a1", "car"))
     for path in small_photos[:2]:

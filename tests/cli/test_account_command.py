@@ -34,9 +34,9 @@ def test_a_token_is_all_that_is_printed(expmap, library):
 
 def test_a_token_of_the_same_name_is_made_only_in_place_of_the_other(expmap, library):
     first = expmap("account", "token", "--name", "robot")[1].strip()
-    code, _, told = expmap("account", "token", "--name", "robot")
+    code, _, result = expmap("account", "token", "--name", "robot")
     assert code == 1
-    assert "already" in told
+    assert "already" in result
     second = expmap("account", "token", "--name", "robot", "--replace")[1].strip()
     with library.database.read() as session:
         assert accounts.by_token(session, first) is None

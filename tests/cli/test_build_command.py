@@ -62,9 +62,9 @@ def test_photos_that_cannot_be_used_are_told_and_end_with_1(expmap, cfg):
     assert code == 1
     assert [(i, photo) for i, photo, _ in report["failed"]] == [(2, "photos/2.jpg"), (3, "photos/3.jpg")]
     assert report["extracted"] == 3
-    told = [line for line in err.splitlines() if "(id" in line]
-    assert told[0].startswith("photos/2.jpg (id 2): there is no such file")
-    assert told[1].startswith("photos/3.jpg (id 3): it is not an image")
+    result = [line for line in err.splitlines() if "(id" in line]
+    assert result[0].startswith("photos/2.jpg (id 2): there is no such file")
+    assert result[1].startswith("photos/3.jpg (id 3): it is not an image")
 
 
 def test_the_index_goes_where_it_is_asked(expmap, cfg, tmp_path):

@@ -146,7 +146,7 @@ def test_killed_again_and_again_it_ends_with_the_same_index(slow_map, undisturbe
         with start(slow_map, tmp_path) as build:
             wait_for(lambda: len(finished_photos(tmp_path)) >= target)  # noqa: B023
             build.kill()  # the parent alone, as the system does when memory is short
-        # Nobody told the workers, and they end all the same.
+        # Nobody stopped the workers, and they end all the same.
         wait_for(lambda: not alive(build.pid))
         now = finished_photos(tmp_path)
         assert kept <= now

@@ -73,16 +73,16 @@ def test_it_runs_as_a_module(module, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(root)}
     done = run("-m", module, "localize", "--quux", cwd=tmp_path, env=environment)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "expmap: No such option '--quux' (expmap localize --help tells more)\n"
+    assert done.stderr == "expmap: No such option '--quux' (see expmap localize --help)\n"
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["bogus"], "No such command 'bogus' (expmap --help tells more)"),
-        (["map", "bogus"], "No such command 'bogus' (expmap map --help tells more)"),
-        (["--quux"], "No such option '--quux' (expmap --help tells more)"),
-        (["build"], "Missing argument 'MAP.cfg' (expmap build --help tells more)"),
+        (["bogus"], "No such command 'bogus' (see expmap --help)"),
+        (["map", "bogus"], "No such command 'bogus' (see expmap map --help)"),
+        (["--quux"], "No such option '--quux' (see expmap --help)"),
+        (["build"], "Missing argument 'MAP.cfg' (see expmap build --help)"),
         (["localize", "map.cfg", "a.jpg", "--top", "0"], "Invalid value for '--top': 0 is not in the range"),
         (["localize", "map.cfg", "a.jpg", "--method", "best"], "Invalid value for '--method'"),
         (["localize", "map.cfg", "a.jpg", "--features", "brief"], "--features: unknown features 'brief'"),

@@ -54,23 +54,23 @@ def test_a_trajectory_goes_on_from_a_start_of_its_own(mission, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("export", "7", "out.kml"), "no such mission"),
-        (("export", "1", "out.doc"), "does not tell the format"),
-        (("import", "9", "."), "the folder is no ROS 2 bag"),
+        (("export", "1", "out.doc"), "does not give the format"),
+        (("import", "9", "."), "the folder is not a ROS 2 bag"),
         (("new", "Yard", "--start", "50,14"), "write latitude, longitude and heading"),
         (("new", "Yard", "--start", "95,14,0"), "no such position"),
-        (("import", "1", "x", "--min-move", "1"), "no distance with a unit"),
+        (("import", "1", "x", "--min-move", "1"), "not a distance with a unit"),
         (("import", "1", "x", "--list"), "the file cannot be read"),
     ],
 )
-def test_mistakes_are_told_in_one_line(mission, arguments, told):
+def test_errors_are_one_line(mission, arguments, message):
     mission("new", "Yard")
     code, out, err = mission(*arguments)
     assert code != 0
     assert out == ""
-    assert told in err.splitlines()[-1]
+    assert message in err.splitlines()[-1]
 
 
 def test_a_mission_that_is_not_there_takes_nothing(mission, tmp_path):

@@ -26,7 +26,7 @@ from webapp.store.schema import Job
 
 ROOT = Path(__file__).resolve().parents[2]
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run on Windows itself")
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run natively on Windows")
 
 
 @pytest.fixture
@@ -173,7 +173,7 @@ def test_an_application_that_does_not_start_is_given_up(folder):
         "import sys; from pathlib import Path\n"
         "from webapp.jobs import serving; from webapp.settings import Settings\n"
         "site = serving.Site('webapp.nowhere:create_app', '127.0.0.1', 0, 1)\n"
-        "serving.serve(site, settings=Settings(library=Path(sys.argv[1])), tell=print)\n"
+        "serving.serve(site, settings=Settings(library=Path(sys.argv[1])), echo=print)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", text, folder], capture_output=True, text=True, cwd=ROOT, timeout=300
@@ -185,7 +185,7 @@ def test_an_application_that_does_not_start_is_given_up(folder):
 
 
 @pytest.mark.skipif(
-    not Path("/proc/self/maps").exists(), reason="what a process has loaded is told on Linux only"
+    not Path("/proc/self/maps").exists(), reason="the loaded libraries are listed on Linux only"
 )
 def test_who_forks_has_not_loaded_opencv(folder, port):
     def loaded(pid):

@@ -34,7 +34,7 @@ def note(what: str) -> None:
 
 
 def asks_for_ipv6() -> bool:
-    """Tell whether it is urllib3, which binds a socket to see whether there is IPv6, and closes it."""
+    """Return whether it is urllib3, which binds a socket to see whether there is IPv6, and closes it."""
     frame = sys._getframe(2)
     return frame.f_globals.get("__name__") == "urllib3.util.connection"
 

@@ -22,7 +22,7 @@ PYTHONS = [{"python_version": f"3.{minor}", "python_full_version": f"3.{minor}.9
 
 
 def everywhere(requirement):
-    """Tell whether a requirement holds on any system and Python that the program runs on."""
+    """Return whether a requirement holds on any system and Python that the program runs on."""
     marker = requirement.marker
     return marker is None or any(marker.evaluate({**s, **p}) for s in SYSTEMS for p in PYTHONS)
 

@@ -89,9 +89,9 @@ def test_defaults_are_told(commands, chapters):
 
 def test_every_setting_is_explained_with_its_variable(project):
     documented = rows((project / "docs" / "settings.md").read_text("utf-8"), "setting")
-    told = {row[0].strip("`"): (row[1].strip("`"), row[2].strip("`")) for row in documented}
+    result = {row[0].strip("`"): (row[1].strip("`"), row[2].strip("`")) for row in documented}
     table = settings_table().values()
-    assert told == {s.key: (s.variables[0], "none" if s.default is None else str(s.default)) for s in table}
+    assert result == {s.key: (s.variables[0], "none" if s.default is None else str(s.default)) for s in table}
 
 
 def test_every_environment_variable_is_explained(project):

@@ -100,9 +100,9 @@ def problem(line):
 
 
 def test_commands_in_the_documentation_can_be_given(pages):
-    told = [(path.name, line) for path, text in pages.items() for line in given_commands(text)]
-    assert len(told) > 20
-    broken = [f"{name}: {line}: {why}" for name, line in told if (why := problem(line))]
+    result = [(path.name, line) for path, text in pages.items() for line in given_commands(text)]
+    assert len(result) > 20
+    broken = [f"{name}: {line}: {why}" for name, line in result if (why := problem(line))]
     assert broken == []
 
 

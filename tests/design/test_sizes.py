@@ -47,7 +47,7 @@ class Function(NamedTuple):
         return len(self.by_position()) + len(self.node.args.kwonlyargs) + sum(r is not None for r in rest)
 
     def is_command(self) -> bool:
-        """Tell whether the parameters are a command's options, or come with a request."""
+        """Return whether the parameters are a command's options, or come with a request."""
         names = ("command", "group", "get", "post", "put", "patch", "delete", "route")
         return any(_last_name(d) in names for d in self.node.decorator_list)
 

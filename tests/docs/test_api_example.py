@@ -27,7 +27,7 @@ PLACES = {
     "bench.jpg": (330, 60, 0),
 }
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run on Windows itself")
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run natively on Windows")
 
 
 @pytest.fixture
@@ -113,9 +113,9 @@ def check_log(log, token):
     assert token not in log.read_text("utf-8") and "sign-in/" not in log.read_text("utf-8")
 
 
-def test_the_example_tells_an_error_in_words(example, server, survey):
+def test_the_example_prints_an_error(example, server, survey):
     done = subprocess.run(
         [sys.executable, example, server[0], "wrong", survey], capture_output=True, text=True
     )
     assert done.returncode == 1
-    assert done.stderr == "the token is not known (make a new one on the account page)\n"
+    assert done.stderr == "unknown token (make a new one on the account page)\n"

@@ -115,10 +115,10 @@ def test_a_busy_upload_is_told(tmp_path, monkeypatch):
 
 def test_errors_name_a_file_as_its_sender_does(tmp_path):
     path = tmp_path / "0123.csv"
-    for where, told in ((f"{path}:3", "list.csv:3"), (None, "list.csv"), (str(path), "list.csv")):
+    for where, result in ((f"{path}:3", "list.csv:3"), (None, "list.csv"), (str(path), "list.csv")):
         with pytest.raises(TableError) as caught, told_as("list.csv", path):
             raise TableError(f"{path} is bad", where=where)
-        assert (caught.value.where, caught.value.message) == (told, "list.csv is bad")
+        assert (caught.value.where, caught.value.message) == (result, "list.csv is bad")
     with pytest.raises(TableError) as caught, told_as("list.csv"):
         raise TableError("bad")
     assert caught.value.where == "list.csv"

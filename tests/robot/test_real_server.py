@@ -141,7 +141,7 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
         (("send", "SPOOL", "--mission", "99"), None),
         (("send", "SPOOL", "--new", "x", "--start", "here"), "is not a start"),
         (("send", "SPOOL", "--new", "x", "--map", "nowhere"), "no such map"),
-        (("send", "SPOOL", "--new", "x", "--token", "wrong"), "not known"),
+        (("send", "SPOOL", "--new", "x", "--token", "wrong"), "unknown token"),
         (("status", "SPOOL"), "no spool"),
         (("recover", "SPOOL"), "no spool"),
     ],

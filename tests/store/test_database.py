@@ -1,4 +1,4 @@
-"""Sessions keep all or nothing, and tell what is wrong in words."""
+"""Sessions commit all or nothing, and raise clear errors."""
 
 import sqlite3
 

@@ -21,10 +21,10 @@ def worker(stranger):
 def test_the_manifest_names_icons_that_are_there(stranger):
     manifest = stranger.get("/manifest.webmanifest")
     assert manifest.mimetype == "application/manifest+json"
-    told = manifest.json
-    assert told["start_url"] == told["scope"] == "/" and told["display"] == "standalone"
-    assert {"192x192", "512x512"} <= {icon["sizes"] for icon in told["icons"]}
-    for icon in told["icons"]:
+    result = manifest.json
+    assert result["start_url"] == result["scope"] == "/" and result["display"] == "standalone"
+    assert {"192x192", "512x512"} <= {icon["sizes"] for icon in result["icons"]}
+    for icon in result["icons"]:
         with stranger.get(icon["src"]) as image:
             assert image.status_code == 200 and image.mimetype == "image/png"
             side = int(icon["sizes"].partition("x")[0])
@@ -68,10 +68,10 @@ def test_the_page_for_the_field_is_for_people_with_an_account(client, stranger):
 
 
 def test_pages_that_were_kept_learn_who_is_signed_in(client, stranger, owner):
-    told = client.get("/api/v1/session").json
-    assert told["account"] == owner.id and len(told["csrf"]) > 20
+    result = client.get("/api/v1/session").json
+    assert result["account"] == owner.id and len(result["csrf"]) > 20
     assert f'name="expmap-account" content="{owner.id}"' in client.get("/").text
     assert stranger.get("/api/v1/session").status_code == 401
     client.csrf = False
-    made = client.post("/api/v1/maps", json={"name": "x"}, headers={"X-CSRFToken": told["csrf"]})
+    made = client.post("/api/v1/maps", json={"name": "x"}, headers={"X-CSRFToken": result["csrf"]})
     assert made.status_code == 201

@@ -1,4 +1,4 @@
-"""The document of the API tells all of it; whatever is sent, answers keep to it, and to who may see what."""
+"""The OpenAPI document is complete; whatever is sent, answers match it, and respect who may see what."""
 
 import io
 import itertools
@@ -236,9 +236,9 @@ def test_the_document_is_valid_and_tells_every_route(app, document, api):
     api.validate()
     assert document["openapi"].startswith("3.")
     assert document["security"] == [{"token": []}]
-    told = sum(len(operations) for operations in document["paths"].values())
+    reported = sum(len(operations) for operations in document["paths"].values())
     rules = [r for r in app.url_map.iter_rules() if r.rule.startswith("/api/v1/") and r.rule != PATH]
-    assert told == sum(len(r.methods - {"HEAD", "OPTIONS"}) for r in rules)
+    assert reported == sum(len(r.methods - {"HEAD", "OPTIONS"}) for r in rules)
     ids = [o["operationId"] for operations in document["paths"].values() for o in operations.values()]
     assert len(ids) == len(set(ids))
 

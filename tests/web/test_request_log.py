@@ -69,11 +69,11 @@ def test_a_mistake_of_the_program_is_a_line_with_its_traceback(app, library, own
     app.testing = False
     monkeypatch.setattr("webapp.web.accounts.pages.render_template", lambda *_, **__: 1 / 0)
     app.test_client().get("/sign-in/" + "x" * 32)
-    told = lines()
-    assert [line["level"] for line in told] == ["error", "error"]
-    assert "ZeroDivisionError" in told[0]["traceback"]
-    assert "x" * 32 not in json.dumps(told)
-    assert told[1]["status"] == 500
+    result = lines()
+    assert [line["level"] for line in result] == ["error", "error"]
+    assert "ZeroDivisionError" in result[0]["traceback"]
+    assert "x" * 32 not in json.dumps(result)
+    assert result[1]["status"] == 500
 
 
 @pytest.mark.parametrize(

@@ -150,10 +150,10 @@ def test_every_error_has_a_status_of_its_own(app):
         if isinstance(kind, type) and issubclass(kind, own_errors.ExpMapError)
     ]
     with app.test_request_context():
-        told = {kind: status_of(kind.__new__(kind)) for kind in kinds}
-    assert [kind for kind, status in told.items() if status == 500] == [own_errors.ExpMapError]
-    assert told[own_errors.PhotoError] == 422
-    assert told[own_errors.StorageError] == 507
+        result = {kind: status_of(kind.__new__(kind)) for kind in kinds}
+    assert [kind for kind, status in result.items() if status == 500] == [own_errors.ExpMapError]
+    assert result[own_errors.PhotoError] == 422
+    assert result[own_errors.StorageError] == 507
 
 
 def test_a_conflict_is_412_for_who_sent_a_revision(app):

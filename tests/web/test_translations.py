@@ -85,8 +85,8 @@ def test_pages_are_in_the_language_that_is_asked_for(client, stranger):
 
 
 def test_errors_are_told_in_the_language_too(client):
-    told = client.get("/api/v1/jobs?map=none", headers={"Accept-Language": "cs"}).json["error"]
-    assert told["message"] == "taková mapa neexistuje, nebo s vámi není sdílena"
+    result = client.get("/api/v1/jobs?map=none", headers={"Accept-Language": "cs"}).json["error"]
+    assert result["message"] == "taková mapa neexistuje, nebo s vámi není sdílena"
 
 
 def test_scripts_get_their_words_with_the_page(app):

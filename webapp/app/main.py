@@ -188,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _in_one_line(error: click.ClickException) -> str:
     message = " ".join(error.format_message().split()).rstrip(".")
     context = error.ctx if isinstance(error, click.UsageError) else None
-    return message if context is None else f"{message} ({context.command_path} --help tells more)"
+    return message if context is None else f"{message} (see {context.command_path} --help)"
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
     folder = _folder(library)
     if not (folder / INNER / DATABASE).is_file():
         raise NotFound(
-            "there is no library in this folder", where=str(folder), hint="name it: --library FOLDER"
+            "there is no library in this folder", where=str(folder), hint="set it: --library FOLDER"
         )
     opened = open_library(folder)
     try:

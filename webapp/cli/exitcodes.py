@@ -20,5 +20,5 @@ _TABLE: tuple[tuple[type[ExpMapError], int], ...] = (
 
 
 def exit_code(error: ExpMapError) -> int:
-    """Tell the exit code for an error that ended a command; 1 for all that have none of their own."""
+    """Return the exit code of an error that ended a command; 1 for all that have none of their own."""
     return next((code for kind, code in _TABLE if isinstance(error, kind)), SOME_FAILED)

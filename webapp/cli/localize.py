@@ -107,8 +107,7 @@ _PICTURE = click.Path(dir_okay=False, path_type=Path)
 
 _SURE = 0.5
 _LOOK_CLOSER = (
-    "what is not sure can become surer with --method thorough: a second a photo; "
-    "expmap models list tells what it needs"
+    "what is not sure can become surer with --method thorough: a second a photo; see expmap models list"
 )
 
 
@@ -177,7 +176,7 @@ def localize(
         forms.append(output.form(photo, answer))
         unsure |= not answer.hypotheses or answer.hypotheses[0].probability < _SURE
         if not as_json:
-            output.tell(photo, answer, last=number == len(photos))
+            output.show(photo, answer, last=number == len(photos))
         try:
             output.draw(photo, answer, number)
         except (PhotoError, MapError) as error:  # of the satellite image or a map photo: the answer stands
@@ -222,7 +221,7 @@ class _Output:
         )
         return answer_to_json(answer, query=str(photo), source=source)
 
-    def tell(self, photo: Path, answer: Answer, *, last: bool) -> None:
+    def show(self, photo: Path, answer: Answer, *, last: bool) -> None:
         click.echo(answer_text(answer, query=str(photo), georeference=self.pipeline.map.georeference))
         if answer.fov is not None and answer.fov.source == "guess":
             click.echo(

@@ -242,11 +242,11 @@ def _report_table(report: map_from_photos.Report) -> str:
     width = max((len(file.name) for file in report.files), default=0)
     lines = []
     for file in report.files:
-        told = [file.reason] if file.reason else []
+        details = [file.reason] if file.reason else []
         if file.experience is not None:
             x, y = file.experience.position
-            told.append(f"id {file.experience.id} at x {x:.1f}, y {y:.1f}")
-        lines.append(f"{file.name:{width}}  {file.state:17}  {'; '.join((*told, *file.notes))}".rstrip())
+            details.append(f"id {file.experience.id} at x {x:.1f}, y {y:.1f}")
+        lines.append(f"{file.name:{width}}  {file.state:17}  {'; '.join((*details, *file.notes))}".rstrip())
     counts = ", ".join(f"{report.count(state)} {state}" for state in State)
     return "\n".join([*lines, f"{len(report.files)} files: {counts}"])
 

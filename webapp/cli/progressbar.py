@@ -50,7 +50,7 @@ class TerminalProgress(Progress):
             print(f"{text} ...", file=sys.stderr, flush=True)  # noqa: T201
 
     def cancelled(self) -> bool:
-        """Tell whether Ctrl-C was pressed."""
+        """Return whether Ctrl-C was pressed."""
         return self.stopped
 
     def close(self) -> None:

@@ -60,7 +60,7 @@ def serve(
     if library is not None:
         settings = replace(settings, library=library)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
-    serving.serve(site, settings=settings, tell=click.echo)
+    serving.serve(site, settings=settings, echo=click.echo)
 
 
 @click.command()

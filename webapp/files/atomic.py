@@ -67,7 +67,7 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
 
 def is_full(error: OSError) -> bool:
-    """Tell whether the disk, or the share of it that one may use, is full."""
+    """Return whether the disk, or the share of it that one may use, is full."""
     return error.errno in _FULL
 
 

@@ -155,9 +155,7 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
         fields = dict(pairs)
         if len(fields) < len(pairs):
             twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
-            raise MapJsonError(
-                f"the field {twice[:60]!r} stands twice in one object", where=where, hint="keep one"
-            )
+            raise MapJsonError(f"duplicate field {twice[:60]!r} in one object", where=where, hint="keep one")
         return fields
 
     try:

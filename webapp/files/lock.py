@@ -48,7 +48,7 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
 
 
 def any_alive(folder: Path) -> bool:
-    """Tell whether one of the files in a folder is locked by a process of this machine.
+    """Return whether one of the files in a folder is locked by a process of this machine.
 
     Parameters
     ----------

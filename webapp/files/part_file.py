@@ -86,10 +86,10 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
     """
     there = arrived(part)
     if offset != there:
-        raise WrongOffset(f"{there} bytes have arrived, and the piece begins at {offset}", offset=there)
+        raise WrongOffset(f"{there} bytes have arrived, and the chunk begins at {offset}", offset=there)
     if there + len(data) > size:
         raise InputError(
-            f"the piece ends behind the {size} bytes of the file", hint="send the size of the file first"
+            f"the chunk ends after the {size} bytes of the file", hint="send the size of the file first"
         )
     with _on_disk(part):
         try:

@@ -78,7 +78,7 @@ class Context:
         with self.library.database.read() as session:
             record = None if self.map_id is None else session.get(MapRecord, self.map_id)
         if record is None:
-            raise NotFound("the map of this job is not there any more")
+            raise NotFound("the map of this job no longer exists")
         return record
 
 
@@ -86,7 +86,7 @@ class JobProgress(Progress):
     """Adds up the steps of all stages, so that a bar fills once.
 
     Work that announces a stage of 300 steps and then one of 200 is at 300 of 500 in between, where `plan` has
-    told of both; without it the second stage comes as a surprise.
+    shown both; without it the second stage comes as a surprise.
     """
 
     def __init__(self) -> None:
@@ -120,7 +120,7 @@ class JobProgress(Progress):
             self._note = text
 
     def cancelled(self) -> bool:
-        """Tell whether the work has to stop, whatever the reason."""
+        """Return whether the work has to stop, whatever the reason."""
         return self._stop.is_set()
 
     def stop(self) -> None:

@@ -107,7 +107,7 @@ def import_map_zip(context: Context) -> dict[str, Any]:
     record = context.map()
     archive = archive_path(context.library, context.arguments["token"])
     if not archive.is_file():
-        raise NotFound("the uploaded zip is not there any more", hint="upload it again")
+        raise NotFound("the uploaded zip no longer exists", hint="upload it again")
     done = import_map.run_into(
         context.library,
         archive,

@@ -70,12 +70,12 @@ class Site:
     log: Form = "text"
 
 
-def serve(site: Site, *, settings: Settings, tell: Callable[[str], None]) -> None:
-    """Serve a library until the process is told to stop.
+def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> None:
+    """Serve a library until the process is stopped.
 
     Parameters
     ----------
-    tell : callable
+    echo : callable
         Called once with `listening on URL` and once with `sign in: URL`, when the server answers.
 
     Raises
@@ -91,7 +91,7 @@ def serve(site: Site, *, settings: Settings, tell: Callable[[str], None]) -> Non
     """
     if os.name == "nt":
         raise MissingPart(
-            "the server does not run on Windows itself", hint="run it in WSL: wsl --install, then make run"
+            "the server does not run natively on Windows", hint="run it in WSL: wsl --install, then make run"
         )
     with _listen(site.host, site.port) as listener:
         library = open_library(settings.library)
@@ -99,7 +99,7 @@ def serve(site: Site, *, settings: Settings, tell: Callable[[str], None]) -> Non
             start = _Start(library, listener, settings=settings)
             web, worker = _web(site, library, listener=listener), _worker(site, library)
             stop_s = max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S
-            keep_running([web, worker], each_tick=lambda: start.look(web, tell=tell), stop_s=stop_s)
+            keep_running([web, worker], each_tick=lambda: start.look(web, echo=echo), stop_s=stop_s)
         finally:
             library.database.close()
 
@@ -152,7 +152,7 @@ def _worker(site: Site, library: Library) -> Child:
 
 
 class _Start:
-    """The first start's sample map, a link to sign in, and the two lines that tell that all is ready."""
+    """The first start's sample map, a link to sign in, and the two lines printed when all is ready."""
 
     def __init__(self, library: Library, listener: socket.socket, *, settings: Settings) -> None:
         self._library = library
@@ -167,8 +167,8 @@ class _Start:
                 _log.info("getting the sample map ready, which can take half a minute")
                 self._sample = jobs.enqueue(session, "sample", account_id=owner.id).id
 
-    def look(self, web: Child, *, tell: Callable[[str], None]) -> None:
-        """Tell once that the server answers.
+    def look(self, web: Child, *, echo: Callable[[str], None]) -> None:
+        """Report once that the server answers.
 
         Raises
         ------
@@ -182,8 +182,8 @@ class _Start:
         if self._sample_is_made() and self._answers():
             host, port = self._address
             url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
-            tell(f"listening on {url}")
-            tell(f"sign in: {url}/sign-in/{self._token}")
+            echo(f"listening on {url}")
+            echo(f"sign in: {url}/sign-in/{self._token}")
             self._told = True
 
     def _sample_is_made(self) -> bool:
@@ -193,7 +193,7 @@ class _Start:
             return jobs.find(session, self._sample).state in ENDED
 
     def _answers(self) -> bool:
-        """Tell whether somebody answers; what is not well is for those who watch the server."""
+        """Return whether somebody answers; what is not well is for those who watch the server."""
         connection = http.client.HTTPConnection(*self._address, timeout=1.0)
         try:
             connection.request("GET", "/healthz")

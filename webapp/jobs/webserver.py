@@ -60,7 +60,7 @@ class Server(BaseApplication):  # type: ignore[misc]
         return create(self._settings)
 
     def run(self) -> None:
-        """Serve until told to stop."""
+        """Serve until stopped."""
         _Master(self, self._parent).run()
 
 
@@ -90,7 +90,7 @@ class Log(Logger):  # type: ignore[misc]
 
 
 def native_threads(workers: int) -> int:
-    """Tell how many threads the native libraries of each worker process may start."""
+    """Return how many threads the native libraries of each worker process may start."""
     return max(cores() // workers, 1)
 
 

@@ -72,7 +72,7 @@ class Worker:
         self._ended = threading.Event()
 
     def run(self, *, once: bool = False) -> None:
-        """Work until told to stop.
+        """Work until stopped.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ class Worker:
         os._exit(0)
 
     def _end(self, job: Job, context: Context, work: Work) -> str:
-        """Write down how a job ended, unless it is somebody else's by now; tell it in a word."""
+        """Record how a job ended, unless its lease is lost; returns the outcome in a word."""
         error, lease = work.exception(), context.lease
         with self._library.database.write() as session:
             if error is None:

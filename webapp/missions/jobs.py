@@ -25,7 +25,7 @@ def import_mission_file(context: Context) -> Mapping[str, Any]:
     arguments = context.arguments
     path = waiting_path(context.library, arguments["token"])
     if not path.is_file():
-        raise NotFound("the uploaded file is not there any more", hint="upload it again")
+        raise NotFound("the uploaded file no longer exists", hint="upload it again")
     try:
         done = import_file.import_track_file(
             context.library,

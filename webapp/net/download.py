@@ -38,7 +38,7 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
     progress.size(-(-size // _CHUNK))
     data = bytearray()
     try:
-        # a redirect could lead to a host that nobody was told of
+        # a redirect could lead to a host that nobody has agreed to
         with requests.get(
             address,
             headers={"User-Agent": _USER_AGENT},

@@ -125,7 +125,7 @@ def tile_services(file: Path | None) -> tuple[TileService, ...]:
     except (OSError, ValueError) as error:
         raise UsageError(f"it cannot be read: {error}", where=str(file), hint=_HINT) from error
     if not isinstance(content, list) or not content:
-        raise UsageError("it holds no list of services", where=str(file), hint=_HINT)
+        raise UsageError("it does not hold a list of services", where=str(file), hint=_HINT)
     services = tuple(_service(item, where=f"{file}, service {n}") for n, item in enumerate(content, 1))
     if len({service.name for service in services}) < len(services):
         raise UsageError("two services have the same name", where=str(file), hint="rename one")
@@ -153,10 +153,10 @@ def _service(item: object, *, where: str) -> TileService:
     max_zoom, max_tiles = item.get("max_zoom"), item.get("max_tiles")
     texts = all(isinstance(text, str) and text.strip() for text in (name, url, attribution))
     if not texts or not _is_whole(max_zoom, MAX_ZOOM) or not (max_tiles is None or _is_whole(max_tiles)):
-        raise UsageError("a field is missing or has no value that it can have", where=where, hint=_HINT)
+        raise UsageError("a field is missing or has an invalid value", where=where, hint=_HINT)
     parts = urlsplit(str(url))
     if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{};, \"'"):
-        raise UsageError("its url is no web address", where=where, hint=_HINT)
+        raise UsageError("its url is not a web address", where=where, hint=_HINT)
     if any(str(url).count(place) != 1 for place in ("{z}", "{x}", "{y}")):
         raise UsageError("its url needs {z}, {x} and {y} once each", where=where, hint=_HINT)
     return TileService(str(name), str(url), str(attribution), int(str(max_zoom)), max_tiles)

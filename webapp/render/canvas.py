@@ -113,7 +113,7 @@ def _ascii(character: str) -> str:
 
 
 def shortened(text: str, size: float, *, width: float) -> str:
-    """Cut a text's beginning off until it is at most `width` pixels wide: the end of a path tells most."""
+    """Cut a text's beginning off until it is at most `width` pixels wide: the end of a path says most."""
     if text_width(text, size) <= width:
         return text
     while text and text_width("…" + text, size) > width:

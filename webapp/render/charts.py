@@ -117,11 +117,11 @@ def reliability_chart(bins: Sequence[ReliabilityBin], *, words: ChartWords = _EN
     for one in bins:
         low, high = wilson_interval(one.right, one.count)
         at = _x(x, one.probability)
-        told = words.bin.format(count=one.count, stated=f"{one.probability:.0%}", right=f"{one.right:.0%}")
+        tooltip = words.bin.format(count=one.count, stated=f"{one.probability:.0%}", right=f"{one.right:.0%}")
         body += Markup(
             '<g><title>{0}</title><path class="whisker" d="M{1} {2}V{3}"/>'
             '<circle class="dot" cx="{1}" cy="{4}" r="{5}"/></g>'
-        ).format(told, at, _y(y, low), _y(y, high), _y(y, one.right), _DOT)
+        ).format(tooltip, at, _y(y, low), _y(y, high), _y(y, one.right), _DOT)
     return _chart((x, y), body, title=words.reliability_title, words=words)
 
 

@@ -125,7 +125,7 @@ def scale_bar(themap: Map, view: View) -> tuple[float, str]:
 
 BAND_PX = 104
 _NAMED = 5
-"""Places whose probability is written out; the colours tell the others."""
+"""Places whose probability is written out; the colours show the others."""
 
 _TEXT, _SMALL, _MARGIN, _BAR_PX = 20, 16, 16, 260
 

@@ -55,7 +55,7 @@ def recover(
             again = time.monotonic() + backoff.next_delay(at_least_s=step.wait_s)
             if again > until:
                 hint = "what is left stays in the spool: try again later"
-                raise NotReady(f"the server takes nothing: {step.reason}", hint=hint)
+                raise NotReady(f"the server refuses everything: {step.reason}", hint=hint)
             while time.monotonic() < again:
                 time.sleep(_LOOK_S)
                 on_progress(spool.waiting + spool.photos.count)

@@ -57,7 +57,7 @@ def create_tables(database: Database) -> None:
     version = database.select("PRAGMA user_version")[0][0]
     if version > _FORMAT:
         raise UsageError(
-            "the spool is of a newer program", where=str(database.folder), hint="update this program"
+            "the spool was written by a newer version", where=str(database.folder), hint="update this program"
         )
     if version < _FORMAT:
         database.write(*((statement, ()) for statement in _SCHEMA), durable=True)

@@ -149,7 +149,7 @@ class Spool:
         """
         if len(text) > MAX_RECORD:
             raise InputError(
-                f"the record has {len(text)} bytes, at most {MAX_RECORD} are taken",
+                f"the record has {len(text)} bytes, more than the limit of {MAX_RECORD}",
                 hint="send less in one record",
             )
         with self._database.guard:
@@ -367,7 +367,7 @@ class Spool:
                 raise DiskFull(
                     f"the spool is full: {self.size / 1e6:.1f} of {self._options.limit_mb:g} MB",
                     where=str(self.folder),
-                    hint="bring the robot where there is a network, or allow the spool more",
+                    hint="connect the robot to a network, or raise the spool's limit",
                 )
 
     def _delete_acknowledged(self) -> int:

@@ -161,7 +161,7 @@ class Uploader:
         if self._spool.rewind(wanted):
             return _PROGRESS
         error = Conflict(
-            "the server has lost records that this spool does not hold any more",
+            "the server has lost records that this spool no longer holds",
             where=f"{wanted} to {self._spool.state.wire - 1}",
             hint="restore a newer backup of the server, or begin a new spool",
         )

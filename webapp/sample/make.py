@@ -153,12 +153,12 @@ def make_sample(
 
 
 def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
-    """Tell whether the folder holds this sample, whole; refuse when it holds what must not be overwritten."""
+    """Return whether the folder holds the whole sample; refuse what must not be overwritten."""
     if not folder.exists():
         return False
     if not folder.is_dir() or (any(folder.iterdir()) and not (folder / RECORD).is_file()):
         hint = "choose an empty or a new folder"
-        raise UsageError("this is not a sample, and is not overwritten", where=str(folder), hint=hint)
+        raise UsageError("this is not a sample and is not overwritten", where=str(folder), hint=hint)
     if force or not (folder / RECORD).is_file():
         return False
     try:
@@ -171,7 +171,9 @@ def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
         ) from error
     if not same:
         raise UsageError(
-            "another sample is there", where=str(folder), hint="--force replaces it, or choose another folder"
+            "the folder holds another sample",
+            where=str(folder),
+            hint="--force replaces it, or choose another folder",
         )
     return whole
 

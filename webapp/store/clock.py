@@ -9,7 +9,7 @@ from sqlalchemy.types import TypeDecorator
 
 
 def now() -> datetime:
-    """Tell the time, in UTC."""
+    """Return the time, in UTC."""
     return datetime.now(UTC)
 
 

@@ -106,14 +106,10 @@ def _errors_of_ours(url: str) -> Iterator[None]:
         yield
     except (OverflowError, DataError) as error:
         # Clients send ids of any size; one that no column can hold is one that nothing has.
-        raise NotFound(
-            "there is nothing with this number: it is too large", hint="check the address"
-        ) from error
+        raise NotFound("the number is too large", hint="check the address") from error
     except NoResultFound as error:
         # What an earlier session has found: its map was deleted, or its account, before this one began.
-        raise NotFound(
-            "somebody has deleted this in the meantime: it is gone", hint="reload the page"
-        ) from error
+        raise NotFound("somebody has deleted this in the meantime", hint="reload the page") from error
     except OperationalError as error:
         where = make_url(url).render_as_string(hide_password=True)
         if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:

@@ -23,7 +23,7 @@ _PUBLIC_ENDPOINTS = frozenset({"static", "openapi.spec"})
 
 
 def account() -> Account:
-    """Tell who asks.
+    """Return the account that asks.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def public(view: View) -> View:
 
 
 def is_public(view: Callable[..., Any]) -> bool:
-    """Tell whether a view is open to everyone."""
+    """Return whether a view is open to everyone."""
     return bool(getattr(view, _MARK, False))
 
 

@@ -1,4 +1,4 @@
-"""How an error is told: the only place where one becomes a status, and the one shape of it in JSON.
+"""Errors as answers: the only place where one becomes a status, and its one shape in JSON.
 
 ::
 
@@ -60,7 +60,7 @@ _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
 
 
 def status_of(error: ExpMapError) -> HTTPStatus:
-    """Tell the status of an error; who sent `If-Match` hears of a conflict by 412."""
+    """Return the status of an error; a conflict of a request with `If-Match` is a 412."""
     if isinstance(error, Conflict) and "If-Match" in request.headers:
         return HTTPStatus.PRECONDITION_FAILED
     return next(
@@ -75,8 +75,8 @@ def as_json(error: ExpMapError) -> dict[str, Any]:
         where = where.replace("\\", "/").rpartition("/")[
             2
         ]  # where the server keeps its files is nobody's business
-    told = _shape(_code(type(error).__name__), language.told(error.message), where=where)
-    return told | {"hint": None if error.hint is None else language.told(error.hint)}
+    body = _shape(_code(type(error).__name__), language.translate(error.message), where=where)
+    return body | {"hint": None if error.hint is None else language.translate(error.hint)}
 
 
 def extra_headers(error: ExpMapError) -> dict[str, str]:
@@ -116,8 +116,8 @@ def _of_apiflask(error: HTTPError) -> Response:
     """Answer what does not fit the schema of a request: the first thing that is wrong with it."""
     where, message = _first(error.detail)
     status = HTTPStatus(error.status_code)
-    told = message or error.message or status.phrase.lower()
-    return _answer(_shape(_code(status.phrase), told, where=where), status)
+    body = message or error.message or status.phrase.lower()
+    return _answer(_shape(_code(status.phrase), body, where=where), status)
 
 
 def _first(detail: Any, path: tuple[str, ...] = ()) -> tuple[str | None, str | None]:
@@ -131,13 +131,13 @@ def _first(detail: Any, path: tuple[str, ...] = ()) -> tuple[str | None, str | N
 
 
 def _csrf(_error: CSRFError) -> Response:
-    told = _shape("csrf", _("this page has expired"), hint=_("reload the page and try again"))
-    return _answer(told, HTTPStatus.BAD_REQUEST)
+    body = _shape("csrf", _("this page has expired"), hint=_("reload the page and try again"))
+    return _answer(body, HTTPStatus.BAD_REQUEST)
 
 
 def _rate(error: RateLimitExceeded) -> Response:
-    told = _shape("too_many", _("too many requests in a short time"), hint=_("wait a minute"))
-    response = _answer(told, HTTPStatus.TOO_MANY_REQUESTS)
+    body = _shape("too_many", _("too many requests in a short time"), hint=_("wait a minute"))
+    response = _answer(body, HTTPStatus.TOO_MANY_REQUESTS)
     response.headers["Retry-After"] = str(error.limit.limit.get_expiry())
     return response
 
@@ -177,10 +177,10 @@ def _shape(code: str, message: str, *, hint: str | None = None, where: str | Non
     return {"code": code, "message": message, "hint": hint, "where": where}
 
 
-def _answer(told: dict[str, Any], status: HTTPStatus) -> Response:
+def _answer(body: dict[str, Any], status: HTTPStatus) -> Response:
     if is_api():
-        response = jsonify(error=told)
+        response = jsonify(error=body)
     else:
-        response = Response(render_template("operate/error.html", error=told, status=status.value))
+        response = Response(render_template("operate/error.html", error=body, status=status.value))
     response.status_code = status.value
     return response

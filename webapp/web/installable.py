@@ -102,7 +102,7 @@ def _folder() -> Path:
 
 
 def _facts(folder: Path) -> _Facts:
-    """Tell name, size and time of each file: whether the content has to be read again."""
+    """Return name, size and time of each file: whether the content has to be read again."""
     found = []
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()

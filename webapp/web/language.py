@@ -27,11 +27,11 @@ def init_app(app: Flask) -> None:
 
 
 def current() -> str:
-    """Tell the language of this request: `en` or `cs`."""
+    """Return the language of this request: `en` or `cs`."""
     return str(get_locale())
 
 
-def told(message: str) -> str:
+def translate(message: str) -> str:
     """Translate what an error says, where the catalogue has it; numbers and names in it keep it English."""
     return str(gettext(message)) if message else message
 

@@ -116,7 +116,7 @@ _MORE: dict[str, dict[str, Any]] = {
         },
     },
 }
-"""What routes read, and answer with, that no schema of theirs tells, by endpoint."""
+"""What routes read, and answer with, that no schema of theirs describes, by endpoint."""
 
 _ERROR = {
     "type": "object",
@@ -232,7 +232,7 @@ def _describe(parameter: dict[str, Any], rule: Rule) -> None:
 
 
 def _needs_body(body: dict[str, Any], document: dict[str, Any]) -> bool:
-    """Tell whether a body has a field that must be there."""
+    """Return whether a body has a field that must be there."""
     for content in body["content"].values():
         name = content["schema"].get("$ref", "").rpartition("/")[2]
         if document["components"]["schemas"].get(name, content["schema"]).get("required"):

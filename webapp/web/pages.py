@@ -23,7 +23,7 @@ def init_app(app: Flask) -> None:
     """Give all templates the account, the language and the words around times and messages."""
     app.context_processor(_common)
     app.add_template_filter(_sentence, "sentence")
-    app.add_template_filter(language.told, "told")
+    app.add_template_filter(language.translate, "translate")
     app.add_template_filter(_ago, "ago")
     app.add_template_filter(_exact, "exact")
 

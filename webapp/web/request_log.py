@@ -1,6 +1,6 @@
 """A line of the log for each request: what was asked for, by which account, and how it ended.
 
-Addresses are told as the routes have them, without what varies but the map: a link that lets somebody in is
+Addresses are logged as the routes have them, without what varies but the map: a link that lets somebody in is
 never part of it, nor is anything that a client wrote.
 """
 

@@ -1,4 +1,4 @@
-"""So many requests of a kind at once in this process; further ones are told to come again."""
+"""A limit on concurrent requests of a kind; further ones are refused with `Retry-After`."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Turns:
         """
         free = self.free()
         if not free.acquire(blocking=False):
-            raise TooMany("the server is busy", wait_s=_WAIT_S, hint="send the same again a little later")
+            raise TooMany("the server is busy", wait_s=_WAIT_S, hint="repeat the request a little later")
         try:
             yield
         finally:

@@ -19,7 +19,7 @@ const JOBS = {
 };
 const FAILURES_SHOWN = 100;
 
-/** The card of uploads and jobs; hidden when there is nothing to tell. */
+/** The card of uploads and jobs; hidden when there is nothing to show. */
 export class Activity {
   /**
    * @param {import("../shared/map/map-store.js").MapStore} store

@@ -10,7 +10,7 @@ export class Commands {
   /**
    * @param {import("../shared/map/map-store.js").MapStore} store
    * @param {import("./edit-queue.js").EditQueue} edits
-   * @param {function(string): void} say tells a screen reader
+   * @param {function(string): void} say announces to a screen reader
    */
   constructor(store, edits, say) {
     this.store = store;

@@ -180,7 +180,7 @@ export class EditQueue extends EventTarget {
     return Boolean(photo) && photo.revision > seen && this._own.get(id) !== photo.revision;
   }
 
-  /** Tell whether an edit whose answer was lost has been made. */
+  /** Whether an edit whose answer was lost has been made. */
   _arrived(item, before) {
     if (item.action === "undo" || item.action === "redo") return this.store.revision > before;
     return item.changes.every(({ id, removed, ...fields }) => {

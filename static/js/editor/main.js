@@ -53,7 +53,7 @@ zoomButtons();
 byId("help").addEventListener("click", showHelp);
 live.start();
 
-/** Tell a screen reader. */
+/** Announce to a screen reader. */
 function say(text) {
   byId("announcer").textContent = text;
 }

@@ -223,7 +223,7 @@ export class Localizer extends EventTarget {
   }
 }
 
-/** Whether nothing more needs to be known; `vote` has no probabilities that would tell. */
+/** Whether nothing more needs to be known; `vote` has no probabilities to decide by. */
 function isSure({ method, hypotheses: [first], off_map_probability: off }) {
   return method === "vote" || Math.max(first?.probability ?? 0, off) >= SURE;
 }

@@ -1,4 +1,4 @@
-/** The page that tells where a photo was taken: makes the parts and connects them. */
+/** The page Localize: makes the parts and connects them. */
 
 import { colours } from "../shared/answer/answer-format.js";
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
@@ -64,7 +64,7 @@ whetherItCanAnswer();
 live.start();
 openLinked();
 
-/** Tell a screen reader. */
+/** Announce to a screen reader. */
 function say(text) {
   byId("announcer").textContent = text;
 }

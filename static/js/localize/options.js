@@ -56,7 +56,7 @@ export class Options {
     return hint ? { ...fields, hint_x_px: hint.x_px, hint_y_px: hint.y_px, hint_radius_px: hint.radius_px } : fields;
   }
 
-  /** Tell whether a field can have a value. */
+  /** Whether a field can have a value. */
   offers(name, value) {
     return [...this._field(name).options].some((option) => option.value === value);
   }
@@ -72,7 +72,7 @@ export class Options {
     return this.form.elements.namedItem(name);
   }
 
-  /** Tell on the button how many options are not as usual. */
+  /** Show on the button how many options differ from their defaults. */
   _count() {
     const { hint, query } = this.session;
     const changed = Object.entries(USUAL).filter(([name, value]) => this._field(name).value !== value).length;

@@ -1,4 +1,4 @@
-/** The page that tells how well photos are found: starts the evaluation, and follows its job. */
+/** The page Quality: starts the evaluation and follows its job. */
 
 import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
@@ -35,7 +35,7 @@ async function follow(id) {
   }
 }
 
-/** Tell how far it is. @returns {boolean} whether it ended without a result */
+/** Show the progress. @returns {boolean} whether it ended without a result */
 function ended({ state, done, total, note, seconds_left: left, error }) {
   if (state === "failed") stop(error);
   if (state === "cancelled") stop({ message: t("cancelled"), hint: null, code: state });

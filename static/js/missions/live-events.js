@@ -1,5 +1,5 @@
 /**
- * A mission that goes on: the server tells what is new, and where its stream cannot be had, it is asked.
+ * A live mission: the server sends what is new as events; where no stream can be had, the page polls.
  */
 
 const ASK_MS = 3000;

@@ -26,7 +26,7 @@ export class MissionStore extends EventTarget {
     this._servers = new Map();
   }
 
-  /** Tell whoever listens. */
+  /** Notify listeners. */
   emit(name, detail = null) {
     this.dispatchEvent(new CustomEvent(name, { detail }));
   }
@@ -92,7 +92,7 @@ export class MissionStore extends EventTarget {
     this.emit("moment");
   }
 
-  /** @param {number} mission @param {Array<Object>} objects as the server tells them */
+  /** @param {number} mission @param {Array<Object>} objects as the server sends them */
   setObjects(mission, objects) {
     for (const object of objects) this.objects.set(keyOf(mission, object.id), { ...object, mission, key: keyOf(mission, object.id) });
     this.emit("objects");

@@ -95,7 +95,7 @@ export class MissionView extends EventTarget {
     this.map.setZoom(this.map.getZoom() + steps);
   }
 
-  /** Tell the position under the cursor or crosshair. @param {?L.LatLng} latLng */
+  /** Show the position under the cursor or crosshair. @param {?L.LatLng} latLng */
   showPosition(latLng) {
     const place = latLng && this.ground.latLonOf(latLng);
     this._cursor.textContent = place ? latLonText(place) : "";

@@ -95,7 +95,7 @@ export class TrackPoints {
     };
   }
 
-  /** Heading of a point; where the robot did not tell, the direction to the next one. */
+  /** Heading of a point; where the robot sent none, the direction to the next one. */
   headingAt(n) {
     if (Number.isFinite(this.heading[n])) return this.heading[n];
     const [from, to] = n + 1 < this.length && !this.gaps.has(n + 1) ? [n, n + 1] : [n - 1, n];

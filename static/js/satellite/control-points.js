@@ -48,7 +48,7 @@ export class ControlPoints {
   }
 
   /** Show what the server thinks: residuals in the table, arrows in both maps. */
-  tell(received) {
+  show(received) {
     const whole = this.points.filter(isWhole);
     const known = received?.points?.length === whole.length ? received.points : [];
     for (const point of this.points) {

@@ -23,7 +23,7 @@ function connect() {
   const judge = new Verdict();
   const points = new ControlPoints(() => judge.ask());
   const sources = {
-    "control-points": { wish: () => points.wish(), tell: (received) => points.tell(received) },
+    "control-points": { wish: () => points.wish(), show: (received) => points.show(received) },
     corners: { wish: cornersForm(() => judge.ask()) },
     worldfile: { wish: worldfileForm(() => judge.ask()) },
   };
@@ -98,7 +98,7 @@ class Verdict {
   _show(source, received, content) {
     byId("verdict").replaceChildren(...content);
     byId("apply", HTMLButtonElement).disabled = !received;
-    source.tell?.(received);
+    source.show?.(received);
   }
 }
 

@@ -69,7 +69,7 @@ export async function file(path) {
 }
 
 /**
- * Send a file and hear how far it is; fetch cannot tell.
+ * Send a file with progress, which fetch cannot report.
  * @param {string} path
  * @param {Object} options
  * @param {string} [options.method]
@@ -96,7 +96,7 @@ export function upload(path, { method = "POST", body, headers = {}, onProgress, 
 }
 
 /**
- * Listen to what a server tells by itself (server-sent events); the browser comes back when the stream ends.
+ * Listen to server-sent events; the browser reconnects when the stream ends.
  * @param {string} path
  * @param {Object} listeners
  * @param {function(Object, string): void} listeners.changed called with the data of each event, and its id

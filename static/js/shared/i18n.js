@@ -33,7 +33,7 @@ export function tn(one, many, n, values = {}) {
 }
 
 /**
- * Tell how long something takes, roughly.
+ * Format a duration, roughly.
  * @param {number} seconds
  * @returns {string}
  */
@@ -44,7 +44,7 @@ export function duration(seconds) {
 }
 
 /**
- * Tell when something was.
+ * Format a time in the past.
  * @param {string} when ISO 8601
  * @returns {string}
  */

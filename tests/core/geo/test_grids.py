@@ -25,8 +25,8 @@ KNOWN = {
 def test_mgrs_of_known_places(latlon, expected):
     found = mgrs(LatLon(*latlon))
     assert found.split()[:2] == expected.split()[:2]
-    for told, known in zip(found.split()[2:], expected.split()[2:], strict=True):
-        assert abs(int(told) - int(known)) <= 1
+    for result, known in zip(found.split()[2:], expected.split()[2:], strict=True):
+        assert abs(int(result) - int(known)) <= 1
 
 
 def test_a_position_on_a_line_of_the_grid_is_on_it():

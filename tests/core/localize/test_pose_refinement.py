@@ -131,14 +131,14 @@ def test_derivatives_are_those_of_the_residuals():
     small = 1e-6
     for compare in (epipolar_residual, depth_residual):
         found = compare(matches, rotation=rotation, centre=centre)
-        told = found.derivatives(RADIUS)[0]
+        result = found.derivatives(RADIUS)[0]
         for axis in range(6):
             step = np.eye(6)[axis] * small
             turned, shifted = so3.retract(rotation, step[None, :3]), centre + RADIUS * step[3:]
             moved = compare(matches, rotation=turned, centre=shifted)
             real = (moved.value - found.value)[0] / small
             # The size of the constraint and the line's direction change a little, too.
-            assert np.median(np.abs(real - told[axis])) < 0.02 * np.abs(told).max()
+            assert np.median(np.abs(real - result[axis])) < 0.02 * np.abs(result).max()
 
 
 @pytest.mark.parametrize("baseline", [0.0, 1e-9, 1e-3])

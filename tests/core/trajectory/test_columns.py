@@ -21,10 +21,10 @@ def test_columns_are_named_or_numbered_with_units() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
-        ("speed=stamp", "no field"),
-        ("time", "no field"),
+        ("speed=stamp", "not a field"),
+        ("time", "not a field"),
         ("time=when", "no column"),
         ("time=9", "no column"),
         ("lat=2:furlong, lon=3", "no unit"),
@@ -32,8 +32,8 @@ def test_columns_are_named_or_numbered_with_units() -> None:
         ("time=1, lat=2", "only one of two"),
     ],
 )
-def test_what_does_not_fit_is_told(text: str, told: str) -> None:
-    with pytest.raises(UsageError, match=told):
+def test_bad_columns_are_refused(text: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
         parse_columns(text, HEADER)
 
 
@@ -63,11 +63,11 @@ def test_a_table_without_known_columns_is_refused() -> None:
 def test_the_docs_have_every_field_and_unit() -> None:
     text = (Path(__file__).resolve().parents[3] / "docs" / "missions.md").read_text(encoding="utf-8")
     table = text.split("| field | units | what |")[1].split("\n\n")[0]
-    told = {
+    message = {
         field: [unit for unit in units.strip().split(", ") if unit]
         for fields, units in re.findall(r"^\| (`[^|]+) \|([^|]*)\|", table, re.MULTILINE)
         for field in re.findall(r"`(\w+)`", fields)
     }
-    assert told.keys() == UNITS.keys()
+    assert message.keys() == UNITS.keys()
     for field, units in UNITS.items():
-        assert set(filter(None, units)) <= set(told[field]), field
+        assert set(filter(None, units)) <= set(message[field]), field

@@ -10,7 +10,7 @@ from webapp.core.trajectory.drift import closing
 FRAME = LocalFrame(LatLon(50.1, 14.4))
 
 
-def told(corners):
+def drift_of(corners):
     """`closing` of the track through these metres east and north."""
     enu = np.array(corners, dtype=float)
     latlon = FRAME.latlon_from_enu(enu)
@@ -21,17 +21,17 @@ def told(corners):
 
 
 def test_a_square_that_misses_its_start_by_three_metres():
-    found = told([(0, 0), (100, 0), (100, 100), (0, 100), (0, 3)])
+    found = drift_of([(0, 0), (100, 0), (100, 100), (0, 100), (0, 3)])
     assert found.gap_m == pytest.approx(3, abs=0.001)
     assert found.share == pytest.approx(3 / 397, rel=1e-4)
 
 
 def test_there_and_back_on_the_same_way_closes():
-    assert told([(0, 0), (0, 80), (1, 0)]).gap_m == pytest.approx(1, abs=0.001)
+    assert drift_of([(0, 0), (0, 80), (1, 0)]).gap_m == pytest.approx(1, abs=0.001)
 
 
 def test_a_perfect_round_has_no_gap():
-    assert told([(0, 0), (50, 0), (50, 50), (0, 0)]).gap_m == pytest.approx(0, abs=1e-6)
+    assert drift_of([(0, 0), (50, 0), (50, 50), (0, 0)]).gap_m == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_a_perfect_round_has_no_gap():
     ],
 )
 def test_what_does_not_close_says_why(corners, why):
-    found = told(corners)
+    found = drift_of(corners)
     assert not found
     assert why in found.reason
 

@@ -15,16 +15,16 @@ BEGUN_S = 1_700_000_000.0
 
 
 def odometry_of(drive, *, frame=FRAME, headings=True):
-    """What the robot tells, that believes to begin to the north; anywhere on the Earth."""
+    """Odometry of a robot that takes its first heading for north; anywhere on the Earth."""
     own = drive.steps.heading_rad
     moved = drive.moves[1:, :1] * np.column_stack([np.sin(own), np.cos(own)])[:-1]
     enu = np.vstack([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
-    told = np.degrees(own) if headings else None
-    return make_poses(drive.steps.times_s + BEGUN_S, frame.latlon_from_enu(enu), heading_deg=told)
+    result = np.degrees(own) if headings else None
+    return make_poses(drive.steps.times_s + BEGUN_S, frame.latlon_from_enu(enu), heading_deg=result)
 
 
 def gps_of(drive, *, told_m=None):
-    """What the receiver tells."""
+    """Fixes of the receiver."""
     times = drive.steps.times_s[drive.node] + BEGUN_S
     variance = (drive.sigma_m if told_m is None else told_m) ** 2
     covariance = np.tile([variance, variance, 0.0], (len(times), 1))
@@ -108,8 +108,8 @@ def test_fixes_without_covariance_and_impossible_ones_get_the_usual_one():
     poses.covariance_m2[:] = np.nan
     poses.covariance_m2[::2] = (1.0, 1.0, 3.0)
     usual = fuse(odometry_of(drive), {"gps": poses})
-    told = fuse(odometry_of(drive), {"gps": gps_of(drive)})
-    assert usual.poses.latlon == pytest.approx(told.poses.latlon, abs=1e-12)
+    result = fuse(odometry_of(drive), {"gps": gps_of(drive)})
+    assert usual.poses.latlon == pytest.approx(result.poses.latlon, abs=1e-12)
 
 
 def test_many_fixes_of_one_receiver_count_as_few():
@@ -148,9 +148,9 @@ def test_without_odometry_a_heading_needs_a_movement():
 
 def test_odometry_that_was_reset_on_the_way():
     drive = Drive(11)
-    told = odometry_of(drive)
-    told.latlon[120:] += 0.01  # a kilometre, in half a second
-    assert error_m(fuse(told, {"visual": gps_of(drive)}), drive) < 1.0
+    result = odometry_of(drive)
+    result.latlon[120:] += 0.01  # a kilometre, in half a second
+    assert error_m(fuse(result, {"visual": gps_of(drive)}), drive) < 1.0
 
 
 def test_nothing_to_put_together():

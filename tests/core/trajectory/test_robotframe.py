@@ -61,8 +61,8 @@ def test_the_table_of_the_docs_is_what_is_measured() -> None:
     for lat, cells in rows:
         for metres, cell in zip(ways, cells.split("|"), strict=True):
             share = off_share(float(lat), metres)
-            told = math.inf if "beyond" in cell else float(cell.strip().rstrip("%")) / 100.0
-            assert share == told or share == pytest.approx(told, rel=0.06), (lat, metres, share)
+            result = math.inf if "beyond" in cell else float(cell.strip().rstrip("%")) / 100.0
+            assert share == result or share == pytest.approx(result, rel=0.06), (lat, metres, share)
 
 
 @pytest.mark.parametrize(

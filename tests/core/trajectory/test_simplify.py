@@ -62,28 +62,30 @@ def test_none():
 
 
 def test_profile_of_few_poses_is_all_of_them():
-    told = profile(np.arange(4.0), np.array([0, 2, 4, 4.0]), height_m=np.array([1, 2, np.nan, 3]), points=10)
-    assert told[:, 0].tolist() == [0, 1, 2, 3]
-    assert told[:, 2] == pytest.approx([np.nan, 2, 2, 0], nan_ok=True)
-    assert told[:, 3] == pytest.approx([1, 2, np.nan, 3], nan_ok=True)
+    result = profile(
+        np.arange(4.0), np.array([0, 2, 4, 4.0]), height_m=np.array([1, 2, np.nan, 3]), points=10
+    )
+    assert result[:, 0].tolist() == [0, 1, 2, 3]
+    assert result[:, 2] == pytest.approx([np.nan, 2, 2, 0], nan_ok=True)
+    assert result[:, 3] == pytest.approx([1, 2, np.nan, 3], nan_ok=True)
 
 
 def test_profile_keeps_peaks():
     height = np.zeros(10_000)
     height[1234], height[7777] = 50.0, -20.0
-    told = profile(np.arange(10_000) * 0.1, np.arange(10_000) * 0.2, height_m=height, points=100)
-    assert len(told) <= 100
-    assert (told[:, 3].max(), told[:, 3].min()) == (50.0, -20.0)
-    assert np.all(np.diff(told[:, 0]) > 0)
-    assert told[1:, 2] == pytest.approx(2.0)
+    result = profile(np.arange(10_000) * 0.1, np.arange(10_000) * 0.2, height_m=height, points=100)
+    assert len(result) <= 100
+    assert (result[:, 3].max(), result[:, 3].min()) == (50.0, -20.0)
+    assert np.all(np.diff(result[:, 0]) > 0)
+    assert result[1:, 2] == pytest.approx(2.0)
 
 
 def test_profile_without_heights():
-    told = profile(np.arange(1000.0), np.arange(1000.0), height_m=np.full(1000, np.nan), points=10)
-    assert told[0, 0] == 0
-    assert told[-1, 0] == 999
+    result = profile(np.arange(1000.0), np.arange(1000.0), height_m=np.full(1000, np.nan), points=10)
+    assert result[0, 0] == 0
+    assert result[-1, 0] == 999
 
 
 def test_times_that_stand_still_have_no_speed():
-    told = profile(np.zeros(3), np.arange(3.0), height_m=np.zeros(3), points=5)
-    assert np.isnan(told[:, 2]).all()
+    result = profile(np.zeros(3), np.arange(3.0), height_m=np.zeros(3), points=5)
+    assert np.isnan(result[:, 2]).all()

@@ -71,7 +71,7 @@ def test_a_threshold_is_read_and_written(text: str, value: float, unit: str) -> 
 
 @pytest.mark.parametrize("text", ["", "1", "-1m", "nan", "1 km", "1e999m"])
 def test_what_is_no_threshold_is_refused(text: str) -> None:
-    with pytest.raises(UsageError, match="no distance with a unit"):
+    with pytest.raises(UsageError, match="not a distance with a unit"):
         parse_min_move(text)
 
 

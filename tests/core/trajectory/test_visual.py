@@ -37,17 +37,17 @@ def test_pixels_that_are_no_squares():
 
 
 @pytest.mark.parametrize(
-    ("told", "why"),
+    ("answer", "why"),
     [
         ({"hypotheses": [], "off_map_probability": 1.0}, "not taken on this map"),
         (answer(0.4, off=0.5), "not taken on this map"),
         (answer(0.6, off=0.1), "no place is clearly"),
-        (answer(lat=None, lon=None), "where on the Earth"),
-        (answer(radius_px=None), "how exact"),
+        (answer(lat=None, lon=None), "no georeference"),
+        (answer(radius_px=None), "accuracy"),
     ],
 )
-def test_what_is_no_fix_says_why(told, why):
-    fix = visual_fix(told, EVEN)
+def test_what_is_no_fix_says_why(answer, why):
+    fix = visual_fix(answer, EVEN)
     assert not fix
     assert why in fix.reason
 

@@ -149,7 +149,7 @@ def test_nothing_is_written_of_a_map_that_cannot_be(folder: Path) -> None:
         placements = (*map_.placements, Placement(name, {}))
         with pytest.raises(MapError):
             write_map(folder / "map.cfg", Map(map_.satellite, map_.experiences, placements=placements))
-    with pytest.raises(MapError, match="which the map has not"):
+    with pytest.raises(MapError, match="which the map does not have"):
         write_map(folder / "map.cfg", Map(map_.satellite, (), placements=map_.placements))
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 

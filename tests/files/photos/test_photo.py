@@ -154,7 +154,7 @@ def heic(pixels, **options):
 
 def test_heic_with_position(tmp_path):
     gps = {1: b"N", 2: ((50, 1), (30, 1), (0, 1)), 3: b"E", 4: ((14, 1), (0, 1), (0, 1))}
-    path = tmp_path / "photo.jpg"  # the content tells the format, not the name
+    path = tmp_path / "photo.jpg"  # the content decides the format, not the name
     path.write_bytes(heic(picture(64, 48), exif=piexif.dump({"GPS": gps})))
     facts = read_facts(path, limits=LIMITS)
     assert facts.gps == Gps(50.5, 14.0)

@@ -103,7 +103,7 @@ class TestColours:
 class TestRefused:
     def test_other_formats(self, read):
         for kind in ("GIF", "BMP", "WEBP"):
-            with pytest.raises(PhotoError, match="no PNG, JPEG or TIFF"):
+            with pytest.raises(PhotoError, match="not a PNG, JPEG or TIFF"):
                 read(Image.fromarray(gradient(20, 20)), kind)
 
     def test_empty(self, read):

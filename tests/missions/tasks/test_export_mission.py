@@ -73,8 +73,8 @@ def test_fewer_poses_are_spread_evenly_with_first_and_last(library, new_mission,
 
 def test_objects_come_in_parts(library, new_mission, monkeypatch):
     monkeypatch.setattr(reading, "_PART", 4)
-    told = whole(export.export_mission(library, new_mission(1, objects=8), form="objects.csv")).decode()
-    assert [row["id"] for row in csv.DictReader(io.StringIO(told))] == [f"o{n}" for n in range(8)]
+    result = whole(export.export_mission(library, new_mission(1, objects=8), form="objects.csv")).decode()
+    assert [row["id"] for row in csv.DictReader(io.StringIO(result))] == [f"o{n}" for n in range(8)]
 
 
 def peak(pieces):

@@ -185,7 +185,7 @@ def test_nothing_to_correct_by(library, owner):
         tracks.append(session, tracks.get_or_create(session, mission.id, source="odometry"), poses)
     with pytest.raises(UsageError, match="no fix"):
         run(library, mission.id)
-    with pytest.raises(NotFound, match="not fused yet"):
+    with pytest.raises(NotFound, match="not been fused yet"):
         fuse.read_report(library, mission.id)
 
 

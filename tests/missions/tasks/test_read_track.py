@@ -45,12 +45,12 @@ def test_the_kind_is_told_by_the_content(tmp_path, kind) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("data", "message"),
     [
         (b"", "empty"),
-        (b"\x89PNG\r\n\x1a\n\0\0\0", "no file with a track"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0", "not a file with a track"),
         (b"<svg/>", "neither GPX nor KML"),
-        (b"hello\nworld\n", "no kind that is known"),
+        (b"hello\nworld\n", "no known format"),
         (b"PK\x03\x04broken", "zip is damaged"),
         (b"#ROSBAG V1.2\nold", "version 102 is not supported"),
         (b"a,b\n1,2\n", "no columns of positions"),
@@ -58,10 +58,10 @@ def test_the_kind_is_told_by_the_content(tmp_path, kind) -> None:
         (b"lat,lon\n91,14\n", "1 positions that are none on the Earth"),
     ],
 )
-def test_what_cannot_be_used_is_told_in_a_sentence(tmp_path, data, told) -> None:
+def test_unusable_files_are_refused_in_a_sentence(tmp_path, data, message) -> None:
     path = tmp_path / "upload.gpx"
     path.write_bytes(data)
-    with pytest.raises(TrackError, match=told) as error:
+    with pytest.raises(TrackError, match=message) as error:
         read_track.read_track(path)
     assert error.value.where == "upload.gpx"
 
@@ -140,9 +140,9 @@ def test_every_real_file_is_read_or_told_why_not(shared_data) -> None:
         )
         counted = sum(len(track.poses) for track in report.tracks)
         assert (counted, len(report.sightings)) == (poses, objects), name
-    for name, told in REFUSED.items():
+    for name, message in REFUSED.items():
         begin = time.perf_counter()
-        with pytest.raises(TrackError, match=told):
+        with pytest.raises(TrackError, match=message):
             read_track.read_track(shared_data / "robot" / name)
         assert time.perf_counter() - begin < 30.0, name
 

@@ -35,7 +35,7 @@ def do(library, ana, new_map):
 
 @pytest.fixture
 def where(library, do):
-    """Tell x of the three photos."""
+    """Return x of the three photos."""
 
     def look():
         with library.database.read() as session:

@@ -1,4 +1,4 @@
-"""Jobs: the queue, leases and fencing numbers, and what pages are told."""
+"""Jobs: the queue, leases, fences, and what pages show of them."""
 
 import threading
 from datetime import timedelta
@@ -140,7 +140,7 @@ def test_who_lost_the_lease_writes_nothing(do, take, at, seen):
     assert not do(jobs.fail, old, error=ERROR)
     assert not do(jobs.stop, old)
     assert not do(jobs.give_back, old)
-    with pytest.raises(Conflict, match="taken this job over"):
+    with pytest.raises(Conflict, match="taken over this job"):
         do(jobs.guard, old)
     do(jobs.guard, new)
     assert (seen(id)["state"], seen(id)["done"], seen(id)["note"]) == ("running", 1, "mine")

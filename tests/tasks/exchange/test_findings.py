@@ -60,21 +60,21 @@ def test_missing_and_unreadable_photos_are_taken_out_and_come_back(adopt, found,
     folder = library.map_folder("park") / "photos"
     (folder / "1.jpg").unlink()
     (folder / "3.jpg").write_bytes(b"no photo")
-    told = found(map_id)
-    assert codes(told) == [("missing-photo", (1,), ("remove",)), ("unreadable-photo", (3,), ("remove",))]
-    assert str(library.folder) not in "".join(problem.message for problem in told)
+    result = found(map_id)
+    assert codes(result) == [("missing-photo", (1,), ("remove",)), ("unreadable-photo", (3,), ("remove",))]
+    assert str(library.folder) not in "".join(problem.message for problem in result)
     fix(map_id, "remove", [1, 3])
     assert found(map_id) == []
     undo(map_id)
     assert len(found(map_id)) == 2 and not rows(map_id)[1].removed
 
 
-def test_many_of_one_kind_are_told_as_one(adopt, found, library):
+def test_many_findings_of_one_kind_are_joined(adopt, found, library):
     map_id = adopt(photos=8)
     for path in (library.map_folder("park") / "photos").iterdir():
         path.unlink()
-    (told,) = found(map_id)
-    assert told.ids == tuple(range(8)) and "7 more" in told.message
+    (result,) = found(map_id)
+    assert result.ids == tuple(range(8)) and "7 more" in result.message
 
 
 def test_photos_in_the_folder_come_into_the_tray(adopt, found, fix, undo, library, rows, save_photo):
@@ -83,9 +83,9 @@ def test_photos_in_the_folder_come_into_the_tray(adopt, found, fix, undo, librar
     save_photo(folder / "photos" / "extra.jpg", 77)
     (folder / "copy.jpg").write_bytes((folder / "photos" / "0.jpg").read_bytes())
     (folder / "photos" / "torn.jpg").write_bytes(b"x")
-    (told,) = found(map_id)
-    assert (told.code, told.fixes) == ("orphan-photo", ("adopt",))
-    assert "extra.jpg" in told.message and "copy.jpg" not in told.message
+    (result,) = found(map_id)
+    assert (result.code, result.fixes) == ("orphan-photo", ("adopt",))
+    assert "extra.jpg" in result.message and "copy.jpg" not in result.message
     fix(map_id, "adopt")
     row = rows(map_id)[3]
     assert (row.path, row.x_px, row.removed, row.width) == ("photos/extra.jpg", None, False, 320)
@@ -111,8 +111,8 @@ def test_a_former_satellite_image_is_no_stranger(adopt, found, edit, library, sa
 def test_the_true_size_of_the_image(adopt, found, fix, undo, library, rows, record):
     map_id = adopt()
     cv2.imwrite(str(library.map_folder("park") / "plan.png"), np.zeros((150, 250), np.uint8))
-    (told,) = found(map_id)
-    assert codes([told]) == [("image-size-differs", (), ("image-size",))]
+    (result,) = found(map_id)
+    assert codes([result]) == [("image-size-differs", (), ("image-size",))]
     fix(map_id, "image-size")
     assert (record(map_id).satellite_width, record(map_id).satellite_height) == (250, 150)
     assert [row.x_px for row in rows(map_id).values()] == [100, 200, None]
@@ -125,9 +125,9 @@ def test_a_position_outside_goes_to_the_tray(adopt, found, fix, library, rows):
     map_id = adopt()
     with library.database.write() as session:
         session.get(Photo, (map_id, 2)).x_px = 500.0
-    (told,) = found(map_id)
-    assert codes([told]) == [("position-outside-image", (2,), ("to-tray",))]
-    fix(map_id, "to-tray", told.ids)
+    (result,) = found(map_id)
+    assert codes([result]) == [("position-outside-image", (2,), ("to-tray",))]
+    fix(map_id, "to-tray", result.ids)
     assert rows(map_id)[2].x_px is None and found(map_id) == []
 
 
@@ -149,9 +149,9 @@ def test_swapped_columns_are_swapped_back(adopt, found, fix, rows):
         cfg.with_name("map.json").write_text(json.dumps(content))
 
     map_id = adopt(change=with_gps)
-    (told,) = found(map_id)
-    assert codes([told]) == [("swapped-xy", (0, 1, 2), ("swap",))]
-    fix(map_id, "swap", told.ids)
+    (result,) = found(map_id)
+    assert codes([result]) == [("swapped-xy", (0, 1, 2), ("swap",))]
+    fix(map_id, "swap", result.ids)
     assert [(row.x_px, row.y_px) for row in rows(map_id).values()] == [(190, 20), (10, 150), (180, 60)]
     assert found(map_id) == []
 
@@ -165,8 +165,8 @@ def test_swapping_never_leads_outside(adopt, fix, rows):
 
 def test_a_photo_named_twice(adopt, found, fix):
     map_id = adopt(change=lambda cfg: cfg.write_text(cfg.read_text() + "9;photos/1.jpg;5;6\n"))
-    (told,) = found(map_id)
-    assert codes([told]) == [("duplicate-photo", (9,), ("remove",))]
+    (result,) = found(map_id)
+    assert codes([result]) == [("duplicate-photo", (9,), ("remove",))]
     fix(map_id, "remove", [9])
     assert found(map_id) == []
 
@@ -176,9 +176,9 @@ def test_an_edit_from_outside_is_a_finding_with_two_buttons(adopt, found, fix, l
     map_id = adopt()
     text = library.cfg("park").read_text()
     library.cfg("park").write_text(text.replace("100;100", "7;8"))
-    (told,) = found(map_id)
-    assert codes([told]) == [("outside-edit", (0,), ("outside-take", "outside-discard"))]
-    assert "1 moved" in told.message
+    (result,) = found(map_id)
+    assert codes([result]) == [("outside-edit", (0,), ("outside-take", "outside-discard"))]
+    assert "1 moved" in result.message
     fix(map_id, take)
     assert rows(map_id)[0].x_px == x and found(map_id) == []
     with pytest.raises(Conflict):

@@ -96,7 +96,7 @@ def test_what_came_into_the_map_meanwhile_is_not_adopted_twice(
         return found
 
     monkeypatch.setattr(fix_findings, "_strangers", strangers)
-    with pytest.raises(fix_findings.Conflict, match="nothing to put right"):
+    with pytest.raises(fix_findings.Conflict, match="nothing left to fix"):
         fix_findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
     assert [row.name for row in rows(map_id).values()].count("new.jpg") == 1
 

@@ -157,9 +157,9 @@ def test_a_disk_that_refuses_is_an_error_of_ours(park, exported, bring, monkeypa
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", refused)
-    with pytest.raises(StorageError, match="Permission denied") as told:
+    with pytest.raises(StorageError, match="Permission denied") as result:
         bring(files)
-    assert told.value.where == "unplaced/photos/1.jpg"
+    assert result.value.where == "unplaced/photos/1.jpg"
 
 
 def test_a_map_whose_own_folder_has_that_name(adopt, edit, exported, bring, rows):

@@ -77,7 +77,7 @@ def test_what_cannot_be_copied_has_a_reason(source, tmp_path):
 
 
 def test_a_map_without_georeference_and_its_own_folder_are_rejected(source, tmp_path):
-    with pytest.raises(UsageError, match="on the Earth"):
+    with pytest.raises(UsageError, match="no georeference"):
         write_exif(replace(source, map=replace(source.map, georeference=None)), tmp_path / "o", limits=LIMITS)
     with pytest.raises(UsageError, match="originals"):
         write_exif(source, source.cfg.parent, limits=LIMITS)

@@ -31,7 +31,7 @@ class CancelAfter(Progress):
 
 
 class Notes(Progress):
-    """Keeps what it is told."""
+    """Records the notes."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
@@ -145,12 +145,12 @@ def test_a_damaged_index_is_mended(tmp_path, make_map, build, damage, features, 
     folder = build(cfg, features=features).folder
     whole = lasting(folder)
     damage(folder)
-    told = Notes()
-    report = build(cfg, features=features, progress=told)
+    result = Notes()
+    report = build(cfg, features=features, progress=result)
     assert report.failed == ()
     assert lasting(folder) == whole
     if (folder / "manifest.json").exists() and damage.__name__ not in ("delete manifest.json", "delete *.*"):
-        assert any("anew" in note for note in told.notes)
+        assert any("anew" in note for note in result.notes)
     assert build(cfg, features=features).extracted == 0
 
 

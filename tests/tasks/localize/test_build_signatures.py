@@ -32,7 +32,7 @@ def opening(quick):
 
 @pytest.fixture
 def first_named(quick):
-    """Tell the id of the photo that is found first."""
+    """Return the id of the photo that is found first."""
 
     def run(opened: OpenMap, photo: Path, settings: Settings = quick) -> int:
         answer = LocalizationPipeline(opened, settings, fov_deg=60.0).localize(photo, top=1)
@@ -135,7 +135,7 @@ open_map.open_index(Path(sys.argv[1]), asked, settings=settings, progress=Progre
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    """The files of an index but the manifest, which tells the time that the build took."""
+    """The files of an index but the manifest, which has the duration of the build."""
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file() and p.suffix != ".json"}
 
 

@@ -20,7 +20,7 @@ from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 
 
 class Notes(Progress):
-    """Keeps what it is told."""
+    """Records the notes."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
@@ -31,12 +31,12 @@ class Notes(Progress):
 
 @pytest.fixture
 def opening(quick):
-    """Open a map; gives it and what was told meanwhile."""
+    """Open a map; returns it and the notes of its progress."""
 
     def run(cfg: Path, method: str = "vote", **options) -> tuple[OpenMap, list[str]]:
-        told = Notes()
+        result = Notes()
         asked = OpenOptions(method=method, jobs=1, **options)
-        return open_map.open_index(cfg, asked, settings=quick, progress=told), told.notes
+        return open_map.open_index(cfg, asked, settings=quick, progress=result), result.notes
 
     return run
 
@@ -302,14 +302,14 @@ def test_an_index_beside_a_map_that_cannot_be_written_is_used(
     cfg = make_map(tmp_path / "map", 5)
     build(cfg)
     read_only(tmp_path / "map")
-    before, told = listing(tmp_path / "map"), Notes()
+    before, result = listing(tmp_path / "map"), Notes()
     for _ in range(2):
-        told.notes.clear()
+        result.notes.clear()
         asked = OpenOptions(method=method, jobs=1)
-        localizer = open_pipeline(cfg, asked, settings=quick, progress=told)
+        localizer = open_pipeline(cfg, asked, settings=quick, progress=result)
         assert localizer.opened.built is None
         assert localizer.opened.folder.folder.is_relative_to(tmp_path / "map")
-    assert told.notes == []  # also the calibration is kept, elsewhere
+    assert result.notes == []  # also the calibration is kept, elsewhere
     assert listing(tmp_path / "map") == before
 
 

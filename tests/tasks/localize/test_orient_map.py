@@ -77,8 +77,8 @@ def cfg(indexed_sample, tmp_path):
 
 def headings_off(cfg, found):
     """Differences to the headings that the sample was rendered with, degrees, of photos that are trusted."""
-    told = json.loads((cfg.parent / "map.json").read_text(encoding="utf-8"))["experiences"]
-    truth = {int(e["id"]): math.radians(e["heading_deg"]) for e in told if e.get("heading_deg") is not None}
+    result = json.loads((cfg.parent / "map.json").read_text(encoding="utf-8"))["experiences"]
+    truth = {int(e["id"]): math.radians(e["heading_deg"]) for e in result if e.get("heading_deg") is not None}
     held = found.indexed.extrinsics
     known = held.trust >= MIN_TRUST
     off = [

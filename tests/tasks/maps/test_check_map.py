@@ -51,7 +51,7 @@ def findings(folder: Path, cfg: bytes | None = None, **limits: float) -> list[Fi
     return list(report.findings)
 
 
-def told(found: list[Finding]) -> list[tuple[str, int, int]]:
+def summary(found: list[Finding]) -> list[tuple[str, int, int]]:
     return [(str(finding.code), finding.line, finding.column) for finding in found]
 
 
@@ -72,7 +72,7 @@ def test_all_faults_are_told_in_one_go(folder: Path) -> None:
         b"\n"
         b"5;p/\xe9.jpg;1;1\n",  # not UTF-8
     )
-    assert told(found) == [
+    assert summary(found) == [
         ("image-size-differs", 1, 7),
         ("decimal-comma", 2, 11),
         ("non-numeric-id", 3, 1),
@@ -169,7 +169,7 @@ def test_links_out_of_the_folder(folder: Path, tmp_path_factory: pytest.TempPath
     (folder / "p" / "a.jpg").symlink_to(outside)
     (folder / "p" / "loop.jpg").symlink_to(folder / "p" / "loop.jpg")
     found = findings(folder, GOOD + b"2;p/loop.jpg;1;1\n")
-    assert told(found)[0] == ("path-leaves-folder", 2, 3)
+    assert summary(found)[0] == ("path-leaves-folder", 2, 3)
     assert found[1].line == 4 and found[1].severity == "error"
 
 
@@ -235,7 +235,7 @@ def test_damaged_json(full: Path) -> None:
 
 def test_damaged_placements(full: Path) -> None:
     (full / "clusters.cfg").write_bytes(b"s.png;40;31\n0;p/a.jpg;1,5;1\n0;p/b.png;50;1\n")
-    assert [(f.file, *told([f])[0]) for f in findings(full)] == [
+    assert [(f.file, *summary([f])[0]) for f in findings(full)] == [
         ("clusters.cfg", "placement-damaged", 1, 1),
         ("clusters.cfg", "decimal-comma", 2, 11),
         ("clusters.cfg", "duplicate-id", 3, 1),

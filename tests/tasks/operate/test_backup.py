@@ -125,7 +125,7 @@ def move(library, x):
 
 
 def is_current(library, slug="park"):
-    """Whether the files of a map are those that its records tell of."""
+    """Whether the files of a map are those of its records."""
     with library.database.read() as session:
         record = session.query(MapRecord).filter_by(slug=slug).one()
     exported = export.file_sha256(library.cfg(slug)) == record.exported_sha256

@@ -36,7 +36,7 @@ def enter(client, *, name="Jana", password=PASSWORD, **more):
 
 
 def is_in(client):
-    """Tell whether somebody is signed in."""
+    """Return whether somebody is signed in."""
     return client.get("/account").status_code == 200
 
 
@@ -84,7 +84,7 @@ def test_a_sign_in_leads_to_no_other_site(stranger, jana, there):
 def test_what_is_wrong_is_not_told(stranger, owner, jana, given):
     answer = enter(stranger, **given)
     assert answer.status_code == 401
-    assert "Name and password do not go together" in answer.text
+    assert "Wrong name or password" in answer.text
     assert not is_in(stranger)
 
 
@@ -168,7 +168,7 @@ def test_a_token_that_is_revoked_or_unknown_is_refused(app, client, library, own
     for sent in (token, "expmap_guess"):
         answer = program.get(path, headers={"Authorization": f"Bearer {sent}"})
         assert answer.status_code == 401
-        assert answer.json["error"]["message"] == "the token is not known"
+        assert answer.json["error"]["message"] == "unknown token"
     # A wrong token is not made up for by a session.
     assert client.get(path, headers={"Authorization": "Bearer expmap_guess"}).status_code == 401
 

@@ -45,10 +45,10 @@ def test_a_query_is_found_and_remembered(client, sample, ask, queries):
     assert math.dist((first["x_px"], first["y_px"]), truth(queries, "query_01.jpg")) < 40
     total = sum(h["probability"] for h in answer["hypotheses"])
     assert total + answer["other_probability"] + answer["off_map_probability"] == pytest.approx(1.0)
-    told = client.get(f"/api/v1/maps/sample/queries/{answer['id']}").get_json()
-    assert told["answer"].keys() == KEYS
-    assert {key: answer[key] for key in KEYS} == told["answer"]
-    assert (told["who"], told["name"], told["adopted"]) == ("owner", "query_01.jpg", None)
+    reported = client.get(f"/api/v1/maps/sample/queries/{answer['id']}").get_json()
+    assert reported["answer"].keys() == KEYS
+    assert {key: answer[key] for key in KEYS} == reported["answer"]
+    assert (reported["who"], reported["name"], reported["adopted"]) == ("owner", "query_01.jpg", None)
 
 
 def test_a_photo_from_elsewhere_is_off_the_map(client, sample, ask, queries):
@@ -58,22 +58,22 @@ def test_a_photo_from_elsewhere_is_off_the_map(client, sample, ask, queries):
 
 def test_the_matches_lie_in_the_photos(client, sample, ask, queries):
     id = ask(client, queries / "query_02.jpg", top=2).get_json()["id"]
-    told = client.get(f"/api/v1/maps/sample/queries/{id}").get_json()
+    reported = client.get(f"/api/v1/maps/sample/queries/{id}").get_json()
     matches = client.get(f"/api/v1/maps/sample/queries/{id}/matches").get_json()["matches"]
-    spoken_for = [h["experiences"][0] for h in told["answer"]["hypotheses"]]
+    spoken_for = [h["experiences"][0] for h in reported["answer"]["hypotheses"]]
     assert set(spoken_for) <= {m["experience"] for m in matches}
     for match in matches:
         assert len(match["query_xy"]) == len(match["photo_xy"]) == len(match["inlier"]) > 0
-        assert all(0 <= x <= told["width"] and 0 <= y <= told["height"] for x, y in match["query_xy"])
-    assert sum(matches[0]["inlier"]) == told["answer"]["hypotheses"][0]["inliers"]
+        assert all(0 <= x <= reported["width"] and 0 <= y <= reported["height"] for x, y in match["query_xy"])
+    assert sum(matches[0]["inlier"]) == reported["answer"]["hypotheses"][0]["inliers"]
 
 
 def test_pictures_of_a_query(client, sample, ask, queries):
     id = ask(client, queries / "query_00.jpg").get_json()["id"]
-    told = client.get(f"/api/v1/maps/sample/queries/{id}").get_json()
-    assert client.get(told["photo"], buffered=True).data == (queries / "query_00.jpg").read_bytes()
+    reported = client.get(f"/api/v1/maps/sample/queries/{id}").get_json()
+    assert client.get(reported["photo"], buffered=True).data == (queries / "query_00.jpg").read_bytes()
     for kind in ("preview", "thumb"):
-        picture = client.get(told[kind], buffered=True)
+        picture = client.get(reported[kind], buffered=True)
         assert picture.mimetype == "image/jpeg" and picture.data[:2] == b"\xff\xd8"
         assert b"Exif" not in picture.data
 
@@ -114,9 +114,9 @@ def test_a_wrong_circle_is_not_believed(client, sample, ask, queries):
     away = max(photos, key=lambda p: math.dist((p["x_px"], p["y_px"]), (x, y)))
     wrong = {"hint_x_px": away["x_px"], "hint_y_px": away["y_px"], "hint_radius_px": 50}
     answer = ask(client, queries / name, **wrong).get_json()
-    told = [(math.dist((h["x_px"], h["y_px"]), (x, y)), h["probability"]) for h in answer["hypotheses"]]
-    assert all(p < 0.5 for off, p in told if off > 60)
-    parts = sum(p for _, p in told) + answer["other_probability"] + answer["off_map_probability"]
+    reported = [(math.dist((h["x_px"], h["y_px"]), (x, y)), h["probability"]) for h in answer["hypotheses"]]
+    assert all(p < 0.5 for off, p in reported if off > 60)
+    parts = sum(p for _, p in reported) + answer["other_probability"] + answer["off_map_probability"]
     assert parts == pytest.approx(1.0)
 
 
@@ -151,8 +151,8 @@ def test_a_question_needs_a_photo(client, sample, ask, fields):
 def test_hostile_files_leave_nothing(client, library, sample, ask, data):
     response = ask(client, (io.BytesIO(data), "../../evil.jpg"))
     assert response.status_code == 422
-    told = response.get_json()["error"]
-    assert told["code"] == "photo_error" and str(library.folder) not in json.dumps(told)
+    reported = response.get_json()["error"]
+    assert reported["code"] == "photo_error" and str(library.folder) not in json.dumps(reported)
     assert list(library.uploads.glob("*.part")) == []
     assert client.get("/api/v1/maps/sample/queries").get_json()["queries"] == []
 
@@ -180,8 +180,8 @@ def test_photos_of_one_spot_are_one_question(client, sample, ask, queries):
     assert answer["query"] == f"{photos[20].name}, {photos[21].name}"
     total = sum(h["probability"] for h in answer["hypotheses"])
     assert total + answer["other_probability"] + answer["off_map_probability"] == pytest.approx(1.0)
-    (told,) = client.get("/api/v1/maps/sample/queries").get_json()["queries"]
-    assert told["name"] in {photos[20].name, photos[21].name} and told["options"]["photos"] == 2
+    (reported,) = client.get("/api/v1/maps/sample/queries").get_json()["queries"]
+    assert reported["name"] in {photos[20].name, photos[21].name} and reported["options"]["photos"] == 2
 
 
 def test_who_may_ask(library, sample, ask, queries, new_account, sign_in, stranger, owner):
@@ -300,15 +300,15 @@ def test_the_oldest_answers_are_forgotten(library, sample, record):
 
 
 def test_coordinates(client, sample):
-    told = client.get("/api/v1/maps/sample/coordinates?x_px=300&y_px=200").get_json()
-    assert told["mgrs"].startswith("33U WR ") and told["utm"].startswith("33U ")
-    assert told["decimal"].startswith("50.21") and "°" in told["dms"]
+    reported = client.get("/api/v1/maps/sample/coordinates?x_px=300&y_px=200").get_json()
+    assert reported["mgrs"].startswith("33U WR ") and reported["utm"].startswith("33U ")
+    assert reported["decimal"].startswith("50.21") and "°" in reported["dms"]
     assert client.get("/api/v1/maps/sample/coordinates?x_px=nan&y_px=1").status_code < 500
 
 
 def test_coordinates_of_a_map_without_georeference(client, park):
-    told = client.get(f"/api/v1/maps/{park}/coordinates?x_px=1&y_px=1").get_json()
-    assert set(told.values()) == {None}
+    reported = client.get(f"/api/v1/maps/{park}/coordinates?x_px=1&y_px=1").get_json()
+    assert set(reported.values()) == {None}
 
 
 def test_the_page_opens_also_without_an_image(client, sample, park):

@@ -68,23 +68,23 @@ def visual_poses(library):
 def test_the_answer_tells_position_and_how_exact_it_is(client, mission, send, queries, truth_of, library):
     answer = send(f"{mission}/fixes", queries / "query_01.jpg", time=1000.5)
     assert answer.status_code == 200, answer.json
-    told = answer.json
-    assert told.keys() == KEYS
-    assert (told["time"], told["no_pose"]) == (1000.5, None)
-    off = LocalFrame(truth_of("query_01.jpg")).enu_of(LatLon(told["lat"], told["lon"]))
-    covariance = np.array(told["position_covariance_m2"])
+    result = answer.json
+    assert result.keys() == KEYS
+    assert (result["time"], result["no_pose"]) == (1000.5, None)
+    off = LocalFrame(truth_of("query_01.jpg")).enu_of(LatLon(result["lat"], result["lon"]))
+    covariance = np.array(result["position_covariance_m2"])
     assert np.linalg.eigvalsh(covariance).min() > 0
     assert np.array(off[:2]) @ np.linalg.solve(covariance, off[:2]) < 14
-    radius = told["hypotheses"][0]["radius_m"]
+    radius = result["hypotheses"][0]["radius_m"]
     assert math.sqrt(np.trace(covariance) / 2) * 1.5096 == pytest.approx(radius, rel=0.02)
     poses = visual_poses(library)
     assert poses.times_s.tolist() == [1000.5]
-    assert poses.latlon[0].tolist() == [told["lat"], told["lon"]]
-    assert poses.heading_deg[0] == pytest.approx(told["heading_deg"])
+    assert poses.latlon[0].tolist() == [result["lat"], result["lon"]]
+    assert poses.heading_deg[0] == pytest.approx(result["heading_deg"])
     assert poses.covariance_m2[0].tolist() == [covariance[0, 0], covariance[1, 1], covariance[0, 1]]
     (photo,) = client.get(f"{mission}/photos").json["photos"]
-    assert (photo["sha256"], photo["fix_state"], photo["time_s"]) == (told["photo"], "done", 1000.5)
-    assert photo["fix"]["lat"] == told["lat"]
+    assert (photo["sha256"], photo["fix_state"], photo["time_s"]) == (result["photo"], "done", 1000.5)
+    assert photo["fix"]["lat"] == result["lat"]
 
 
 def test_off_the_map_there_is_no_pose(mission, send, queries, library):
@@ -132,7 +132,7 @@ def test_a_mission_on_no_map_says_so(client, send, queries):
     for address in (f"/api/v1/missions/{id}/fixes", f"/api/v1/missions/{id}/photos?fix=1"):
         answer = send(address, queries / "query_01.jpg", time=1)
         assert answer.status_code == 404
-        assert "on no map" in answer.json["error"]["message"]
+        assert "not on a map" in answer.json["error"]["message"]
     assert client.get(f"/api/v1/missions/{id}/photos").json["photos"] == []
 
 
@@ -202,8 +202,8 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
 def test_nothing_to_fuse_fails_with_words(client, mission, library, settings):
     job = client.post(f"{mission}/fuse").json["job"]
     Worker(library, settings, duties=DUTIES).run(once=True)
-    told = client.get(f"/api/v1/jobs/{job}").json
-    assert told["state"] == "failed"
-    assert "no fix" in told["error"]["message"]
+    result = client.get(f"/api/v1/jobs/{job}").json
+    assert result["state"] == "failed"
+    assert "no fix" in result["error"]["message"]
     with library.database.read() as session:
         assert session.get_one(Job, job).map_id is not None

@@ -1,4 +1,4 @@
-"""The page that tells how well photos are found on a map."""
+"""The page Quality: how well photos are found on a map."""
 
 import json
 

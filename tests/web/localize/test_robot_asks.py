@@ -53,31 +53,39 @@ def robot(url, token, new_mission, tmp_path):
 
 
 def test_the_answer_is_what_the_server_keeps(robot, client, queries):
-    told = robot.fix(queries / "query_01.jpg", time_s=1000.5)
+    result = robot.fix(queries / "query_01.jpg", time_s=1000.5)
     (photo,) = client.get("/api/v1/missions/1/photos").json["photos"]
-    assert (told.photo, told.lat, told.lon) == (photo["sha256"], photo["fix"]["lat"], photo["fix"]["lon"])
-    assert (told.time_s, told.no_pose, told.map_revision) == (1000.5, None, told.answer["map_revision"])
-    (east, both), (_, north) = told.answer["position_covariance_m2"]
-    assert told.covariance_m2 == (east, north, both)
+    assert (result.photo, result.lat, result.lon) == (
+        photo["sha256"],
+        photo["fix"]["lat"],
+        photo["fix"]["lon"],
+    )
+    assert (result.time_s, result.no_pose, result.map_revision) == (
+        1000.5,
+        None,
+        result.answer["map_revision"],
+    )
+    (east, both), (_, north) = result.answer["position_covariance_m2"]
+    assert result.covariance_m2 == (east, north, both)
     (track,) = client.get("/api/v1/missions/1").json["tracks"]
-    assert (track["source"], track["poses"], track["last"]["lat"]) == ("visual", 1, told.lat)
+    assert (track["source"], track["poses"], track["last"]["lat"]) == ("visual", 1, result.lat)
 
 
 def test_a_photo_in_memory_and_what_is_known_of_it(robot, queries):
     photo = (queries / "query_01.jpg").read_bytes()
     first = robot.fix(io.BytesIO(photo))
     near = Near(first.lat, first.lon, 60)
-    told = robot.fix(io.BytesIO(photo), near=near, heading_deg=first.heading_deg, fov_deg=60)
-    assert (told.no_pose, told.answer["fov_deg"], told.answer["fov_source"]) == (None, 60, "option")
+    result = robot.fix(io.BytesIO(photo), near=near, heading_deg=first.heading_deg, fov_deg=60)
+    assert (result.no_pose, result.answer["fov_deg"], result.answer["fov_source"]) == (None, 60, "option")
     with pytest.raises(ExpMapError, match="make the circle larger") as raised:
         robot.fix(io.BytesIO(photo), near=near._replace(lat=near.lat + 0.5))
     assert raised.value.where == "hint_radius_m"
 
 
 def test_a_photo_from_elsewhere_has_no_position(robot, queries):
-    told = robot.fix(queries / "off_map.jpg")
-    assert told.lat is told.lon is told.covariance_m2 is None
-    assert "not taken on this map" in told.no_pose
+    result = robot.fix(queries / "off_map.jpg")
+    assert result.lat is result.lon is result.covariance_m2 is None
+    assert "not taken on this map" in result.no_pose
 
 
 def test_refusals_are_raised(robot, url, new_mission, token, tmp_path, queries):
@@ -85,7 +93,7 @@ def test_refusals_are_raised(robot, url, new_mission, token, tmp_path, queries):
         robot.fix(io.BytesIO(b"no photo"))
     with (
         RobotClient(url, token, mission=new_mission(), spool=tmp_path / "globe") as other,
-        pytest.raises(NotFound, match="on no map"),
+        pytest.raises(NotFound, match="not on a map"),
     ):
         other.fix(queries / "query_01.jpg")
     with (

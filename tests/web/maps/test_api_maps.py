@@ -1,4 +1,4 @@
-"""Maps and edits over the API: what it tells, what it refuses, and that the files follow."""
+"""Maps and edits over the API: answers, errors, and the files that follow."""
 
 import pytest
 
@@ -64,14 +64,24 @@ def test_a_name_that_is_none_is_refused(client, name):
 
 
 def test_the_state_of_a_map(client, park):
-    told = state(client, park)
-    assert (told["slug"], told["can_edit"], told["role"], told["revision"]) == ("park", True, "owner", 4)
-    assert told["satellite"].items() >= {"width": 100, "height": 80, "tiles": None}.items()
-    assert [p["id"] for p in told["photos"]] == [0, 1, 2]
-    assert told["photos"][0]["gps"] == {
+    result = state(client, park)
+    assert (result["slug"], result["can_edit"], result["role"], result["revision"]) == (
+        "park",
+        True,
+        "owner",
+        4,
+    )
+    assert result["satellite"].items() >= {"width": 100, "height": 80, "tiles": None}.items()
+    assert [p["id"] for p in result["photos"]] == [0, 1, 2]
+    assert result["photos"][0]["gps"] == {
         "lat": 50.0, "lon": 14.0, "accuracy_m": None, "x_px": None, "y_px": None, "radius_px": None,
     }  # fmt: skip
-    assert (told["georeference"], told["undo"], told["redo"], told["placements"]) == (None, None, None, [])
+    assert (result["georeference"], result["undo"], result["redo"], result["placements"]) == (
+        None,
+        None,
+        None,
+        [],
+    )
 
 
 def test_place_turn_undo_and_redo(client, library, park):
@@ -112,10 +122,10 @@ def test_changes_are_only_what_is_new(client, sign_in, ben, park):
     assert client.get(f"{API}/{park}/changes?since={since}").json["photos"] == []
     edit(sign_in(ben), park, {"id": 2, "x_px": 1, "y_px": 1})
     client.delete(f"{API}/{park}/experiences/0")
-    told = client.get(f"{API}/{park}/changes?since={since}").json
-    assert [(p["id"], p.get("removed", False)) for p in told["photos"]] == [(2, False), (0, True)]
-    assert "satellite" not in told
-    assert told["undo"] == {"kind": "remove", "count": 1}
+    result = client.get(f"{API}/{park}/changes?since={since}").json
+    assert [(p["id"], p.get("removed", False)) for p in result["photos"]] == [(2, False), (0, True)]
+    assert "satellite" not in result
+    assert result["undo"] == {"kind": "remove", "count": 1}
     assert "satellite" in client.get(f"{API}/{park}/changes?since=0").json
 
 
@@ -193,8 +203,8 @@ def test_a_stranger_learns_nothing(stranger, sign_in, library, park):
     assert stranger.get(f"{API}/{park}").status_code == 401
     with library.database.write() as session:
         eve = accounts.create(session, "eve")
-    told = [sign_in(eve).get(f"{API}/{slug}").json["error"]["message"] for slug in (park, "no-such-map")]
-    assert told[0] == told[1]
+    result = [sign_in(eve).get(f"{API}/{slug}").json["error"]["message"] for slug in (park, "no-such-map")]
+    assert result[0] == result[1]
 
 
 @pytest.mark.parametrize("token", [False, True])

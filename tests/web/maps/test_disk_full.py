@@ -91,7 +91,7 @@ WRITERS = {
 }
 
 
-def told(answer):
+def error_of(answer):
     """The error of an answer, whichever way it came."""
     if answer.status_code == 207:
         return answer.json[0]["error"]
@@ -117,7 +117,7 @@ def state(library):
 def test_a_full_disk(write, client, library, park, disk):
     client.get("/")  # the key of the sessions
     before = state(library)
-    error = told(write(client))
+    error = error_of(write(client))
     assert error["code"] == "disk_full" and error["hint"]
     assert str(library.folder) not in str(error)
     assert state(library) == before
@@ -152,13 +152,13 @@ def fill(client):
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_a_full_database(change, client, library, park, database):
-    error = told(fill(client))
+    error = error_of(fill(client))
     assert error["code"] == "disk_full"
     assert str(library.folder) not in str(error)
     before = state(library)
     answer = change(client)
     if answer.status_code == 507 or "disk_full" in answer.text:  # a small row may have found its place
-        assert told(answer)["code"] == "disk_full"
+        assert error_of(answer)["code"] == "disk_full"
         assert state(library)[:3] == before[:3]
     assert client.get("/api/v1/maps/park").status_code == 200
     database[0] = False

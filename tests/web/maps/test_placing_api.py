@@ -116,11 +116,12 @@ def test_positions_by_name_are_one_edit(map_, owner):
     table = "\n".join(["name;x;y;heading_deg", *lines])
     answer = map_.post("positions", table)
     assert answer.status_code == 200
-    told = answer.json
-    assert told["placed"] == [0, 1]
-    assert (told["unknown"], told["ambiguous"], told["missing"]) == (["no.jpg"], ["same.jpg"], 2)
+    result = answer.json
+    assert result["placed"] == [0, 1]
+    assert (result["unknown"], result["ambiguous"], result["missing"]) == (["no.jpg"], ["same.jpg"], 2)
     assert (
-        told["outside"][0]["name"] == "extra.jpg" and "beyond the right edge" in told["outside"][0]["reason"]
+        result["outside"][0]["name"] == "extra.jpg"
+        and "beyond the right edge" in result["outside"][0]["reason"]
     )
     assert map_.places()["walk/IMG_1.JPG"] == (10.5, 20, None)
     assert map_.places()["IMG_2.jpg"] == (30, 40, 90)

@@ -18,13 +18,13 @@ class TestGeoreference:
         wish = {"kind": "control-points", "points": self.POINTS, "model": "affine"}
         answer = client.post(f"{base}/georeference/preview", json=wish)
         assert answer.status_code == 200, answer.text
-        told = answer.json
-        assert told["kind"] == "affine"
-        assert len(told["residuals"]) == len(told["points"]) == 4
-        assert 0.3 < told["rms_m"] < 2.0
-        assert told["points"][3]["fitted_x"] != pytest.approx(0.0, abs=0.1)
-        assert told["corners"]["top_left"]["lat"] == pytest.approx(50.001, abs=1e-5)
-        assert told["metres_per_pixel"] == pytest.approx(0.45, abs=0.2)
+        result = answer.json
+        assert result["kind"] == "affine"
+        assert len(result["residuals"]) == len(result["points"]) == 4
+        assert 0.3 < result["rms_m"] < 2.0
+        assert result["points"][3]["fitted_x"] != pytest.approx(0.0, abs=0.1)
+        assert result["corners"]["top_left"]["lat"] == pytest.approx(50.001, abs=1e-5)
+        assert result["metres_per_pixel"] == pytest.approx(0.45, abs=0.2)
         assert record().georeference is None
 
     def test_applied_replaced_and_taken_away(self, put, client, base, record):

@@ -78,8 +78,8 @@ class TestUpload:
         ("data", "why"),
         [
             (b"", "empty"),
-            (b"<svg/>", "no PNG, JPEG or TIFF"),
-            (png(20, 20, kind="GIF"), "no PNG, JPEG or TIFF"),
+            (b"<svg/>", "not a PNG, JPEG or TIFF"),
+            (png(20, 20, kind="GIF"), "not a PNG, JPEG or TIFF"),
             (png(300, 200)[:400], "damaged, cut off"),
             (png(300, 200, kind="JPEG")[:3000], "damaged, cut off"),
             (png(300, 200, kind="TIFF")[:9000], "damaged, cut off"),

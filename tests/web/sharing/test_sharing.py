@@ -17,7 +17,7 @@ from webapp.tasks.localize import upload
 from webapp.tasks.localize.upload import LocalizeResult
 
 SECRETS = ("IMG_GPS", "2019:05:04", "2019-05-04", "50.1", '"exif"')
-"""What the files say, and only the owner may tell."""
+"""What the files say, and only the owner may pass on."""
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def answer(library, full, owner):
 
 @pytest.fixture
 def share(client, full):
-    """Share the map, or an answer; gives what the owner is told."""
+    """Share the map, or an answer; gives the answer to the owner."""
 
     def make(slug=full, **wish):
         answer = client.post(f"/api/v1/maps/{slug}/shares", json=wish)
@@ -315,8 +315,8 @@ def ask(browser, shared):
 def test_visitors_localize_where_the_owner_allows_it(library, client, full, stranger, share, asked):
     assert ask(stranger, share()).status_code == 404
     assert asked == []
-    told = ask(stranger, share(localize=True))
-    assert told.status_code == 200 and told.json["off_map_probability"] == 1.0
+    result = ask(stranger, share(localize=True))
+    assert result.status_code == 200 and result.json["off_map_probability"] == 1.0
     assert client.get(f"/api/v1/maps/{full}/queries").json["queries"] == []
     assert list(library.uploads.glob("*.part")) == []
 

@@ -1,5 +1,5 @@
 """Conditions on the rows of a table, as people write them: `class = 'car' AND confidence > 0.5`.
 
 A text becomes a tree of values (`parser.py`); nothing of it is ever pasted into another language. Each
-mistake is told with the place of the character where it is.
+error has the position of the character that it is about.
 """

@@ -155,7 +155,7 @@ class _Reader:
         self.next()
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            raise mistake(f"more than {MAX_DEPTH} brackets in each other", field=self._field, at=opened.at)
+            raise mistake(f"more than {MAX_DEPTH} nested brackets", field=self._field, at=opened.at)
         inner = Not(self._part()) if opened.kind == "name" else self.condition()
         if opened.kind == "sign" and not self.took_sign(")"):
             raise self._wrong('AND, OR or ")"')
@@ -169,7 +169,7 @@ class _Reader:
         name = token.text.lower()
         if name not in self._columns:
             raise mistake(
-                f"there is no column {token.told()}",
+                f"there is no column {token.quoted()}",
                 field=self._field,
                 at=token.at,
                 hint=f"there are {', '.join(self._columns)}",
@@ -209,7 +209,7 @@ class _Reader:
         if self.now.is_word("LIKE"):
             if self._columns[column] != "text":
                 raise mistake(
-                    "LIKE is for columns of texts",
+                    "LIKE needs a text column",
                     field=self._field,
                     at=self.now.at,
                     hint=f"compare {column} with a number",
@@ -235,7 +235,7 @@ class _Reader:
         if token.kind == "number" and kind != "text":
             value = float(token.text)
             if not math.isfinite(value):
-                raise mistake(f"{token.told()} is too large", field=self._field, at=token.at)
+                raise mistake(f"{token.quoted()} is too large", field=self._field, at=token.at)
             self.next()
             return value
         if token.kind == "text" and kind != "number":
@@ -253,7 +253,7 @@ class _Reader:
             time = datetime.fromisoformat(token.text)
         except ValueError as error:
             raise mistake(
-                f"{token.told()} is no time",
+                f"{token.quoted()} is not a time",
                 field=self._field,
                 at=token.at,
                 hint="write it as 2026-05-01T10:00:00Z",
@@ -262,5 +262,5 @@ class _Reader:
 
     def _wrong(self, expected: str) -> UsageError:
         return mistake(
-            f"{expected} is expected here, not {self.now.told()}", field=self._field, at=self.now.at
+            f"{expected} is expected here, not {self.now.quoted()}", field=self._field, at=self.now.at
         )

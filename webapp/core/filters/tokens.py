@@ -43,14 +43,14 @@ class Token:
     at: int
 
     def is_word(self, *words: str) -> bool:
-        """Tell whether it is one of these words of the language, which are upper case here."""
+        """Return whether it is one of these words of the language, which are upper case here."""
         return self.kind == "name" and self.text.upper() in words
 
     def is_sign(self, *signs: str) -> bool:
-        """Tell whether it is one of these signs."""
+        """Return whether it is one of these signs."""
         return self.kind == "sign" and self.text in signs
 
-    def told(self) -> str:
+    def quoted(self) -> str:
         """Name it in a message."""
         if self.kind == "end":
             return "the end"
@@ -81,7 +81,7 @@ def tokens(text: str, field: str) -> list[Token]:
         raise mistake(f"more than {MAX_CHARACTERS} characters", field=field, at=MAX_CHARACTERS + 1)
     unfit = _UNFIT.search(text)
     if unfit:
-        raise mistake("a character that no text has", field=field, at=unfit.start() + 1)
+        raise mistake("an invalid character", field=field, at=unfit.start() + 1)
     found: list[Token] = []
     at = 0
     while at < len(text):
@@ -103,6 +103,6 @@ def mistake(message: str, *, field: str, at: int, hint: str | None = None) -> Us
 
 def _strange(text: str, at: int, *, field: str) -> UsageError:
     if text[at] == "'":
-        return mistake("a text that does not end", field=field, at=at + 1, hint="close it with another '")
+        return mistake("an unterminated text", field=field, at=at + 1, hint="close it with another '")
     hint = "write texts in single quotes: 'car'" if text[at] in '"`‘’“”' else None
-    return mistake(f'"{text[at]}" means nothing here', field=field, at=at + 1, hint=hint)
+    return mistake(f'unexpected character "{text[at]}"', field=field, at=at + 1, hint=hint)

@@ -71,7 +71,7 @@ def from_corners(corners: Corners, *, width: int, height: int) -> Fit:
 
 
 def _crosses(corners: Corners) -> bool:
-    """Tell an image across the 180th meridian from one of the whole world."""
+    """Distinguish an image across the 180th meridian from one of the whole world."""
     right = [c for c in (corners.bottom_right, corners.top_right) if c is not None]
     left = [c for c in (corners.top_left, corners.bottom_left) if c is not None]
     return min(c.lon for c in left) > max(c.lon for c in right)

@@ -64,7 +64,7 @@ def _transformer(plane: str) -> Transformer:
         return Transformer.from_crs(parse_crs(plane), WGS84, always_xy=True)
     except ProjError as error:
         raise GeoreferenceError(
-            f"no way from the coordinate system {plane[:80]!r} to latitude and longitude",
+            f"no transformation from the coordinate system {plane[:80]!r} to latitude and longitude",
             hint="use one that is tied to the Earth, such as EPSG:4326",
         ) from error
 

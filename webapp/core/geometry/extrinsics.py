@@ -85,5 +85,5 @@ class MapExtrinsics:
     depths: KeypointDepths
 
     def centres(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Tell where the photos were taken in the world (p, 3), by their positions on the map (p, 2)."""
+        """Return the cameras' centres in the world (p, 3), from their positions on the map (p, 2)."""
         return np.column_stack([position[:, 0], self.height, -position[:, 1]])

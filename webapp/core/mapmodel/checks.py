@@ -164,7 +164,7 @@ def _outside(width: int, height: int, photos: Sequence[PhotoLine]) -> list[Findi
 
 
 def _fits(value: int | None, limit: int) -> bool:
-    """Tell whether a coordinate is on the image; one that could not be read is not judged here."""
+    """Return whether a coordinate is on the image; one that could not be read is not judged here."""
     return value is None or 0 <= value <= limit
 
 

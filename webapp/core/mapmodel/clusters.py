@@ -35,7 +35,7 @@ def gather(positions: Mapping[int, MapPixel], *, radius_px: float) -> dict[int, 
         The radius is no such number.
     """
     if not (math.isfinite(radius_px) and radius_px > 0):
-        raise UsageError(f"{radius_px} is no radius", hint="give a number of pixels above 0")
+        raise UsageError(f"{radius_px} is not a radius", hint="give a positive number of pixels")
     ids = sorted(positions)
     xy = np.array([positions[id] for id in ids], np.float64).reshape(-1, 2)
     crowd = [int((np.hypot(*(xy - at).T) <= radius_px).sum()) for at in xy]

@@ -1,4 +1,4 @@
-"""Which photos of a map cannot be told apart, stand alone, or show a place from one side only."""
+"""Which photos of a map look alike, stand alone, or show a place from one side only."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _recognised(e: Experience, answer: Answer, *, near_px: float) -> bool:
 
 
 def _one_sided(at: MapPixel, experiences: Sequence[Experience], *, radius_px: float) -> bool:
-    """Tell whether all known headings around a place look to one side; unknown ones speak neither way."""
+    """Return whether all known headings around a place look to one side; unknown ones speak neither way."""
     headings = [
         e.heading_deg
         for e in experiences

@@ -23,7 +23,7 @@ class NameProblem(NamedTuple):
 
 
 def name_problem(name: str) -> NameProblem | None:
-    """Tell why `name` cannot be the path of a photo or image in a map.
+    """Say why `name` cannot be the path of a photo or image in a map.
 
     Parameters
     ----------

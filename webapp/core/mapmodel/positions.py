@@ -24,5 +24,5 @@ def whole_pixel(position: MapPixel) -> tuple[int, int]:
 
 
 def inside(position: MapPixel, *, width: int, height: int) -> bool:
-    """Tell whether a position lies on an image of that size in pixels, borders included; NaN does not."""
+    """Return whether a position lies on an image of that size in pixels, borders included; NaN does not."""
     return 0 <= position.x <= width and 0 <= position.y <= height

@@ -33,8 +33,8 @@ class NameMatch:
 def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]]) -> NameMatch:
     """Match the names of a list to photos.
 
-    A photo is found by its file name; where several have that one, by as many folders before it as tell them
-    apart. The rest of the folders plays no part: a list knows another folder than the photos came from.
+    A photo is found by its file name; where several have that one, by as many folders before it as needed.
+    The rest of the folders plays no part: a list knows another folder than the photos came from.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Where a filter begins: position and heading from the first fixes, some of which may be wrong.
 
-The path that odometry tells is laid on the fixes by one rotation and one shift. Each pair of fixes proposes a
+The path of the odometry is laid on the fixes by one rotation and one shift. Each pair of fixes proposes a
 rotation; the one that most fixes agree with is refined by all of those (M. Fischler and R. Bolles,
 "Random sample consensus", Communications of the ACM 24, 1981, but with all pairs instead of random ones; the
 refinement is the closed form of S. Umeyama, IEEE PAMI 13, 1991, in the plane).
@@ -154,7 +154,7 @@ class _Alignment:
 
 
 def _aligned(way: Floats, position: Floats, *, variance: Floats) -> _Alignment | None:
-    """Turn and shift a path so that it lies on fixes; None when the way is too short to tell a heading."""
+    """Turn and shift a path so that it lies on fixes; None when the path is too short for a heading."""
     chosen = _window(way, variance)
     p, z = (points[chosen] @ np.array([1, 1j]) for points in (way, position))
     agrees = _agreeing(p, z, variance[chosen])
@@ -182,7 +182,7 @@ def _aligned(way: Floats, position: Floats, *, variance: Floats) -> _Alignment |
 def _agreeing(
     p: NDArray[np.complex128], z: NDArray[np.complex128], variance: Floats
 ) -> NDArray[np.bool_] | None:
-    """Tell which fixes `z` most of them agree on, when the path `p` is laid on them; None for too few."""
+    """Find the largest consistent set of fixes `z` for the path `p`; None for too few."""
     one, two = np.triu_indices(len(p), 1)
     useful = np.abs(p[two] - p[one]) > 2 * np.sqrt(variance[one] + variance[two])
     if not useful.any():
@@ -196,7 +196,7 @@ def _agreeing(
 
 
 def _window(way: Floats, variance: Floats) -> NDArray[np.intp]:
-    """Choose the first fixes, up to where the way is long enough to tell a heading."""
+    """Choose the first fixes, up to where the path is long enough for a heading."""
     away = np.linalg.norm(way - way[0], axis=1)
     far = np.flatnonzero(away >= FAR * np.sqrt(variance.min()))
     count = max(3, int(far[0]) + 1) if far.size else len(way)

@@ -1,4 +1,4 @@
-"""Which column of a table holds what: told by its user, or guessed from its header.
+"""Which column of a table holds what: given by the user, or guessed from its header.
 
 Written as `time=stamp:ms, lat=Latitude, lon=Longitude, heading=yaw:rad`: a field, the column by its header or
 by its number from 1, and a unit where it is not the usual one.
@@ -128,7 +128,7 @@ def parse_columns(text: str, header: Sequence[str]) -> Columns:
         field = written[1].lower() if written else ""
         if written is None or field not in UNITS:
             hint = f"write it like time=stamp:ms, lat=Latitude; fields are {', '.join(UNITS)}"
-            raise UsageError(f"{part.strip()[:60]!r} is no field of a pose", where="columns", hint=hint)
+            raise UsageError(f"{part.strip()[:60]!r} is not a field of a pose", where="columns", hint=hint)
         name, unit = written[2], written[3]
         index = _place(name, names)
         if index is None and unit is not None:  # a header with a colon of its own

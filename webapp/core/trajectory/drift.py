@@ -40,14 +40,14 @@ class Open:
     reason: str
 
     def __bool__(self) -> bool:
-        """Say that there is no gap to tell."""
+        """Return a drift without a gap."""
         return False
 
 
 def closing(
     first: LatLon, last: LatLon, *, distance_m: float, bounds: tuple[float, float, float, float]
 ) -> Closing | Open:
-    """Tell by how much a track misses its start, if it comes back to it at all.
+    """Measure by how much a track misses its start, if it returns to it at all.
 
     A track closes when its end is much nearer to its start than its farthest part is, and the gap is what
     dead reckoning may have drifted by on a way of that length.

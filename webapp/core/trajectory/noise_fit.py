@@ -1,7 +1,7 @@
 """How wrong odometry and receiver are, as the track itself shows.
 
 Robots differ: wheels that skid in turns are several times worse than wheels that roll. And receivers know
-their noise but not what reflections do; many tell the dilution of precision in place of a variance. So the
+their noise but not what reflections do; many send the dilution of precision instead of a variance. So the
 fixes are predicted, each from those before it, under several assumptions, and the one under which they are
 most likely is taken (F. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE
 Transactions on Information Theory 11, 1965).
@@ -22,7 +22,7 @@ ODOMETRY = (1.0, 2.0, 4.0)
 """The usual errors of odometry times this."""
 
 RECEIVER = (1.0, 2.0, 4.0)
-"""The standard deviations that a receiver tells times this: better than told, it never is."""
+"""Factors on a receiver's stated standard deviations: none below 1, as it is never better than stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Fit:
             curve=usual.curve * by,
         )
 
-    def fixes(self, told: Fixes, *, of_receiver: NDArray[np.bool_]) -> Fixes:
+    def fixes(self, stated: Fixes, *, of_receiver: NDArray[np.bool_]) -> Fixes:
         """Give the fixes with the covariances that they have in truth.
 
         Parameters
@@ -61,7 +61,7 @@ class Fit:
             Which came from a satellite receiver.
         """
         by = np.where(of_receiver, self.receiver**2, 1.0)
-        return replace(told, covariance=told.covariance * by[:, None, None])
+        return replace(stated, covariance=stated.covariance * by[:, None, None])
 
 
 def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: Noise) -> Fit:
@@ -80,8 +80,8 @@ def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: No
         for odometry in (ODOMETRY if with_odometry else ODOMETRY[:1])
         for receiver in (RECEIVER if of_receiver.any() else RECEIVER[:1])
     ]
-    told = [
+    likelihoods = [
         log_likelihood(steps, one.fixes(fixes, of_receiver=of_receiver), noise=one.noise(usual))
         for one in assumed
     ]
-    return assumed[int(np.argmax(told))]
+    return assumed[int(np.argmax(likelihoods))]

@@ -34,7 +34,7 @@ class TrackOut:
     source : str
         `gps`, `odometry`, `visual`, `fused` or `manual`.
     name : str
-        Tells several tracks of one source apart; may be empty.
+        Distinguishes several tracks of one source; may be empty.
     count : int
         Poses that come.
     distance_m : float

@@ -1,4 +1,4 @@
-"""What a robot tells on its way: the poses of a track, and what it saw."""
+"""What a robot records: the poses of a track, and the objects it detected."""
 
 from __future__ import annotations
 

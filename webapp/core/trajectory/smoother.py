@@ -76,7 +76,7 @@ def smooth(
     fixes : Fixes
         At least one.
     check : callable
-        Told now and then how many nodes are done; what it raises ends the work.
+        Called now and then with the number of nodes done; what it raises ends the work.
     """
     filter = _Filter(steps, fixes, noise or Noise())
     begins, node = [], 0
@@ -96,7 +96,7 @@ def smooth(
 
 
 def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise) -> float:
-    """Tell how well fixes were predicted, each from those before it; more is better.
+    """Return the log-likelihood of fixes, each predicted from those before it.
 
     A few of them are taken to be anywhere, so that an outlier costs the same however far off it is.
     """
@@ -184,7 +184,7 @@ class _Filter:
         return state + gain @ off, keep @ covariance @ keep.T + gain @ counts @ gain.T
 
     def _carried(self, pending: list[int]) -> bool:
-        """Tell whether fixes that were left out are right together; forget the first of too many."""
+        """Return whether fixes that were left out are right together; forget the first of too many."""
         times = self.steps.times_s[self.fixes.node[pending]]
         if len(pending) < AGREEING or times[-1] - times[0] < AGREEING_S:
             return False

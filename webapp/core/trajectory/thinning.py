@@ -1,7 +1,7 @@
 """Leaves out poses that hardly differ from the one before.
 
-A robot tells its position up to a hundred times a second, standing still too. Only what moved more than a
-threshold since the last kept pose is kept, as the search and rescue robot of 2012 did it: by more than
+A robot sends its position up to a hundred times a second, even when it stands still. Only what moved more
+than a threshold since the last kept pose is kept, as the search and rescue robot of 2012 did it: by more than
 0.00001 degree in latitude or in longitude (1.1 m to the north; to the east 1.1 m at the equator, 0.7 m at 50
 degrees). A threshold in metres is the same everywhere.
 """
@@ -54,7 +54,7 @@ def parse_min_move(text: str) -> MinMove:
     value = float(found[1]) if found else math.nan
     if found is None or not math.isfinite(value) or (value and not found[2]):
         hint = "write 0.5m for metres, 0.00001deg for degrees, or 0 to keep every pose"
-        raise UsageError(f"{text[:40]!r} is no distance with a unit", where="min-move", hint=hint)
+        raise UsageError(f"{text[:40]!r} is not a distance with a unit", where="min-move", hint=hint)
     return MinMove(value, "m" if found[2].lower() == "m" else "deg")
 
 

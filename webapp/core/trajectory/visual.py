@@ -50,15 +50,15 @@ def visual_fix(answer: Mapping[str, Any], georeference: Georeference | None) -> 
     best = next(iter(answer["hypotheses"]), None)
     off = answer["off_map_probability"]
     if best is None or (off is not None and off > best["probability"]):
-        return NoPose("the photo was not taken on this map, as far as can be told")
+        return NoPose("the photo was probably not taken on this map")
     if best["probability"] < CLEARLY:
         return NoPose(
             f"no place is clearly the right one: the best has a probability of {best['probability']:.2f}"
         )
     if best["lat"] is None or georeference is None:
-        return NoPose("it is not known where on the Earth the map is")
+        return NoPose("the map has no georeference")
     if best["radius_px"] is None:
-        return NoPose("it is not known how exact the position is")
+        return NoPose("the accuracy of the position is not known")
     pixels = georeference.jacobian(MapPixel(best["x_px"], best["y_px"]))
     spread = pixels * (best["radius_px"] * _AXIS_OF_RADIUS)
     covariance = spread @ spread.T

@@ -134,7 +134,7 @@ def _safe_name(info: zipfile.ZipInfo) -> str:
     name = name.replace("\\", "/").removeprefix("./")
     problem = name_problem(name) if name else None
     if problem:
-        raise InputError(f"the zip has a file that no map can have: {problem.message}", hint="rename it")
+        raise InputError(f"the zip has a file that a map cannot have: {problem.message}", hint="rename it")
     if stat.S_ISLNK(info.external_attr >> 16):
         raise InputError(f"{quoted(name)} in the zip is a link", hint="zip the files themselves")
     if info.flag_bits & 1:
@@ -158,7 +158,7 @@ def _check_size(info: zipfile.ZipInfo, name: str, limits: ImportLimits) -> None:
         raise InputError(
             f"{quoted(name)} would become {info.file_size / max(info.compress_size, 1):.0f} times as large "
             "when it is unpacked",
-            hint="this is not what photos look like: check the file",
+            hint="photos do not compress like this: check the file",
         )
 
 
@@ -198,7 +198,7 @@ def _told(name: str) -> Iterator[None]:
         yield
     except _BROKEN as error:
         raise InputError(
-            f"this is no zip, or it is damaged: {error}", hint="zip the map's folder again"
+            f"this is not a zip, or it is damaged: {error}", hint="zip the map's folder again"
         ) from error
     except OSError as error:
         raise storage_error(error, where=name) from error

@@ -164,7 +164,7 @@ class IndexFolder:
         try:
             if raw["format"] != FORMAT:
                 raise self._damaged(f"has format {raw['format']}, this program reads format {FORMAT}")
-            engine = raw.get("engine", "ivf")  # which older programs did not tell
+            engine = raw.get("engine", "ivf")  # older programs did not write it
             if engine not in get_args(Engine):
                 raise self._damaged(f"names the engine {engine!r}, which this program does not know")
             return Manifest(
@@ -265,7 +265,7 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
 
 
 def _is_copied(path: Path) -> bool:
-    """Tell whether Faiss copies the codes in any case: then a memory map would only hold them twice."""
+    """Return whether Faiss copies the codes in any case: then a memory map would only hold them twice."""
     try:
         with path.open("rb") as file:
             return file.read(len(_BLOCKS)) == _BLOCKS

@@ -269,9 +269,9 @@ def _checked(model: str, path: Path, *, sha256: str) -> bytes:
     if published is not None:
         raise MissingPart("the file is not the published one", where=path.name, hint=install_hint(published))
     raise MissingPart(
-        "the file is another one than when the map was opened",
+        "the file has changed since the map was opened",
         where=path.name,
-        hint="run expmap build on the map, and start a server that is running anew",
+        hint="run expmap build on the map, and restart the server",
     )
 
 

@@ -1,4 +1,4 @@
-"""How a map's photos were held, how far away is what they see, and the pairs that tell it; in the index."""
+"""The orientations of a map's photos, their keypoints' depths, and the pairs behind them; in the index."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class FieldError(Exception):
     Parameters
     ----------
     better : str, optional
-        The text that should stand there instead, where it can be told.
+        The text that should stand there instead, where it is clear.
     """
 
     def __init__(self, code: Code, message: str, *, better: str | None = None) -> None:
@@ -223,7 +223,7 @@ def _row(number: int, text: str) -> _Row:
 
 
 def _character_fault(row: _Row, start: int) -> Finding | None:
-    """Find what keeps the cells of a line from being told apart; `start` is its offset in bytes."""
+    """Find why the cells of a line cannot be separated; `start` is its offset in bytes."""
     text = row.text
     escaped = _ESCAPED_BYTE.search(text)
     if escaped:
@@ -248,7 +248,7 @@ def _character_fault(row: _Row, start: int) -> Finding | None:
 
 
 def _is_photo(row: _Row) -> bool:
-    """Tell whether a line can be read as a photo's; so can a first line that is none of the image."""
+    """Return whether a line can be read as a photo's; so can a first line that is none of the image."""
     return len(row.cells) == 4 and (row.number > 1 or row.cells[0].isdecimal())
 
 

@@ -49,7 +49,7 @@ def photo_path(cfg_path: Path, name: str) -> Path:
         stays = path.resolve().is_relative_to(cfg_path.parent.resolve())
     except (OSError, RuntimeError) as error:  # links in a circle
         raise MapError(
-            f"{name!r} leads nowhere: {error}", where=str(cfg_path), hint="replace the link"
+            f"{name!r} is a broken link: {error}", where=str(cfg_path), hint="replace the link"
         ) from error
     if not stays:
         hint = "replace the link by a copy of the file"
@@ -78,7 +78,7 @@ def read_map(cfg_path: Path) -> Map:
 
     The `.cfg` is the truth. What `map.json` says about an id that is gone, about an id that now has another
     photo, or a sub-pixel position that does not round to the `.cfg`'s, does not count (an edit from outside;
-    the linter tells).
+    the linter reports it).
 
     Raises
     ------
@@ -142,7 +142,7 @@ def placed_map(map_: Map, placement: Placement) -> Map:
     at = placement.positions
     unknown = sorted(set(at) - {e.id for e in map_.experiences})
     if unknown:
-        raise MapError(f"the placement {placement.name} has the id {unknown[0]}, which the map has not")
+        raise MapError(f"the placement {placement.name} has the id {unknown[0]}, which the map does not have")
     return replace(
         map_, experiences=tuple(replace(e, position=at[e.id]) for e in map_.experiences if e.id in at)
     )

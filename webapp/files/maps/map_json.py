@@ -240,8 +240,8 @@ def _photo_fields(e: Experience) -> dict[str, object]:
         "gps_accuracy_m": e.gps_accuracy_m,
         "taken_at": e.taken_at,
     }
-    told = {name: value for name, value in known.items() if value is not None}
-    return {"id": e.id, "photo": e.photo, **_position_fields(e.position), **told}
+    present = {name: value for name, value in known.items() if value is not None}
+    return {"id": e.id, "photo": e.photo, **_position_fields(e.position), **present}
 
 
 def _placement_fields(placement: Placement) -> dict[str, object]:

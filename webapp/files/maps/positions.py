@@ -30,9 +30,9 @@ class Positions:
     by_name : mapping of str to LatLon or MapPixel
         Paths with forward slashes; all values of one kind.
     image_size : tuple of int or None
-        Of the image that pixels are on (from a `.cfg`); None for degrees and where it is not told.
+        Of the image that pixels are on (from a `.cfg`); None for degrees and where it is unknown.
     headings_deg : mapping of str to float
-        Degrees clockwise from north, where the list tells them.
+        Degrees clockwise from north, where the list has them.
     """
 
     by_name: Mapping[str, LatLon | MapPixel]
@@ -56,7 +56,7 @@ class Positions:
         return None if entry is None else self.by_name[entry]
 
     def heading_of(self, name: str) -> float | None:
-        """Find where a photo looks, as `find` does; None where the list does not tell."""
+        """Find where a photo looks, as `find` does; None where the list does not say."""
         return self.headings_deg.get(self._entry(name) or "")
 
     def _entry(self, name: str) -> str | None:
@@ -92,7 +92,9 @@ def read_positions(path: Path) -> Positions:
     twice = Counter(names).most_common(1)
     if twice and twice[0][1] > 1:
         where = rows[len(names) - 1 - names[::-1].index(twice[0][0])].where
-        raise TableError(f"the photo {twice[0][0]!r} stands twice", where=where, hint="keep one of the lines")
+        raise TableError(
+            f"the photo {twice[0][0]!r} is listed twice", where=where, hint="keep one of the lines"
+        )
     kind = _latlon if header.startswith(_LATLON) else _pixel
     positions = {name: kind(row) for name, row in zip(names, rows, strict=True)}
     turned = [(name, row) for name, row in zip(names, rows, strict=True) if any(row.fields[3:])]

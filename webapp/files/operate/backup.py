@@ -197,7 +197,7 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
     def target(name: str) -> Iterator[Callable[[bytes], object]]:
         file = place(name)
         if not file.resolve().is_relative_to(folder.resolve()):
-            raise InputError("the backup leads out of its folder", where=name)
+            raise InputError("a path in the backup leads out of its folder", where=name)
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("xb") as opened:
             yield opened.write
@@ -237,7 +237,7 @@ def _read(path: Path, progress: Progress, target: Callable[[str], Any]) -> Files
 
 def _manifest(opened: zipfile.ZipFile) -> tuple[dict[str, Any], Files]:
     if MANIFEST not in opened.namelist() or opened.getinfo(MANIFEST).file_size > _MAX_MANIFEST:
-        raise InputError("this is no backup of a library", hint="expmap backup makes one")
+        raise InputError("this is not a backup of a library", hint="expmap backup makes one")
     try:
         content = json.loads(opened.read(MANIFEST))
         if content["format"] != FORMAT or content["version"] != VERSION:
@@ -271,7 +271,7 @@ def _told(path: Path) -> Iterator[None]:
         yield
     except _BROKEN as error:
         raise InputError(
-            f"this is no backup, or it is damaged: {error}", where=str(path), hint=_HINT
+            f"this is not a backup, or it is damaged: {error}", where=str(path), hint=_HINT
         ) from error
     except OSError as error:
         raise storage_error(error, where=str(path)) from error

@@ -57,7 +57,7 @@ ABSENT = NoGps("it has no GPS position")
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Where the camera looked: degrees clockwise from true (`T`) or magnetic (`M`) north; None: not told."""
+    """Where the camera looked: degrees clockwise from true (`T`) or magnetic (`M`) north; None: unknown."""
 
     deg: float
     reference: Literal["T", "M"] | None

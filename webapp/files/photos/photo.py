@@ -204,7 +204,7 @@ def _read(source: Path | bytes, mode: Literal["L", "RGB"], *, limits: PhotoLimit
 
 
 def _turned_by_decoder(image: Image.Image) -> bool:
-    """Tell whether Pillow turns this format itself, as it does TIFF; HEIC comes without an orientation."""
+    """Return whether Pillow turns this format itself, as it does TIFF; HEIC comes without an orientation."""
     return image.format == "TIFF"
 
 

@@ -243,7 +243,7 @@ def _kind(path: Path, limits: SatelliteLimits) -> Kind:
         )
     kind = next((kind for magic, kind in _MAGIC if head.startswith(magic)), None)
     if kind is None:
-        raise PhotoError("this is no PNG, JPEG or TIFF image", hint="save it as one of these")
+        raise PhotoError("this is not a PNG, JPEG or TIFF image", hint="save it as one of these")
     return kind
 
 

@@ -68,8 +68,8 @@ def list_missions(slug: str | None, library: Path | None) -> None:
         on = None if slug is None else maps.find(session, slug, account=owner).id
         for entry in mission_list.listed(session, owner, map_id=on):
             mission = entry.mission
-            told = (mission.id, mission.name, entry.poses, entry.objects)
-            click.echo("\t".join(map(str, [*told, f"{mission.changed_at:%Y-%m-%d %H:%M}"])))
+            given = (mission.id, mission.name, entry.poses, entry.objects)
+            click.echo("\t".join(map(str, [*given, f"{mission.changed_at:%Y-%m-%d %H:%M}"])))
 
 
 @click.command()
@@ -84,9 +84,9 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
         owner = _owner(place)
         with place.database.write() as session:
             on = None if slug is None else maps.find(session, slug, account=owner).id
-            told = start and {**start.position._asdict(), "heading_deg": start.heading_deg}
+            given = start and {**start.position._asdict(), "heading_deg": start.heading_deg}
             made = missions.create(
-                session, name, account_id=owner.id, map_id=on, start=told or None, note=note
+                session, name, account_id=owner.id, map_id=on, start=given or None, note=note
             )
             session.flush()
             number = made.id
@@ -113,12 +113,12 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
 @_start_option
 @_library_option
 def import_files(
-    mission: int, files: tuple[Path, ...], listing: bool, library: Path | None, **told: Any
+    mission: int, files: tuple[Path, ...], listing: bool, library: Path | None, **given: Any
 ) -> int:
     """Import FILES with tracks and objects into MISSION, a number.
 
-    Bags of ROS 1 and 2, MCAP, GPX, KML, KMZ, NMEA, TUM, KITTI and CSV are told by their content. A file that
-    was imported before stores nothing twice.
+    Bags of ROS 1 and 2, MCAP, GPX, KML, KMZ, NMEA, TUM, KITTI and CSV are recognised by their content. A file
+    that was imported before stores nothing twice.
     """
     if listing:
         for path in files:
@@ -127,8 +127,8 @@ def import_files(
     failed = 0
     with _opened(library) as place, terminal_progress("importing") as progress:
         for path in files:
-            order = order_of(path, told | {"name": path.name, "topics": ",".join(told["topics"])})
-            order = replace(order, options=replace(order.options, start=told["start"]))
+            order = order_of(path, given | {"name": path.name, "topics": ",".join(given["topics"])})
+            order = replace(order, options=replace(order.options, start=given["start"]))
             try:
                 done = import_file.import_track_file(
                     place, mission, order=order, settings=load_settings(), progress=progress
@@ -164,7 +164,7 @@ def _form_of(file: Path) -> str:
     fits = [form for form in FORMATS if file.name.lower().endswith((f".{form}", f"-{form}"))]
     if not fits:
         hint = f"say which: --format {'|'.join(FORMATS)}"
-        raise UsageError("the name of the file does not tell the format", where=str(file), hint=hint)
+        raise UsageError("the file name does not give the format", where=str(file), hint=hint)
     return max(fits, key=len)
 
 

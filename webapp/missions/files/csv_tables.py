@@ -107,11 +107,11 @@ class _Table:
     last_time_s: float = math.nan
     untimed: bool = False
     timed: set[tuple[Source, str]] = field(default_factory=set)
-    """Tracks of which a time is told."""
+    """Tracks that have times."""
 
     def row(self, fields: Sequence[str], where: str, *, findings: Findings) -> Iterator[Piece]:
-        told = {name: self.number(fields, name) for name in self.columns if name in _UNKNOWN}
-        values = _UNKNOWN | told
+        given = {name: self.number(fields, name) for name in self.columns if name in _UNKNOWN}
+        values = _UNKNOWN | given
         place = ("lat", "lon") if "lat" in self.columns else ("x", "y")
         if any(math.isnan(values[name]) for name in place):
             findings.skip("rows without a position", where=where)
@@ -180,9 +180,9 @@ class _Table:
         return RobotObjects("", (LocalSighting(name, kind, values["time"], xyz, confidence),))
 
     def source(self, fields: Sequence[str]) -> Source:
-        told = self.text(fields, "source").lower()
+        given = self.text(fields, "source").lower()
         usual: Source = "gps" if "lat" in self.columns else "odometry"
-        return next((source for source in SOURCES if source == told), usual)
+        return next((source for source in SOURCES if source == given), usual)
 
     def text(self, fields: Sequence[str], name: str) -> str:
         column = self.columns.get(name)
@@ -218,7 +218,7 @@ def _fields(line: str, delimiter: str) -> list[str]:
 
 
 def _is_data(header: Sequence[str], table: _Table) -> bool:
-    """Tell whether the first line is a row already: the columns of positions hold numbers."""
+    """Return whether the first line is a row already: the columns of positions hold numbers."""
     place = ("lat", "lon") if "lat" in table.columns else ("x", "y")
     return all(not math.isnan(table.number(header, name)) for name in place)
 
@@ -229,7 +229,7 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
     Yields
     ------
     bytes
-        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; those that no source tells
+        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; those that no source has
         are left out.
     """
     yield csv_lines([POSE_COLUMNS])

@@ -98,7 +98,7 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
                 lines += 1
                 if lines > MAX_LINES:
                     raise TrackError(
-                        f"the file has more than {MAX_LINES} lines: it is a drawing, no record of a way",
+                        f"the file has more than {MAX_LINES} lines: it is a drawing, not a track",
                         hint="name the lines that are tracks",
                     )
                 title = f"{mark.name or 'track'} {lines}"
@@ -121,7 +121,7 @@ def _line(part: Element, title: str, mark: _Mark, *, findings: Findings) -> Iter
 
 
 def _track(part: Element, *, findings: Findings, where: str) -> tuple[Poses, bool]:
-    """Read a gx:Track, and whether it tells a time: times, positions and angles are paired by places."""
+    """Read a gx:Track, and whether it has times: times, positions and angles are paired by index."""
     whens, coords, headings = [], [], []
     for child in part:
         text = (child.text or "").strip()

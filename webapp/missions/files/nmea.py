@@ -55,7 +55,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
 
 
 def is_sentence(line: str) -> bool:
-    """Tell whether a line has an NMEA sentence, perhaps after a logger's own time stamp."""
+    """Return whether a line has an NMEA sentence, perhaps after a logger's own time stamp."""
     _, dollar, body = line.partition("$")
     return bool(dollar) and len(body) > 6 and body[:5].isalnum() and body[:5].isupper() and body[5] == ","
 

@@ -176,14 +176,14 @@ def _chosen(
         if readable and (not wanted or c.topic in wanted):
             chosen.append(c)
         elif c.topic in wanted:
-            raise TrackError(f"messages of {c.msgtype} have no poses that are understood", where=c.topic)
+            raise TrackError(f"messages of {c.msgtype} hold no known poses", where=c.topic)
         else:
             reason = "that was not asked for" if readable else f"of type {c.msgtype}, which is not used"
             findings.skip(f"messages of a topic {reason}", where=c.topic, count=c.msgcount)
     if not chosen:
         raise TrackError(
             "the bag has no topic with poses or objects",
-            hint=f"understood are {', '.join([*POSES, *OBJECTS])}",
+            hint=f"supported: {', '.join([*POSES, *OBJECTS])}",
         )
     return chosen
 

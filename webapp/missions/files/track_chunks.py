@@ -31,7 +31,7 @@ class WorldPiece:
     poses : Poses
         Without `travelled_m`. Positions may be none on the Earth: they are left out later.
     timed : bool
-        False where the file tells no time of the track up to here: those of the poses only keep their order.
+        False where the file has no times of the track up to here: those of the poses only keep their order.
     """
 
     track: str
@@ -135,7 +135,7 @@ class Findings:
             self._first.setdefault(reason, where)
 
     def note(self, sentence: str) -> None:
-        """Tell how something was understood."""
+        """Note how something was understood."""
         if sentence not in self.notes:
             self.notes.append(sentence)
 

@@ -1,4 +1,4 @@
-"""Tells by its content what kind of track a file holds."""
+"""Detects by its content what kind of track a file holds."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _HINT = "known are ROS bags, MCAP, GPX, KML, KMZ, NMEA, TUM, KITTI and CSV"
 
 
 def kind_of(path: Path, *, table: bool = False) -> Kind:
-    """Tell the kind of a file, or of the folder of a ROS 2 bag.
+    """Detect the kind of a file, or of the folder of a ROS 2 bag.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def kind_of(path: Path, *, table: bool = False) -> Kind:
         if path.is_dir():
             if (path / "metadata.yaml").is_file():
                 return "ros2-folder"
-            raise TrackError("the folder is no ROS 2 bag", hint="it would have a metadata.yaml")
+            raise TrackError("the folder is not a ROS 2 bag", hint="it needs a metadata.yaml")
         with path.open("rb") as file:
             head = file.read(_HEAD)
     except OSError as error:
@@ -70,7 +70,7 @@ def kind_of(path: Path, *, table: bool = False) -> Kind:
     if head.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<"):
         return _xml(path)
     if b"\0" in head:
-        raise TrackError("this is no file with a track", hint=_HINT)
+        raise TrackError("this is not a file with a track", hint=_HINT)
     return "csv" if table else _text(path)
 
 
@@ -105,9 +105,9 @@ def _text(path: Path) -> Kind:
         lines = [line for _, line in itertools.islice(numbered_lines(file), _LINES)]
     if any(is_sentence(line) for line in lines):
         return "nmea"
-    told = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    if told and (layout := layout_of(told[0])):
+    content = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if content and (layout := layout_of(content[0])):
         return layout
-    if told and any(mark in told[0] for mark in ",;\t|"):
+    if content and any(mark in content[0] for mark in ",;\t|"):
         return "csv"
-    raise TrackError("the text is of no kind that is known", hint=_HINT)
+    raise TrackError("the text has no known format", hint=_HINT)

@@ -156,7 +156,7 @@ def _some(count: int) -> list[int]:
 
 
 def _breaks(source: Source, poses: Poses, pieces: Sequence[float]) -> set[int]:
-    """Tell before which poses no line is drawn."""
+    """Find the poses before which no line is drawn."""
     if source != "fused":
         return set()
     return set(np.searchsorted(poses.times_s, np.array(pieces[1:])).tolist())

@@ -90,7 +90,7 @@ def listed(
 
 
 def one(session: Session, mission: Mission, *, account: Account) -> Entry:
-    """Tell of a mission as a list does."""
+    """Return the list entry of a mission."""
     (entry,) = _entries(session, account, select(Mission.id).where(Mission.id == mission.id))
     return entry
 
@@ -120,6 +120,6 @@ def _tracks(session: Session, ids: Sequence[int]) -> Mapping[int, list[Track]]:
 
 
 def _role(mission: Mission, account: Account, on_map: str | None) -> str | None:
-    """Tell the role of an account, as `missions.role_of` does, by that on the mission's map."""
+    """Return the role of an account, as `missions.role_of` does, by that on the mission's map."""
     alone = mission.map_id is None and mission.account_id == account.id
     return "owner" if account.is_owner or alone else on_map

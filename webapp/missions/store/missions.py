@@ -124,7 +124,7 @@ def find(session: Session, id: int, *, account: Account, role: Role = "viewer") 
 
 
 def role_of(session: Session, mission: Mission, *, account: Account) -> Role | None:
-    """Tell the role of an account on a mission: that on its map, or else who made it owns it.
+    """Return the role of an account on a mission: that on its map; without a map, its maker is the owner.
 
     Who owns the library owns every mission.
     """
@@ -153,7 +153,7 @@ def count_binned(session: Session, account: Account) -> int:
 
 
 def _going(session: Session) -> set[int]:
-    """Tell which missions are being deleted."""
+    """List the missions that are being deleted."""
     wanted = select(Job.key).where(Job.kind == DELETE_JOB, Job.state.not_in(jobs.ENDED))
     return {int(key) for key in session.scalars(wanted)}
 

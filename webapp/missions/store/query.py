@@ -114,7 +114,7 @@ class Asked:
     Attributes
     ----------
     rows : Select
-        One row more than the limit: it tells whether there are more.
+        One row more than the limit: it shows whether there are more.
     """
 
     columns: tuple[str, ...]
@@ -134,7 +134,7 @@ def understand(mission_id: int, question: Question) -> Asked:
             f"there is no table {question.table!r}", where="from", hint=f"use {', '.join(TABLES)}"
         )
     if not 0 <= question.limit <= MAX_ROWS:
-        raise UsageError(f"{question.limit} rows cannot be given", where="limit", hint=f"at most {MAX_ROWS}")
+        raise UsageError(f"{question.limit} rows are too many", where="limit", hint=f"at most {MAX_ROWS}")
     table = _TABLES[question.table]
     kinds: Mapping[str, Kind] = {name: kind for name, (kind, _) in table.items()}
     chosen = parse_columns(question.select, kinds)
@@ -219,9 +219,9 @@ def _limited(session: Session) -> Iterator[None]:
         if time.monotonic() < until and lite:
             raise
         raise UsageError(
-            f"the question takes more than {MAX_SECONDS:g} seconds",
+            f"the query takes more than {MAX_SECONDS:g} seconds",
             where="where",
-            hint="ask about fewer rows: numbers or times between two values, and no order",
+            hint="select fewer rows: numbers or times between two values, and no order",
         ) from error
     finally:
         if isinstance(driver, sqlite3.Connection):

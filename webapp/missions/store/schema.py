@@ -51,7 +51,7 @@ class Track(Base):
     source: Mapped[str]
     """`gps`, `odometry`, `visual`, `fused` or `manual`."""
     name: Mapped[str] = mapped_column(default="")
-    """Tells several tracks of one source apart."""
+    """Distinguishes several tracks of one source."""
     poses: Mapped[int] = mapped_column(default=0)
     """Their numbers are 0 ... poses - 1."""
     skipped: Mapped[int] = mapped_column(default=0)
@@ -68,7 +68,7 @@ class Track(Base):
     built_to: Mapped[int] = mapped_column(default=0)
     """So many poses are in pieces."""
     timed: Mapped[bool] = mapped_column(default=True)
-    """False where the source tells no times: the poses count as some time apart, for their order alone."""
+    """False where the source has no times: the poses count as some time apart, for their order alone."""
 
 
 class Pose(Base):

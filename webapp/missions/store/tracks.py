@@ -53,7 +53,7 @@ def get_or_create(session: Session, mission_id: int, *, source: str, name: str =
     source : str
         As in `webapp.core.trajectory.records.SOURCES`.
     name : str
-        Tells several tracks of one source apart.
+        Distinguishes several tracks of one source.
     """
     same = (Track.mission_id == mission_id, Track.source == source, Track.name == name)
     track = session.scalars(select(Track).where(*same)).first()

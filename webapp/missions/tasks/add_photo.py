@@ -143,7 +143,7 @@ def _path(name: str, sha256: str, *, suffix: str) -> str:
 
 
 def _taken(facts: PhotoFacts) -> float | None:
-    """Tell when a photo was taken, where it says so with a time zone."""
+    """Read when a photo was taken, where its EXIF has a time zone."""
     taken = None if facts.taken_at is None else datetime.fromisoformat(facts.taken_at)
     return None if taken is None or taken.tzinfo is None else taken.timestamp()
 

@@ -34,7 +34,7 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 
 def tolerance_of(level: int) -> float:
-    """Tell how far from the line a pose may lie that a level leaves out, metres."""
+    """Return how far from the line a pose may lie that a level leaves out, metres."""
     return FINEST_M * float(_COARSER**level)
 
 
@@ -80,8 +80,8 @@ def _build_next(track_id: int, write: Write) -> bool:
         points = table_of(poses, first=track.built_to)
         points = points[simplified(points[:, 2:4], FINEST_M)]
         track_pieces.add(session, track, level=0, chunk=chunk, count=PIECE, points=points)
-        told = profile(poses.times_s, poses.travelled_m, height_m=poses.height_m, points=_PROFILE_POINTS)
-        track_pieces.add_profile(session, track, chunk=chunk, points=told)
+        samples = profile(poses.times_s, poses.travelled_m, height_m=poses.height_m, points=_PROFILE_POINTS)
+        track_pieces.add_profile(session, track, chunk=chunk, points=samples)
         _build_coarser(session, track, chunk)
         track.built_to += PIECE
     return True

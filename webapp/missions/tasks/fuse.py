@@ -36,7 +36,7 @@ LOCK = "fusion.lock"
 """In the inner folder of the library: held while a fused track is committed and its report written."""
 
 MOST_TOLD = 1000
-"""Fixes that were left out, told one by one."""
+"""Rejected fixes that a report lists one by one."""
 
 _FIXES: tuple[Source, ...] = ("gps", "visual", "manual")
 
@@ -118,7 +118,7 @@ def read_report(library: Library, mission_id: int) -> dict[str, Any]:
     """
     path = missions.folder(library, mission_id) / REPORT
     if not path.is_file():
-        raise NotFound("the tracks of this mission were not fused yet", where=f"mission {mission_id}")
+        raise NotFound("the tracks of this mission have not been fused yet", where=f"mission {mission_id}")
     return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
 
 
@@ -191,7 +191,7 @@ def _statistics(fusion: Fusion, source: Source) -> dict[str, Any]:
 
 def _gated(fusion: Fusion, source: Source, fixes: Fixed) -> list[dict[str, Any]]:
     gating = fusion.gating[source]
-    told = []
+    rejected = []
     for at in np.flatnonzero(gating.gated).tolist():
         number = int(gating.number[at])
         track_id, kept = fixes.kept[number].tolist()
@@ -199,7 +199,7 @@ def _gated(fusion: Fusion, source: Source, fixes: Fixed) -> list[dict[str, Any]]
         most = off * math.sqrt(GATE / distance)
         lat, lon = fixes.poses.latlon[number].tolist()
         expected_lat, expected_lon = gating.expected[at].tolist()
-        told.append(
+        rejected.append(
             {
                 "source": source,
                 "track": track_id,
@@ -215,11 +215,11 @@ def _gated(fusion: Fusion, source: Source, fixes: Fixed) -> list[dict[str, Any]]
                 f"than {most:.1f} m off",
             }
         )
-    return told
+    return rejected
 
 
 def _mark_photos(session: Session, mission_id: int, gated: list[dict[str, Any]]) -> None:
-    """Tell with each photo whether its fix was left out."""
+    """Mark with each photo whether its fix was rejected."""
     left_out = {
         (one["time_s"], one["lat"], one["lon"]): one["reason"] for one in gated if one["source"] == "visual"
     }

@@ -39,7 +39,7 @@ _AT_ONCE = 8192
 _MAX_NAME = 200
 _BLOCK = 1 << 20
 _NUMBERED: tuple[Kind, ...] = ("gpx", "kml", "kmz")
-"""Kinds whose objects are numbered: the file's name tells those of several files apart."""
+"""Kinds whose objects are numbered: the file's name distinguishes those of several files."""
 
 Part = TrackPart | tuple[Sighting, ...]
 Key = tuple[Source, str]
@@ -163,7 +163,7 @@ class _Survey:
 
     kind: Kind
     tracks: dict[Key, bool]
-    """And whether their times are told."""
+    """And whether they have times."""
     parts: int
     records: int
     objects: int
@@ -246,8 +246,8 @@ def _tracks(
         free = _free(session, mission, source, title=read_track.title(name, track))
         row = tracks.get_or_create(session, mission.id, source=source, name=free)
         row.timed, made[(source, track)] = timed, row.id
-    told = [[source, track, id] for (source, track), id in made.items()]
-    batches.remember(session, mission.id, key, answer={"tracks": told})
+    listed = [[source, track, id] for (source, track), id in made.items()]
+    batches.remember(session, mission.id, key, answer={"tracks": listed})
     return made
 
 
@@ -337,12 +337,12 @@ def waiting_path(library: Library, token: str) -> Path:
     return folder / f"{int(token, 16):032x}.track"
 
 
-def order_of(path: Path, told: Mapping[str, Any]) -> Order:
+def order_of(path: Path, form: Mapping[str, Any]) -> Order:
     """Read how a file is to be imported, as a form or a job has it.
 
     Parameters
     ----------
-    told : mapping
+    form : mapping
         `name`; and where they are known `source`, `min_move`, `columns`, and `topics`, separated by commas.
 
     Raises
@@ -350,11 +350,11 @@ def order_of(path: Path, told: Mapping[str, Any]) -> Order:
     UsageError
         The source or the threshold is none.
     """
-    topics = tuple(name for part in (told.get("topics") or "").split(",") if (name := part.strip()))
-    min_move = parse_min_move(told["min_move"]) if told.get("min_move") else MinMove()
-    columns, source = told.get("columns") or None, source_of(told.get("source"))
+    topics = tuple(name for part in (form.get("topics") or "").split(",") if (name := part.strip()))
+    min_move = parse_min_move(form["min_move"]) if form.get("min_move") else MinMove()
+    columns, source = form.get("columns") or None, source_of(form.get("source"))
     options = ReadOptions(topics=topics, min_move=min_move, columns=columns, source=source)
-    return Order(path, told["name"], options)
+    return Order(path, form["name"], options)
 
 
 def source_of(text: str | None) -> Source | None:
@@ -369,5 +369,5 @@ def source_of(text: str | None) -> Source | None:
         return None
     found = next((source for source in SOURCES if source == text), None)
     if found is None:
-        raise UsageError(f"{text[:40]!r} is no source", where="source", hint=f"use {', '.join(SOURCES)}")
+        raise UsageError(f"{text[:40]!r} is not a source", where="source", hint=f"use {', '.join(SOURCES)}")
     return found

@@ -36,7 +36,7 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 
 def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
-    """Make what a robot is told, and what is kept with the photo.
+    """Make the answer to a robot, which is also kept with the photo.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def map_of(mission: Mission) -> int:
     """
     if mission.map_id is None:
         raise NotFound(
-            "this mission is on no map: its photos cannot be localized",
+            "this mission is not on a map: its photos cannot be localized",
             where=f"mission {mission.id}",
             hint="choose a map for the mission first",
         )

@@ -24,7 +24,8 @@ def query_mission(library: Library, mission_id: int, *, question: Question, form
     """Answer a question.
 
     The whole answer is written to a temporary file before its first byte goes out: a mistake or a limit is
-    told as such and never as an answer that ends early, and the database is free while a slow client reads.
+    reported as such and never as an answer that ends early, and the database is free while a slow client
+    reads.
 
     Parameters
     ----------

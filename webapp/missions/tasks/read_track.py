@@ -311,7 +311,7 @@ class _Places:
 
 
 def _on_the_earth(latlon: np.ndarray) -> np.ndarray:
-    """Tell which positions (n, 2) are some: (n,) bool."""
+    """Return which positions (n, 2) are valid: (n,) bool."""
     good: np.ndarray = (np.abs(latlon) <= (90.0, 180.0)).all(axis=1)
     return good
 

@@ -48,7 +48,7 @@ class Replay:
     skipped : int
         Poses left out because they had not moved.
     rest : list of dict
-        Of tracks whose last poses are among these, as the record of the end tells it: `source`, `track`,
+        Of tracks whose last poses are among these, as in the record of the end: `source`, `track`,
         `skipped`, `travelled_m`.
     """
 
@@ -120,8 +120,8 @@ def _rests(
     for track in found:
         skipped = len(track.poses) - 1 - int(np.flatnonzero(kept[id(track)])[-1])
         if skipped:
-            told = {"source": track.source, "track": read_track.title(file, track.name)}
-            yield {**told, "skipped": skipped, "travelled_m": track.distance_m}
+            which = {"source": track.source, "track": read_track.title(file, track.name)}
+            yield {**which, "skipped": skipped, "travelled_m": track.distance_m}
 
 
 def _objects(sightings: tuple[Sighting, ...]) -> Iterator[Event]:

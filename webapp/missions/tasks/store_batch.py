@@ -104,9 +104,9 @@ def store_keyed_batch(
         before = batches.answered(session, mission_id, key)
         if before is not None and before["digest"] != digest:
             raise Conflict(
-                "other records came with this key before",
+                "this key was used for other records",
                 where="Idempotency-Key",
-                hint="give each batch a key of its own",
+                hint="use a new key for each batch",
             )
         if before is None and records:
             batches.store(session, mission, batch)

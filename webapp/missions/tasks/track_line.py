@@ -144,7 +144,7 @@ def _read(
     tail: NDArray[np.float64],
     as_it_is: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Read the points of pieces, and tell of each whether it goes on from the one before."""
+    """Read the points of pieces, and of each whether it continues the one before."""
     tables = _poses(session, track, pieces) if as_it_is else _points(session, track, pieces)
     points = np.concatenate([*tables, tail])
     joined = np.ones(len(points), dtype=np.bool_)
@@ -194,7 +194,7 @@ def _inside(
 def _touches(
     a: NDArray[np.float64], b: NDArray[np.float64], box: tuple[float, float, float, float]
 ) -> NDArray[np.bool_]:
-    """Tell of straight parts from a to b whether the boxes around them meet a box."""
+    """Return which segments from a to b have a bounding box that meets a box."""
     south, west, north, east = box
     low, high = np.minimum(a, b), np.maximum(a, b)
     beside = (high[:, 1] < west) | (low[:, 1] > east)

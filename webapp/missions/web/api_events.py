@@ -60,7 +60,7 @@ class EventsQuery(Schema):
 @blueprint.get("/<int(max=2147483647):mission_id>/events")
 @blueprint.input(EventsQuery, location="query", arg_name="query")
 @blueprint.doc(
-    description="Each event `changed` tells `revision`, `ended_at`, `photos` (how many), `tracks` (the "
+    description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `tracks` (the "
     "changed ones as in the state, with their `new` points) and `objects` (the changed ones). Its id is a "
     "cursor. The stream ends after a while, or at once where many are open: an `EventSource` comes back by "
     "itself.",

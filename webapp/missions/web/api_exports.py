@@ -126,7 +126,7 @@ def network_link(mission_id: int, query: dict[str, Any]) -> Response:
     if token is None:
         raise UsageError(
             "the mission has no public link, and other programs cannot sign in",
-            hint="share the mission: with each link comes the address of its KML",
+            hint="share the mission: each link has an address of its KML",
         )
     return link(mission.name, token=token, every=query["every"])
 
@@ -135,7 +135,7 @@ def network_link(mission_id: int, query: dict[str, Any]) -> Response:
 @blueprint.input(QuestionIn, location="query", arg_name="asked")
 @blueprint.doc(responses=_ROWS)
 def query(mission_id: int, asked: dict[str, Any]) -> Response:
-    """Ask about poses, objects or sightings; a mistake is told with the place of its character."""
+    """Query poses, objects or sightings; an error has the position of the character."""
     mission, form = open_mission(mission_id), asked.pop("format")
     place = library()
     return sent(lambda: query_mission.query_mission(place, mission.id, question=Question(**asked), form=form))
@@ -178,7 +178,7 @@ def sent(make: Callable[[], Download]) -> Response:
     free = turns.free()
     if not free.acquire(blocking=False):
         raise TooMany(
-            "the server sends other files just now", wait_s=_WAIT_S, hint="try again a little later"
+            "the server is busy with other exports", wait_s=_WAIT_S, hint="try again a little later"
         )
     try:
         download = make()

@@ -1,4 +1,4 @@
-"""Robots that ask where they are, and tracks corrected by what they were told."""
+"""Robots that ask where they are, and tracks corrected by the answers."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class AskIn(Schema):
     file = File(required=True)  # type: ignore[no-untyped-call]
     time = Float(
         validate=Range(-_FAR, _FAR),
-        metadata={"description": "When it was taken, Unix seconds; by default what EXIF tells."},
+        metadata={"description": "When it was taken, Unix seconds; by default from EXIF."},
     )
     fov = Float(
         validate=Range(1, 179),
@@ -113,7 +113,9 @@ class FusionOut(Schema):
     odometry = Integer(allow_none=True, metadata={"description": "Id of the track that was corrected."})
     poses = Integer()
     errors = Dict(
-        metadata={"description": "`odometry`, `receiver`: how many times as wrong as usual, or as told."}
+        metadata={
+            "description": "`odometry`, `receiver`: factors on the assumed or stated standard deviations."
+        }
     )
     pieces = List(
         Float(), metadata={"description": "When each piece begins; the robot was carried in between."}
@@ -159,10 +161,10 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
         if error.where == "hint_radius_px":
             error.where = "hint_radius_m"  # as it is called here
         raise
-    told = localize_photos.fix_json(result, time_s=photo.time_s)
+    answer_json = localize_photos.fix_json(result, time_s=photo.time_s)
     with library().database.write() as session:
-        localize_photos.keep(session, mission.id, sha256=photo.sha256, fix=told)
-    return {"photo": photo.sha256, **told}
+        localize_photos.keep(session, mission.id, sha256=photo.sha256, fix=answer_json)
+    return {"photo": photo.sha256, **answer_json}
 
 
 @blueprint.post("/photos/<string(length=64):sha256>/fix")
@@ -190,7 +192,7 @@ def fuse(mission_id: int) -> dict[str, int]:
 @blueprint.get("/fusion")
 @blueprint.output(FusionOut)
 def fusion(mission_id: int) -> dict[str, Any]:
-    """Tell how the corrected track came about, and which fixes were left out."""
+    """Get the report of the corrected track: how it was computed, and which fixes were rejected."""
     return fuse_mission.read_report(library(), open_mission(mission_id, binned=True).id)
 
 
@@ -222,9 +224,7 @@ def _near(record: MapRecord, given: dict[str, Any]) -> CirclePrior | None:
         )
     found = georeference(record)
     if found is None:
-        raise UsageError(
-            "it is not known where on the Earth the map is", where="hint_lat", hint="leave the hint out"
-        )
+        raise UsageError("the map has no georeference", where="hint_lat", hint="leave the hint out")
     at = found.pixel_of(LatLon(lat, lon))
     scale = found.metres_per_pixel(at)
     if not scale > 0:  # also NaN, where the image has no counterpart

@@ -61,7 +61,7 @@ class TrackFileIn(Schema):
 
 
 class TrackJobOut(Schema):
-    """The job that imports it; its result tells what was left out and why."""
+    """The job that imports it; its result lists what was left out and why."""
 
     job = Integer()
 
@@ -76,8 +76,8 @@ def limit_parts() -> None:
 @blueprint.input(TrackFileIn, location="form_and_files", arg_name="given")
 @blueprint.output(TrackJobOut, status_code=202)
 @blueprint.doc(
-    description="The kind of the file is told by its content. What is no file with a track is refused at "
-    "once, the rest is told by the job. The same file again, read in the same way, stores nothing twice."
+    description="The kind of the file is detected from its content. A file without a track is refused at "
+    "once, other errors fail the job. The same file again, read in the same way, stores nothing twice."
 )
 def import_file(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
     """Import a file with tracks and objects."""
@@ -85,13 +85,13 @@ def import_file(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
     token = secrets.token_hex(16)
     path = waiting_path(place, token)
     name = PurePosixPath(tidy_name(given["file"].filename or "").replace("\\", "/")).name
-    told = {key: given[key] for key in ("columns", "source", "min_move", "topics")} | {"name": name}
-    order = order_of(path, told)
+    form = {key: given[key] for key in ("columns", "source", "min_move", "topics")} | {"name": name}
+    order = order_of(path, form)
     kept = False
     try:
         receive(path, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
         kind_of(path, table=order.options.columns is not None)
-        arguments = told | {"mission": mission.id, "token": token}
+        arguments = form | {"mission": mission.id, "token": token}
         with place.database.write() as session:
             job = jobs.enqueue(
                 session,

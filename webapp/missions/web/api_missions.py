@@ -61,7 +61,7 @@ class TrackOut(Schema):
     duration_s = Float()
     timed = Boolean(
         metadata={
-            "description": "false: its source tells no times. Those of its poses keep their order and "
+            "description": "false: its source has no times. Those of its poses keep their order and "
             "mean nothing; duration and speeds are not known."
         }
     )
@@ -113,7 +113,7 @@ class MissionState(MissionSummary):
     start = Nested(StartOut, allow_none=True)
     tracks = List(Nested(TrackOut))
     satellite = Nested(MissionSatelliteOut, allow_none=True)
-    cursor = String(metadata={"description": "For the events: tells what of the mission is known."})
+    cursor = String(metadata={"description": "For the events: the state of the mission that is known."})
 
 
 class ListQuery(Schema):
@@ -176,7 +176,7 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
         "map_id": None if query["map"] is None else open_map(query["map"], binned=True).id,
         "binned": query["bin"],
         "after": None if after is None else state.read_spot(after),
-        "limit": None if limit is None else limit + 1,  # the one more tells whether any follow
+        "limit": None if limit is None else limit + 1,  # the one more shows whether any follow
     }
     with library().database.read() as session:
         found = listing.listed(session, who, **wanted)
@@ -206,7 +206,7 @@ def create(wish: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get(f"/{_ID}")
 @blueprint.doc(responses=json_answer("The state of a mission.", MissionState))
 def show(mission_id: int) -> dict[str, Any]:
-    """Tell all of a mission but its poses, objects and photos themselves."""
+    """Get all of a mission but its poses, objects and photos themselves."""
     mission, who = open_mission(mission_id, binned=True), account()
     with library().database.read() as session:
         return state.whole(session, session.get_one(Mission, mission.id), account=who)

@@ -83,12 +83,12 @@ class ObjectHistory(ObjectOut):
     """An object with its history, in the order in which it came."""
 
     sightings = List(
-        Nested(SightingOut), metadata={"description": f"The last {MOST_SIGHTINGS}; `count` tells of all."}
+        Nested(SightingOut), metadata={"description": f"The last {MOST_SIGHTINGS}; `count` counts all."}
     )
 
 
 def object_json(row: MissionObject) -> dict[str, Any]:
-    """Tell of an object; the fields of `ObjectOut`."""
+    """Return an object as JSON; the fields of `ObjectOut`."""
     return {
         "id": row.object_id,
         "kind": row.kind,
@@ -123,7 +123,7 @@ def listed(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/<text:object_id>", merge_slashes=False)
 @blueprint.output(ObjectHistory)
 def one(mission_id: int, object_id: str) -> dict[str, Any]:
-    """Tell of an object, with its sightings."""
+    """Get an object, with its sightings."""
     mission = open_mission(mission_id, binned=True)
     with library().database.read() as session:
         row = missions.find_object(session, mission.id, object_id)

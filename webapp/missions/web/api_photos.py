@@ -73,7 +73,7 @@ class MissionPhotoList(Schema):
 
 
 def photo_json(photo: MissionPhoto) -> dict[str, Any]:
-    """Tell of a photo; the fields of `MissionPhotoOut`."""
+    """Return a photo as JSON; the fields of `MissionPhotoOut`."""
 
     def address(size: str) -> str:
         endpoint = f"api_mission_photos.{size}"

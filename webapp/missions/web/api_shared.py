@@ -93,7 +93,7 @@ class SharedPhotos(Schema):
 @public
 @blueprint.output(SharedMissionOut)
 def show(token: str) -> dict[str, Any]:
-    """Tell all of a shared mission but its poses, objects and photos themselves."""
+    """Get all of a shared mission but its poses, objects and photos themselves."""
     with library().database.read() as session:
         return state.shared_mission(session, shares.opened(session, token), token=token)
 
@@ -136,7 +136,7 @@ def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
 @public
 @blueprint.output(ObjectHistory)
 def one_object(token: str, object_id: str) -> dict[str, Any]:
-    """Tell of an object, with its sightings."""
+    """Get an object, with its sightings."""
     with library().database.read() as session:
         opened = shares.opened(session, token)
         row = missions.find_object(session, opened.mission.id, object_id)
@@ -191,7 +191,7 @@ def _map(token: str) -> MapRecord:
     with library().database.read() as session:
         map_id = shares.opened(session, token).mission.map_id
         if map_id is None:
-            raise NotFound("the mission lies on no map")
+            raise NotFound("the mission is not on a map")
         return session.get_one(MapRecord, map_id)
 
 

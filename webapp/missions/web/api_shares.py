@@ -42,7 +42,7 @@ class MissionShareIn(MissionAllows):
 
 
 class MissionShareOut(Schema):
-    """A share of a mission. Of a secret one, the addresses are told only once."""
+    """A share of a mission. Of a secret one, the addresses are shown only once."""
 
     id = Integer()
     public = Boolean()

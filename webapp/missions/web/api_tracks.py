@@ -111,10 +111,10 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
 
 def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
     """Give the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
-    told = track_line.track_profile(session, track, points=query["points"])
+    samples = track_line.track_profile(session, track, points=query["points"])
     if not track.timed:
-        told[:, 2] = np.nan  # no speed comes of times that only keep the order
-    columns = told.T.tolist()
+        samples[:, 2] = np.nan  # no speed comes of times that only keep the order
+    columns = samples.T.tolist()
     time, travelled, speed, height = ([None if v != v else v for v in column] for column in columns)
     return {"time_s": time, "travelled_m": travelled, "speed_mps": speed, "height_m": height}
 

@@ -1,4 +1,4 @@
-"""What a page or a program is told of a mission; a visitor, nothing that the share does not give."""
+"""Missions as JSON, for pages, programs and visitors, who get nothing that the share does not give."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
 
 _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
-"""Of a georeference: how it was found is not told."""
+"""Of a georeference: how it was found is left out."""
 
 
 def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
-    """Tell of a mission what a list shows of it; the fields of `MissionSummary`."""
+    """Return the summary of a mission; the fields of `MissionSummary`."""
     return entry_json(listing.one(session, mission, account=account))
 
 
 def entry_json(entry: Entry) -> dict[str, Any]:
-    """Tell of a mission in a list; the fields of `MissionSummary`."""
+    """Return the summary of a list's entry; the fields of `MissionSummary`."""
     mission = entry.mission
     return {
         "id": mission.id,
@@ -59,7 +59,7 @@ def entry_json(entry: Entry) -> dict[str, Any]:
 
 
 def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
-    """Tell all of a mission but its poses, objects and photos themselves; the fields of `MissionState`."""
+    """Get all of a mission but its poses, objects and photos themselves; the fields of `MissionState`."""
     entry = listing.one(session, mission, account=account)
     return {
         **entry_json(entry),
@@ -72,7 +72,7 @@ def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, 
 
 
 def track_json(session: Session, track: Track) -> dict[str, Any]:
-    """Tell of a track; the fields of `TrackOut`."""
+    """Return a track as JSON; the fields of `TrackOut`."""
     ends = tracks.at(session, track, sorted({0, track.poses - 1})) if track.poses else None
     known = track if track.timed else None
     return {
@@ -93,7 +93,7 @@ def track_json(session: Session, track: Track) -> dict[str, Any]:
 
 
 def last_json(poses: Poses) -> dict[str, Any]:
-    """Tell where the last of some poses is."""
+    """Return the last of some poses as JSON."""
     lat, lon = poses.latlon[-1].tolist()
     heading = float(poses.heading_deg[-1])
     return {
@@ -105,7 +105,7 @@ def last_json(poses: Poses) -> dict[str, Any]:
 
 
 def satellite(session: Session, mission: Mission, *, base: str | None = None) -> dict[str, Any] | None:
-    """Tell of the image of a mission's map, with its georeference; `base` as for `satellite_json`."""
+    """Return the image of a mission's map, with its georeference; `base` as for `satellite_json`."""
     record = _map(session, mission)
     found = None if record is None else map_state.image(record, base=base)
     if found is None or found["satellite"] is None:
@@ -114,12 +114,12 @@ def satellite(session: Session, mission: Mission, *, base: str | None = None) ->
 
 
 def cursor(revision: int, poses: dict[int, int]) -> str:
-    """Tell in one word what of a mission is known: its revision, and how many poses of each track."""
+    """Return the cursor of a mission: its revision, and how many poses of each track."""
     return "-".join([str(revision), *(f"{id}.{count}" for id, count in sorted(poses.items()))])
 
 
 def spot_text(spot: Spot) -> str:
-    """Tell in one word where a list of missions goes on; `read_spot` reads it."""
+    """Return the cursor at which a list of missions continues; `read_spot` reads it."""
     return f"{(spot.changed_at - _EPOCH) // timedelta(microseconds=1)}.{spot.id}"
 
 
@@ -142,7 +142,7 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
 
 
 def _way(found: list[Track]) -> dict[str, float]:
-    """Tell how far and how long a mission went, by the track that knows it best."""
+    """Return the length and duration of a mission, by its best track."""
     best = min(found, key=lambda track: _BEST_FIRST.index(track.source), default=None)
     if best is None:
         return {"distance_m": 0.0, "duration_s": 0.0}
@@ -180,7 +180,7 @@ def _closing(track: Track, ends: Poses) -> dict[str, float] | None:
 
 
 def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> dict[str, Any]:
-    """Tell all of a shared mission but its poses, objects and photos themselves.
+    """Get all of a shared mission but its poses, objects and photos themselves.
 
     What the page of a mission needs has the names that its owners see; the note is the owners' own.
     """
@@ -201,12 +201,12 @@ def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> di
 
 
 def shared_object(opened: OpenedMission, row: MissionObject) -> dict[str, Any]:
-    """Tell of an object; its photo only where photos are shown."""
+    """Return an object as JSON; its photo only where photos are shown."""
     return {**object_json(row), "photo": row.photo_sha if opened.share.photos else None}
 
 
 def shared_sighting(opened: OpenedMission, row: ObjectSighting) -> dict[str, Any]:
-    """Tell where an object was seen once."""
+    """Return a sighting as JSON."""
     return {
         "time_s": row.time_s,
         "lat": row.lat,
@@ -218,7 +218,7 @@ def shared_sighting(opened: OpenedMission, row: ObjectSighting) -> dict[str, Any
 
 
 def shared_photo(token: str, photo: MissionPhoto) -> dict[str, Any]:
-    """Tell of a photo without what its EXIF or the name of its file says."""
+    """Return a photo as JSON, without its EXIF and its file name."""
     named: dict[str, Any] = {"token": token, "sha256": photo.sha256}
     return {
         "sha256": photo.sha256,

@@ -42,7 +42,7 @@ def new_link(session: Session, account: Account, *, hours: int) -> str:
 
 
 def link_account(session: Session, token: str) -> Account:
-    """Tell whom a link would sign in, without using it up.
+    """Return whom a link would sign in, without using it up.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def link_account(session: Session, token: str) -> Account:
     link = session.get(SignInLink, accounts.hashed(token))
     if link is None or link.used_at is not None or link.expires_at < now():
         raise NotSignedIn(
-            "this link is no longer valid: it was used, or it has expired",
+            "this link is no longer valid: it was used or has expired",
             hint="ask the owner of the library for a new one: expmap account link",
         )
     return session.get_one(Account, link.account_id)
@@ -106,7 +106,7 @@ def by_password(
     Raises
     ------
     NotSignedIn
-        Name and password do not go together; it is not told which is wrong.
+        Wrong name or password; the error does not say which is wrong.
     TooMany
         Of this name or from this address there were too many failures.
     """
@@ -115,12 +115,12 @@ def by_password(
         _check_failures(session, tried, limits=limits)
         account = _named(session, name)
     known = account.password_hash if account is not None else None
-    # An unknown name takes as long as a wrong password, or the time would tell who has an account.
+    # An unknown name takes as long as a wrong password, or the response time would reveal who has an account.
     right = check_password_hash(known or _nobodys_hash(), password[: _MAX_PASSWORD + 1])
     if account is None or known is None or not right:
         _note_failure(database, tried, limits=limits)
         raise NotSignedIn(
-            "name and password do not go together",
+            "wrong name or password",
             hint="without a password, sign in by a link: expmap account link",
         )
     with database.write() as session:

@@ -80,7 +80,7 @@ def find(session: Session, slug: str, *, account: Account, role: Role = "viewer"
 
 
 def role_of(session: Session, record: MapRecord, *, account: Account) -> Role | None:
-    """Tell the role of an account on a map; who owns the library owns every map."""
+    """Return the role of an account on a map; who owns the library owns every map."""
     if account.is_owner:
         return "owner"
     member = session.get(Member, (record.id, account.id))

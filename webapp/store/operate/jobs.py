@@ -144,7 +144,7 @@ def retry(session: Session, job: Job) -> Job:
         It has not ended, or is done.
     """
     if job.state not in ("failed", "cancelled"):
-        raise Conflict(f"this job is {job.state}: there is nothing to try again", hint="reload the page")
+        raise Conflict(f"this job is {job.state} and cannot be retried", hint="reload the page")
     there = _waiting(session, job.kind, map_id=job.map_id, key=job.key)
     if there is not None:
         return there
@@ -156,7 +156,7 @@ def retry(session: Session, job: Job) -> Job:
 
 
 def anything_to_do(session: Session) -> bool:
-    """Tell whether a job waits or runs: only then it is worth asking for a lease."""
+    """Return whether a job waits or runs: only then it is worth asking for a lease."""
     return session.scalars(select(Job.id).where(Job.state.not_in(ENDED)).limit(1)).first() is not None
 
 
@@ -172,7 +172,7 @@ def lease(
     who : str
         Name of the worker.
     is_gone : callable
-        Tells of a worker's name whether it certainly lives no more; its leases end at once.
+        Returns whether the worker of that name has certainly ended; its leases then end at once.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def lease(
 
 
 def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, int, str]) -> Job | None:
-    """Renew a lease and tell how far the work is.
+    """Renew a lease and record the progress.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def guard(session: Session, held: Lease) -> None:
         Another worker has taken over; nothing of the session must be kept.
     """
     if _held(session, held) is None:
-        raise Conflict("another worker has taken this job over")
+        raise Conflict("another worker has taken over this job")
 
 
 def finish(session: Session, held: Lease, *, result: Mapping[str, Any] | None = None) -> bool:
@@ -294,7 +294,7 @@ def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dic
     Returns
     -------
     dict
-        `id, kind, state, done, total, note, error, result, seconds_left, created_at, mine, map`; `mine` tells
+        `id, kind, state, done, total, note, error, result, seconds_left, created_at, mine, map`; `mine` says
         whether who asks has started it, `map` is the slug.
     """
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)

@@ -59,7 +59,7 @@ def find(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bo
     """
     share = session.scalars(select(kind).where(kind.id == id, where)).first()
     if share is None:
-        raise NotFound("there is no such link", hint="it may have been taken back: reload the page")
+        raise NotFound("there is no such link", hint="it may have been revoked: reload the page")
     return share
 
 

@@ -156,7 +156,7 @@ def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator
 
 
 def _is_inside(file: Path, folder: Path) -> bool:
-    """Tell whether a file is there, and no link leads to it."""
+    """Return whether a file is there, and no link leads to it."""
     return file.is_file() and not file.is_symlink() and file.resolve().is_relative_to(folder)
 
 

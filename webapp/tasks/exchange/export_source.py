@@ -57,7 +57,7 @@ class Source:
         """
         if self.map.georeference is None:
             raise UsageError(
-                "nobody has said yet where this map is on the Earth",
+                "this map has no georeference yet",
                 hint="set its georeference on the page of the satellite image, or export .cfg, zip or HTML",
             )
         return self.map.georeference

@@ -24,7 +24,7 @@ UNPLACED = "unplaced"
 def run(library: Library, map_id: int, *, progress: Progress | None = None) -> Download:
     """Give a map of the library as a zip, made while it is taken.
 
-    Photos that are missing on the disk are missing in it too: whoever imports it is told by the linter.
+    Photos that are missing on the disk are missing in it too: the linter reports them after an import.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def add_placements(cfg: Path) -> None:
     strangers = [path for path in others if not _is_placement(path, map_)]
     if strangers:
         raise InputError(
-            f"these are no placements of {cfg.name}, for they have another image or other photos: "
+            f"these are not placements of {cfg.name}: they have another image or other photos: "
             f"{_listed(strangers, cfg.parent)}",
             hint="a placement has the first line, ids and photos of the map; zip other maps on their own",
         )
@@ -95,7 +95,7 @@ def add_placements(cfg: Path) -> None:
 
 
 def _known_placements(path: Path) -> list[Path]:
-    """List the files that the JSON of a `.cfg` calls its placements; the linter tells where it is damaged."""
+    """List the files that the JSON of a `.cfg` names as placements; damage is left to the linter."""
     try:
         return [placement_path(path, name) for name in read_map_json(path).placements]
     except MapError:
@@ -119,7 +119,7 @@ def _listed(paths: Collection[Path], folder: Path) -> str:
 
 
 _BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
-"""Errors of single photos: the map is imported, and they are told."""
+"""Errors of single photos: the map is imported, and they are listed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +226,7 @@ def run_into(
                 raise NotFound("the map is gone, or in the bin")
             if record.exported_sha256 != found.contents.cfg_sha256 or not record.photos:
                 if record.photos or record.satellite_path is not None:
-                    raise Conflict("the map is not empty any more", hint="import the zip as a new map")
+                    raise Conflict("the map is no longer empty", hint="import the zip as a new map")
                 adopt_map.fill(session, record, found.contents)
                 session.flush()
                 _move_into(found.cfg.parent, library.map_folder(record.slug))

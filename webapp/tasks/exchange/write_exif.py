@@ -70,7 +70,7 @@ def write_exif(
     georeference = source.georeference()
     if out.resolve() == source.cfg.parent.resolve():
         raise UsageError(
-            "the copies would lie among the originals", where=str(out), hint="name another folder"
+            "the copies would be written among the originals", where=str(out), hint="name another folder"
         )
     progress = progress or Progress()
     progress.size(len(source.map.experiences))
@@ -94,12 +94,12 @@ def _copy(
 ) -> PhotoCopy:
     at = georeference.latlon_of(e.position)
     if not (abs(at.lat) <= 90.0 and abs(at.lon) <= 180.0):  # also not NaN, beyond the horizon
-        raise PhotoError("its place on the map has no position on the Earth")
+        raise PhotoError("its position on the map has no coordinates on the Earth")
     original = read_file(photo_path(cfg, e.photo), limits=limits)
     data, note = with_position(original, at, heading_deg=e.heading_deg, limits=limits)
     target = out / e.photo
     if target.exists() or target.is_symlink():
-        raise PhotoError("there is a file of that name already")
+        raise PhotoError("a file of that name already exists")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

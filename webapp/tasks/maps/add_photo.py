@@ -134,7 +134,7 @@ def tidy_name(name: str) -> str:
 
 
 def named_by_content(path: Path) -> bool:
-    """Tell whether a file has a name that only a photo taken in has: its own hash stands in it."""
+    """Return whether a file has a name that only a photo taken in has: its own hash stands in it."""
     found = _HASH_AT_END.search(path.stem)
     return found is not None and _sha256(path).startswith(found[1])
 

@@ -66,7 +66,7 @@ def adopt_map(
     """Register the folder of a map that is in the library but not in the database.
 
     Ids, revision and files stay as they are. A photo that is missing or unreadable keeps its place on the
-    map; the linter tells.
+    map; the linter reports it.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def fill(session: Session, record: MapRecord, contents: Contents) -> None:
     """
     map_ = contents.map
     record.satellite_revision = record.exported_revision = map_.revision
-    record.revision = map_.revision + bool(contents.tray)  # which the files do not tell of
+    record.revision = map_.revision + bool(contents.tray)  # which the files do not hold
     record.exported_sha256, record.next_id = contents.cfg_sha256, map_.next_id + len(contents.tray)
     record.satellite_path = map_.satellite.path
     record.satellite_width, record.satellite_height = map_.satellite.width, map_.satellite.height

@@ -196,7 +196,7 @@ class _Judge:
     georeference: Georeference | None
 
     def find(self, name: str) -> FileFacts:
-        """Tell whether the file is there."""
+        """Return whether the file is there."""
         try:
             path = photo_path(self.cfg_path, name)
         except MapError as error:
@@ -204,7 +204,7 @@ class _Judge:
         return FileFacts("ok" if path.is_file() else "missing")
 
     def photo(self, name: str) -> FileFacts:
-        """Tell whether a photo that is there can be decoded, and where its GPS puts it."""
+        """Return whether a photo that is there can be decoded, and where its GPS puts it."""
         path = photo_path(self.cfg_path, name)
         try:
             check_decodes(path, limits=self.limits)
@@ -217,7 +217,7 @@ class _Judge:
         return FileFacts("ok", gps=pixel if math.isfinite(pixel.x) and math.isfinite(pixel.y) else None)
 
     def image(self, name: str) -> tuple[FileFacts, tuple[int, int] | None]:
-        """Tell whether an image that is there can be read, and its size in pixels."""
+        """Return whether an image that is there can be read, and its size in pixels."""
         try:
             return FileFacts("ok"), image_size(photo_path(self.cfg_path, name))
         except PhotoError as error:

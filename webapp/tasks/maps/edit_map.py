@@ -60,7 +60,7 @@ def edit_map(library: Library, map_id: int, *, edit: Edit, account_id: int) -> i
     NotFound
     """
     if edit.kind not in KINDS:
-        raise UsageError(f"{edit.kind!r} is no kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")
+        raise UsageError(f"{edit.kind!r} is not a kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         if edit.placement is not None:
@@ -93,7 +93,7 @@ def _targets(
 ) -> dict[str, Mapping[str, Any] | None]:
     known = dict(fields)
     if ("x_px" in known) != ("y_px" in known):
-        raise UsageError("x_px and y_px come together", where=f"photo/{id}", hint="give both")
+        raise UsageError("x_px and y_px go together", where=f"photo/{id}", hint="give both")
     if known.get("heading_deg") is not None:
         known["heading_deg"] = _heading(known["heading_deg"], id)
     if "x_px" not in known:
@@ -110,7 +110,9 @@ def _targets(
 
 def _heading(value: float, id: int) -> float:
     if not math.isfinite(value):
-        raise UsageError("the heading is no number", where=f"photo/{id}", hint="degrees clockwise from north")
+        raise UsageError(
+            "the heading is not a number", where=f"photo/{id}", hint="degrees clockwise from north"
+        )
     return float(value % 360.0 % 360.0)  # -1e-20 % 360 is 360
 
 

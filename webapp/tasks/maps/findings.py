@@ -45,7 +45,7 @@ FIX_NAMES: tuple[Fix, ...] = get_args(Fix)
 
 OUTSIDE = "outside-edit"
 _TOGETHER = 5
-"""More findings of one kind are told as one."""
+"""More findings of one kind are joined."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +171,7 @@ def _told(findings: Sequence[Finding], map_: Map, *, gps_swapped: Sequence[int])
 
 
 def _extra(names: Sequence[str]) -> list[Problem]:
-    """Tell of photos in the folder that no record knows."""
+    """List the photos in the folder that have no record."""
     if not names:
         return []
     shown = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")

@@ -149,7 +149,7 @@ def _check_sources(options: Options, positions: Positions | None) -> None:
         )
     if options.satellite is not None and options.source is None and not pixels:
         hint = "give --corners, --geotiff, --worldfile or --control-points; or --blank instead of an image"
-        raise UsageError("where the satellite image is on the Earth is not told", hint=hint)
+        raise UsageError("the satellite image has no georeference", hint=hint)
 
 
 def _georeferenced(satellite: Path, source: GeoSource | None) -> MapImage:

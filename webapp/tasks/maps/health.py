@@ -86,7 +86,7 @@ def stored(cfg: Path) -> dict[str, Any] | None:
         return None
     except (OSError, ValueError) as error:
         raise StorageError(
-            "what was found about the map cannot be read", where=_FILE, hint="find it out again"
+            "the survey of the map cannot be read", where=_FILE, hint="run the survey again"
         ) from error
     return content if content.get("version") == _VERSION else None
 

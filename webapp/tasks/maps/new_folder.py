@@ -55,14 +55,14 @@ class NewMapFolder:
             raise UsageError("there is no such folder", where=str(self._photos), hint="check its path")
         for path in (self._cfg, self.plan_path) if satellite is None else (self._cfg,):
             if path.exists() and not force:
-                raise UsageError("it exists already", where=str(path), hint="--force replaces it")
+                raise UsageError("it already exists", where=str(path), hint="--force replaces it")
         if not self._copy and not self._photos.resolve().is_relative_to(self._base):
             hint = "write the map into the photos' folder or one above it, or add --copy to copy the photos"
             raise UsageError("the photos lie outside the map's folder", where=str(self._photos), hint=hint)
         self.image_name(satellite)
 
     def same(self, path: Path, others: Iterable[Path]) -> bool:
-        """Tell whether `path` is one of the others."""
+        """Return whether `path` is one of the others."""
         # os.path.realpath, unlike Path.resolve, also answers for links in a circle
         return any(os.path.realpath(path) == os.path.realpath(other) for other in others)
 

@@ -38,7 +38,7 @@ class Taken:
 
 
 def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any] | None:
-    """Tell what differs between the file and the records.
+    """Compare the file with the records.
 
     Parameters
     ----------
@@ -118,13 +118,13 @@ def discard(library: Library, map_id: int, *, sha256: str) -> None:
     with library.database.read() as session:
         cfg = library.cfg(_record(session.get(MapRecord, map_id)).slug)
     if file_sha256(cfg) != sha256:
-        raise Conflict("the file is another one than was shown", hint="look at it again")
+        raise Conflict("the file has changed since it was shown", hint="reload and compare again")
     export.export_map(library, map_id, overwrite=True)
 
 
 def _check_same(record: MapRecord, cfg: Path, *, sha256: str) -> None:
     if not changed_outside(record, cfg) or file_sha256(cfg) != sha256:
-        raise Conflict("the file is another one than was shown", hint="look at it again")
+        raise Conflict("the file has changed since it was shown", hint="reload and compare again")
 
 
 def _record(found: MapRecord | None) -> MapRecord:

@@ -80,9 +80,8 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
     there = (record.satellite_path, record.satellite_width, record.satellite_height)
     if there != (image.path, image.width, image.height):
         raise UsageError(
-            "the changed file is about another satellite image: "
-            f"{image.path}, {image.width} x {image.height}",
-            hint="import its folder as a new map, or write the file anew from the library",
+            f"the changed file has another satellite image: {image.path}, {image.width} x {image.height}",
+            hint="import its folder as a new map, or export the file again from the library",
         )
     rows = maps.photos(session, record)
     made = _Planner(record, files, rows=rows)

@@ -51,7 +51,7 @@ class Clock:
         UsageError
         """
         if not (math.isfinite(self.offset_s) and abs(self.offset_s) <= _MAX_S):
-            raise UsageError("the offset of the clock is no number of seconds", where="offset_s")
+            raise UsageError("the clock offset is not a number of seconds", where="offset_s")
         if not (math.isfinite(self.max_gap_s) and 0.0 < self.max_gap_s <= _MAX_S):
             raise UsageError("the largest gap must be above 0 seconds", where="max_gap_s")
 

@@ -135,11 +135,11 @@ def how_far(pixel: MapPixel, image: MapImage) -> str:
     if not math.isfinite(pixel.x):
         return "its position is beyond the horizon of the image"
     edge = MapPixel(min(max(pixel.x, 0.0), image.width), min(max(pixel.y, 0.0), image.height))
-    told = ""
+    metric = ""
     if image.georeference is not None:
         frame = LocalFrame(image.georeference.latlon_of(edge))
         metres = math.hypot(*frame.enu_of(image.georeference.latlon_of(pixel)))
-        told = f" ({metres:.3g} m)" if metres < 1000.0 else f" ({metres / 1000.0:.0f} km)"
+        metric = f" ({metres:.3g} m)" if metres < 1000.0 else f" ({metres / 1000.0:.0f} km)"
     sides = [
         name
         for name, beyond in (
@@ -150,4 +150,4 @@ def how_far(pixel: MapPixel, image: MapImage) -> str:
         )
         if beyond
     ]
-    return f"{math.dist(pixel, edge):.0f} px{told} beyond the {' and '.join(sides)} edge"
+    return f"{math.dist(pixel, edge):.0f} px{metric} beyond the {' and '.join(sides)} edge"

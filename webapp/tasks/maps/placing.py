@@ -89,9 +89,7 @@ def needed_image(record: MapRecord, *, with_georeference: bool) -> MapImage:
     if image is None:
         raise UsageError("the map has no satellite image yet", hint="add one, or start from a blank plan")
     if with_georeference and image.georeference is None:
-        raise UsageError(
-            "where the satellite image is on the Earth is not known yet", hint="give it a georeference first"
-        )
+        raise UsageError("the satellite image has no georeference yet", hint="give it a georeference first")
     return image
 
 

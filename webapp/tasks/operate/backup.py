@@ -93,7 +93,9 @@ def back_up(
     target = target.absolute()
     if target.resolve().is_relative_to(library.folder):
         raise UsageError(
-            "a backup in the library would be lost with it", where=str(target), hint="choose another folder"
+            "a backup inside the library would be lost with it",
+            where=str(target),
+            hint="choose another folder",
         )
     about = {"made_at": now().isoformat(timespec="seconds"), "made_by": __version__}
     with new_backup(target, about=about, progress=progress) as archive:

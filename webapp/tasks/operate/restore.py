@@ -90,7 +90,7 @@ def restore(
     stage, there = folder / _STAGE, _there(folder)
     if there and not force:
         raise UsageError(
-            "there is something in this folder already",
+            "the folder is not empty",
             where=str(folder),
             hint="choose an empty one, or --force, which keeps what is there under another name",
         )
@@ -115,7 +115,7 @@ def _there(folder: Path) -> list[Path]:
     if not folder.exists():
         return []
     if not folder.is_dir():
-        raise UsageError("this is no folder", where=str(folder))
+        raise UsageError("this is not a folder", where=str(folder))
     return [p for p in folder.iterdir() if p.name != _STAGE and not p.name.startswith(_BEFORE)]
 
 
@@ -137,7 +137,7 @@ def _unpack(archive: Path, stage: Path, parts: Sequence[LibraryPart], *, progres
         if name == DATABASE:
             return stage / INNER / DATABASE
         if kind not in folders or "/" not in rest or rest.startswith("."):
-            raise InputError("the backup holds what is no part of a library", where=name)
+            raise InputError("the backup holds files that are not part of a library", where=name)
         return folders[kind] / PurePosixPath(rest)
 
     files = unpack(archive, stage, place=place, progress=progress)

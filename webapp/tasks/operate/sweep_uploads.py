@@ -58,7 +58,7 @@ def sweep_orphans(library: Library, map_id: int) -> int:
 
 
 def _older(path: Path, age: timedelta) -> bool:
-    """Tell whether a file is gone, or was last written longer ago."""
+    """Return whether a file is gone, or was last written longer ago."""
     try:
         return time.time() - path.stat().st_mtime > age.total_seconds()
     except FileNotFoundError:

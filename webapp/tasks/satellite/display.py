@@ -63,7 +63,7 @@ def key_of(library: Library, record: MapRecord) -> str | None:
 
 
 def has_tiles(library: Library, record: MapRecord) -> bool:
-    """Tell whether the tiles of a map's image are ready."""
+    """Return whether the tiles of a map's image are ready."""
     key = key_of(library, record)
     return key is not None and _tiles(library.map_folder(record.slug), key).is_dir()
 

@@ -134,7 +134,7 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
         return path
     if pixels > limits.max_megapixels * 1e6:
         raise PhotoError(
-            "the image lies on its side and is too large to be turned", hint="turn it and save it"
+            "the image is rotated by its EXIF and too large to be turned", hint="rotate it and save it again"
         )
     with opened(path, limits=limits) as image:
         ImageOps.exif_transpose(image).convert("RGB").save(copy, format="JPEG", quality=95)
@@ -175,7 +175,7 @@ def _convert(raster: Raster, target: Path, *, scratch: Path) -> None:
 
 @contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Tell a disk that refuses from an image that is damaged."""
+    """Distinguish a failing disk from a damaged image."""
     try:
         yield
     except OSError as error:

@@ -62,7 +62,7 @@ def fit(wish: GeoWish, *, width: int, height: int) -> Fit:
         return from_corners(wish.corners, width=width, height=height)
     if wish.kind == "worldfile":
         if wish.worldfile is None:
-            raise UsageError("the world file is missing", where="worldfile", hint="give its six lines")
+            raise UsageError("the world file is missing", where="worldfile", hint="send its six lines")
         return parse_worldfile(
             wish.worldfile, where="world file", width=width, height=height, crs=wish.crs or None
         )

@@ -62,7 +62,7 @@ class ImageChange:
         ]
 
     def on_it(self, position: MapPixel) -> bool:
-        """Tell whether a place is on the new image."""
+        """Return whether a place is on the new image."""
         return inside(position, width=self.new.width, height=self.new.height)
 
     def placed(self, photo: Photo, at: MapPixel) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def store_upload(
 
 
 def _own(file: Path) -> tuple[Georeference | None, tuple[str, ...]]:
-    """Take the georeference of a GeoTIFF; without one the image is still good, and that is told."""
+    """Take the georeference of a GeoTIFF; without one the image is still good, and a warning says so."""
     with file.open("rb") as opened:
         if opened.read(2) not in (b"II", b"MM"):
             return None, ()

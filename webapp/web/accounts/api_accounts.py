@@ -76,8 +76,8 @@ class TokenList(Schema):
 @account_api.get("")
 @account_api.output(AccountOut)
 def show() -> dict[str, Any]:
-    """Tell who asks."""
-    return told(account())
+    """Get the account that asks."""
+    return account_json(account())
 
 
 @account_api.patch("")
@@ -90,7 +90,7 @@ def change(wish: dict[str, str | None]) -> dict[str, Any]:
         if (name := wish.get("name")) is not None:
             accounts.rename(session, me, name=name)
         me.language = wish.get("language", me.language)
-    return told(me)
+    return account_json(me)
 
 
 @account_api.get("/tokens")
@@ -121,8 +121,8 @@ def revoke_token(token_id: int) -> str:
     return ""
 
 
-def told(who: Account) -> dict[str, Any]:
-    """Tell about an account what its owner may know."""
+def account_json(who: Account) -> dict[str, Any]:
+    """Return an account as JSON, for its owner."""
     return {
         "id": who.id,
         "name": who.name,
@@ -153,7 +153,7 @@ class SessionOut(Schema):
 @session_api.get("", endpoint="show")
 @session_api.output(SessionOut)
 def show_session() -> dict[str, Any]:
-    """Tell who is signed in, and what a page has to send with its requests."""
+    """Get who is signed in, and what a page has to send with its requests."""
     who = account()
     return {"account": who.id, "name": who.name, "csrf": generate_csrf()}
 
@@ -190,7 +190,7 @@ def only_owners() -> None:
 def list_accounts() -> dict[str, Any]:
     """List all accounts."""
     with library().database.read() as session:
-        return {"accounts": [told(person) for person in accounts.listed(session)]}
+        return {"accounts": [account_json(person) for person in accounts.listed(session)]}
 
 
 @people_api.post("")

@@ -114,7 +114,7 @@ def _limit_json() -> None:
 
 
 def _takes_no_session() -> bool:
-    """Tell whether the address is open to everyone, where a session gives nothing."""
+    """Return whether the address is open to everyone, where a session gives nothing."""
     view = current_app.view_functions.get(request.endpoint or "")
     return view is not None and context.is_public(view)
 

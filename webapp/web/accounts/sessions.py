@@ -40,7 +40,7 @@ def init_app(app: Flask) -> None:
 
 
 def is_api() -> bool:
-    """Tell whether the request is for the API."""
+    """Return whether the request is for the API."""
     return request.path.startswith(API)
 
 
@@ -51,7 +51,7 @@ def bearer() -> str | None:
 
 
 def signed_in() -> Account | None:
-    """Tell who asks; a token goes before a session.
+    """Return the account that asks; a token precedes a session.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _of_token(token: str) -> Account:
     with database.read() as db:
         found = accounts.by_token(db, token)
     if found is None:
-        raise NotSignedIn("the token is not known", hint="make a new one on the account page")
+        raise NotSignedIn("unknown token", hint="make a new one on the account page")
     account, known = found
     if known.used_at is None or now() - known.used_at > _USE_NOTED_EVERY:
         with database.write() as db:

@@ -99,7 +99,7 @@ def _kept(record: MapRecord) -> tuple[tuple[Kept, ...], StorageError | None]:
 
 
 def _metres(record: MapRecord) -> float | None:
-    """Tell how many metres a pixel in the middle of the image has; None without a place on the Earth."""
+    """Return the metres per pixel in the middle of the image; None without a georeference."""
     where = georeference(record)
     if where is None:
         return None

@@ -126,11 +126,11 @@ def show_findings(slug: str) -> dict[str, Any]:
     """Check the map."""
     record = open_map(slug)
     found = findings.list_findings(library(), record.id, settings=settings())
-    told = [
+    items = [
         {**asdict(problem), "fixes": [{"code": fix, "label": str(LABELS[fix])} for fix in problem.fixes]}
         for problem in found
     ]
-    return {"revision": record.revision, "findings": told}
+    return {"revision": record.revision, "findings": items}
 
 
 @blueprint.post("/findings/fix")
@@ -148,7 +148,7 @@ def fix(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/health")
 @blueprint.output(HealthOut)
 def show_health(slug: str) -> dict[str, Any]:
-    """Tell what was found out last about the weak places of the map."""
+    """Get the last survey of the weak places of the map."""
     return _health(open_map(slug))
 
 
@@ -165,7 +165,7 @@ def find_health(slug: str) -> dict[str, Any]:
 @blueprint.get("/outside-edit")
 @blueprint.output(OutsideOut)
 def show_outside(slug: str) -> dict[str, Any]:
-    """Tell whether `map.cfg` was changed outside of this program, and how."""
+    """Return whether `map.cfg` was changed outside of this program, and how."""
     return _outside(open_map(slug))
 
 
@@ -188,7 +188,7 @@ def discard_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     """Write the file anew, as the map is here."""
     record = open_map(slug, "editor")
     if outside_edit.show(library(), record.id, settings=settings()) is None:
-        raise Conflict("the file has not changed", hint="look at it again")
+        raise Conflict("the file has not changed", hint="reload and compare again")
     outside_edit.discard(library(), record.id, sha256=wish["sha256"])
     return _outside(record)
 
@@ -211,7 +211,7 @@ def _outside(record: MapRecord) -> dict[str, Any]:
 
 
 def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
-    """Tell what an edit changed."""
+    """Return what an edit changed."""
     who = account()
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)

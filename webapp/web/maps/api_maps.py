@@ -124,7 +124,7 @@ def create(wish: dict[str, str]) -> dict[str, Any]:
 @blueprint.get("/<slug>")
 @blueprint.doc(responses=json_answer("The whole state of a map.", MapState))
 def show(slug: str) -> dict[str, Any]:
-    """Tell everything about a map."""
+    """Get everything about a map."""
     record, who = open_map(slug, binned=True), account()
     with library().database.read() as session:
         return state.whole(session, session.get_one(MapRecord, record.id), account=who)
@@ -167,7 +167,7 @@ def restore(slug: str) -> dict[str, Any]:
 @blueprint.input(Since, location="query", arg_name="query")
 @blueprint.doc(responses=json_answer("What changed, and the jobs of the map.", MapChanges))
 def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
-    """Tell what changed since a revision."""
+    """Get what changed since a revision."""
     record, who = open_map(slug), account()
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
@@ -242,7 +242,7 @@ def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
     record = open_map(slug, "editor")
     step = edit_map.turn(library(), record.id, way=way, account_id=account().id)
     if step is None:
-        raise Conflict(f"there is nothing to {way}", hint="only your own edits of this map can be taken back")
+        raise Conflict(f"there is nothing to {way}", hint="only your own edits of this map can be undone")
     if step.clash is not None:
         hint = f"your edit stays out of {way} from now on; the one before it can be taken back"
         raise Conflict(step.clash, where=f"map {slug}", hint=hint)
@@ -250,7 +250,7 @@ def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
 
 
 def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
-    """Tell what an edit changed, and nothing of what others did at the same time: `changes` tells that."""
+    """Return what an edit changed, and nothing of what others did at the same time: `changes` has that."""
     who = account()
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
@@ -264,5 +264,7 @@ def _if_match() -> int | None:
         return None
     number = text.strip().strip('"')
     if not number.isdecimal():
-        raise UsageError(f"{text!r} is no revision", where="If-Match", hint="send the number you were told")
+        raise UsageError(
+            f"{text!r} is not a revision", where="If-Match", hint="send the revision of the last answer"
+        )
     return int(number)

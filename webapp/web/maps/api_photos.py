@@ -70,7 +70,7 @@ class PhotosIn(Schema):
 
 
 def intake_json(intake: Intake) -> dict[str, Any]:
-    """Tell what became of a file."""
+    """Return what was done with a file."""
     return {
         "name": intake.name,
         "id": intake.id,

@@ -64,7 +64,7 @@ def limit_bytes() -> None:
 
 @blueprint.errorhandler(WrongOffset)
 def tell_offset(error: WrongOffset) -> Response:
-    """Tell where to go on."""
+    """Return the offset at which to go on."""
     response = jsonify(error=as_json(error), offset=error.offset)
     response.status_code = 409
     response.headers[_HEADER] = str(error.offset)
@@ -82,9 +82,7 @@ def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
         upload = uploads.begin(session, map_id=record.id, account_id=who.id, **given)
         most = settings().upload.open_per_account
         if uploads.count_open(session, account_id=who.id) > most:
-            raise UsageError(
-                f"{most} uploads are half done", hint="finish some of them, or give them up, first"
-            )
+            raise UsageError(f"{most} uploads are unfinished", hint="finish or cancel some of them first")
     return _state(upload)
 
 
@@ -159,9 +157,9 @@ def _offset() -> int:
     given = request.headers.get(_HEADER, "")
     if not (given.isascii() and given.isdecimal() and len(given) < 16):
         raise UsageError(
-            "the header that says where the piece belongs is missing",
+            "the header with the offset of the chunk is missing",
             where=_HEADER,
-            hint="send the number of bytes before it",
+            hint="send the number of bytes before the chunk",
         )
     return int(given)
 

@@ -1,4 +1,4 @@
-"""The shapes of what `map_state` tells, for the API's document and its answers."""
+"""The schemas of maps, for the API's document and its answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page or a program is told of a map: its state, and what changed since a revision."""
+"""Maps as JSON, for pages and programs: the state, and what changed since a revision."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from webapp.web.satellite.state import satellite_json
 
 
 def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    """Tell all of a map.
+    """Return all of a map.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str,
 
 
 def changes(session: Session, record: MapRecord, *, account: Account, since: int) -> dict[str, Any]:
-    """Tell what changed after a revision.
+    """Return what changed after a revision.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
 
 
 def edited(session: Session, record: MapRecord, *, account: Account, revision: int | None) -> dict[str, Any]:
-    """Tell what one edit changed; `revision` is None for one that changed nothing.
+    """Return what one edit changed; `revision` is None for one that changed nothing.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def _changed(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 
 
 def summary(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    """Tell what a list of maps shows of one."""
+    """Return the entry of a map in a list."""
     photos, placed = maps.counts(session, record)
     return {
         "slug": record.slug,
@@ -107,7 +107,7 @@ def summary(session: Session, record: MapRecord, *, account: Account) -> dict[st
 
 
 def image(record: MapRecord, *, base: str | None = None) -> dict[str, Any]:
-    """Tell of a map's image and its georeference; `base` as for `satellite_json`.
+    """Return a map's image and its georeference; `base` as for `satellite_json`.
 
     Returns
     -------
@@ -191,10 +191,10 @@ def _placements(session: Session, record: MapRecord) -> list[dict[str, Any]]:
 
 
 def _history(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    def told(edit: Edit | None) -> dict[str, Any] | None:
+    def brief(edit: Edit | None) -> dict[str, Any] | None:
         return None if edit is None else {"kind": edit.kind, "count": len(edit.changes)}
 
     return {
-        "undo": told(edits.newest_done(session, record, account_id=account.id)),
-        "redo": told(edits.oldest_undone(session, record, account_id=account.id)),
+        "undo": brief(edits.newest_done(session, record, account_id=account.id)),
+        "redo": brief(edits.oldest_undone(session, record, account_id=account.id)),
     }

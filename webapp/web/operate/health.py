@@ -1,4 +1,4 @@
-"""Tells whoever watches the server whether all that it needs is well, and nothing else about it."""
+"""The health check: whether all that the server needs works, and nothing else about it."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def healthz() -> tuple[dict[str, Any], HTTPStatus]:
         "disk": _disk_has_room(),
         "worker": any_alive(library().inner / "workers"),
     }
-    told = {name: "ok" if well else "failing" for name, well in parts.items()}
+    states = {name: "ok" if well else "failing" for name, well in parts.items()}
     well = all(parts.values())
     status = HTTPStatus.OK if well else HTTPStatus.SERVICE_UNAVAILABLE
-    return {"status": "ok" if well else "failing", **told}, status
+    return {"status": "ok" if well else "failing", **states}, status
 
 
 def _database_answers() -> bool:
@@ -41,7 +41,7 @@ def _database_answers() -> bool:
 
 
 def _disk_has_room() -> bool:
-    """Tell whether photos are still taken in."""
+    """Return whether photos are still taken in."""
     try:
         return shutil.disk_usage(library().folder).free >= settings().upload.reserve_mb * 1e6
     except OSError:

@@ -48,7 +48,7 @@ def listed(query: dict[str, str]) -> dict[str, Any]:
 @blueprint.get("/<int:job_id>")
 @blueprint.output(JobSchema)
 def one(job_id: int) -> dict[str, Any]:
-    """Tell how far a job is."""
+    """Get the progress of a job."""
     with library().database.read() as session:
         return _told(session, _job(session, job_id, role="viewer"))
 

@@ -124,7 +124,7 @@ def _fitted(record: MapRecord, given: dict[str, Any]) -> tuple[MapImage, GeoWish
 
 
 def answer(record: MapRecord, applied: Applied, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
-    """Tell what is new.
+    """Return what is new.
 
     Parameters
     ----------
@@ -135,5 +135,5 @@ def answer(record: MapRecord, applied: Applied, *, warnings: Sequence[str] = ())
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         changed = state.changes(session, row, account=who, since=record.revision)
-    told = {"to_tray": applied.to_tray, "from_tray": applied.from_tray, "warnings": list(warnings)}
-    return {**changed, **told}
+    report = {"to_tray": applied.to_tray, "from_tray": applied.from_tray, "warnings": list(warnings)}
+    return {**changed, **report}

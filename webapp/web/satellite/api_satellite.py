@@ -124,7 +124,7 @@ def services() -> dict[str, Any]:
 
 
 def service_json(service: Any) -> dict[str, Any]:
-    """Tell a page what it needs to know of a tile service."""
+    """Get what a page needs to know of a tile service."""
     most = settings().tiles.max_tiles
     return {
         "name": service.name,

@@ -1,4 +1,4 @@
-"""What a page is told of a map's satellite image."""
+"""A map's satellite image as JSON."""
 
 from __future__ import annotations
 

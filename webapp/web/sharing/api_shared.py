@@ -78,7 +78,7 @@ def limit_bytes() -> None:
 @public
 @blueprint.output(SharedOut)
 def show(token: str) -> dict[str, Any]:
-    """Tell everything about a shared map or answer."""
+    """Get everything about a shared map or answer."""
     with library().database.read() as session:
         return shared_state.whole(session, shares.opened(session, token), token=token)
 
@@ -172,7 +172,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
             )
         except (NotReady, IndexDamaged) as error:
             raise NotReady(
-                "this map cannot localize photos yet", hint="come back in a few minutes"
+                "photos cannot be localized on this map yet", hint="come back in a few minutes"
             ) from error
     return result.form
 

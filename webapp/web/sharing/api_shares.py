@@ -59,7 +59,7 @@ class ShareOut(Schema):
     originals = Boolean()
     created_at = String()
     url = String(
-        allow_none=True, metadata={"description": "Its address; of a secret one it is told only once."}
+        allow_none=True, metadata={"description": "Its address; of a secret one it is shown only once."}
     )
     embed = String(allow_none=True, metadata={"description": "HTML that shows it in a page elsewhere."})
 

@@ -20,11 +20,11 @@ _OF_EXIF = ("fov_deg", "fov_source")
 """Of an answer."""
 
 _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
-"""Of a georeference: how it was found is not told."""
+"""Of a georeference: how it was found is left out."""
 
 
 def whole(session: Session, opened: Opened, *, token: str) -> dict[str, Any]:
-    """Tell all of a share.
+    """Return all of a share.
 
     Returns
     -------

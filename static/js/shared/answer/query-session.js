@@ -6,7 +6,7 @@
 /** @typedef {{rank: number, x_px: number, y_px: number, radius_px: ?number, heading_deg: ?number,
  *   probability: number, experiences: number[]}} Hypothesis */
 
-/** Tell whether an answer says "not on this map". */
+/** Whether an answer says "not on this map". */
 export function isOffMap({ hypotheses: [first], off_map_probability: off }) {
   return !first || (off ?? 0) > first.probability;
 }

@@ -35,7 +35,7 @@ export class MapStore extends EventTarget {
     this._setSatellite(state.satellite, state.georeference);
   }
 
-  /** Tell whoever listens. */
+  /** Notify listeners. */
   emit(name) {
     this.dispatchEvent(new Event(name));
   }

@@ -123,7 +123,7 @@ export class MapView {
     this.map.on("mouseout", () => this.showPosition(null));
   }
 
-  /** Tell the position under the cursor or crosshair. @param {?number[]} pixel */
+  /** Show the position under the cursor or crosshair. @param {?number[]} pixel */
   showPosition(pixel) {
     const { satellite } = this.store;
     this._cursor.textContent = pixel && satellite && isInside(pixel, satellite) ? this.positionText(pixel) : "";

@@ -58,7 +58,7 @@ export class PhotoDots extends CanvasLayer {
       .sort((a, b) => first(a) - first(b));
   }
 
-  /** Tell whether a point of the screen is on the handle that turns the current photo. */
+  /** Whether a point of the screen is on the handle that turns the current photo. */
   onHandle(point, pointer = "mouse") {
     const at = this._handle;
     return Boolean(at) && Math.hypot(at.x - point.x, at.y - point.y) <= NEAR[pointer];

@@ -100,10 +100,10 @@ def test_a_kml_has_lines_tracks_and_points() -> None:
     assert track.poses.heading_deg.tolist() == [90.0, 270.0]
     (seen,) = objects.sightings
     assert (seen.object_id, seen.time_s, seen.latlon) == ("placemark 3 bin", 9.0, (50.2, 14.2))
-    told = {one.reason: one.count for one in findings.skipped()}
-    assert told["times or positions of a track without their counterpart"] == 1
-    assert told["areas, which are no tracks"] == 1
-    assert told["links to other files, which are not followed"] == 1
+    message = {one.reason: one.count for one in findings.skipped()}
+    assert message["times or positions of a track without their counterpart"] == 1
+    assert message["areas, which are no tracks"] == 1
+    assert message["links to other files, which are not followed"] == 1
 
 
 def test_a_drawing_is_refused_unless_lines_are_named() -> None:
@@ -117,7 +117,7 @@ def test_a_drawing_is_refused_unless_lines_are_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("data", "message"),
     [
         (b'<!DOCTYPE gpx [<!ENTITY a "b">]><gpx>&a;</gpx>', "document type"),
         (b'<!DOCTYPE gpx SYSTEM "http://192.0.2.1/x.dtd"><gpx/>', "document type"),
@@ -127,8 +127,8 @@ def test_a_drawing_is_refused_unless_lines_are_named() -> None:
         (b"<a>" * 100_000, "nested"),
     ],
 )
-def test_bad_xml_is_refused(data: bytes, told: str) -> None:
-    with pytest.raises(TrackError, match=told):
+def test_bad_xml_is_refused(data: bytes, message: str) -> None:
+    with pytest.raises(TrackError, match=message):
         read_gpx(data)
 
 

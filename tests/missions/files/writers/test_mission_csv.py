@@ -23,10 +23,10 @@ def number(text):
 
 
 def test_poses_read_back_exactly(mission):
-    told = rows(format_poses_csv(mission))
-    assert tuple(told[0]) == POSE_COLUMNS
+    result = rows(format_poses_csv(mission))
+    assert tuple(result[0]) == POSE_COLUMNS
     for track in mission.tracks:
-        mine = [row for row in told if (row["source"], row["track"]) == (track.source, track.name)]
+        mine = [row for row in result if (row["source"], row["track"]) == (track.source, track.name)]
         assert [int(row["number"]) for row in mine] == list(range(track.count))
         whole = [np.concatenate([getattr(p, f) for p in track.poses()]) for f in ("latlon", "height_m")]
         assert [[number(row["lat"]), number(row["lon"])] for row in mine] == whole[0].tolist()
@@ -35,9 +35,9 @@ def test_poses_read_back_exactly(mission):
 
 
 def test_objects_read_back(mission):
-    told = rows(format_objects_csv(mission))
-    assert tuple(told[0]) == OBJECT_COLUMNS
-    for found, row in zip(mission.objects(), told, strict=True):
+    result = rows(format_objects_csv(mission))
+    assert tuple(result[0]) == OBJECT_COLUMNS
+    for found, row in zip(mission.objects(), result, strict=True):
         assert (row["id"], row["class"], int(row["sightings"])) == (found.id, found.kind, found.sightings)
         assert (float(row["lat"]), float(row["lon"])) == tuple(found.latlon)
         assert row["confidence"] == ("" if found.confidence is None else repr(found.confidence))

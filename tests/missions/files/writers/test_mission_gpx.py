@@ -23,9 +23,9 @@ def joined(track, field):
 
 def test_every_pose_reads_back(mission, read):
     assert [track.source for track in read.tracks] == ["gps", "odometry", "manual"]
-    for track, told in zip(mission.tracks, read.tracks, strict=True):
-        assert len(told.segments) == 1
-        points = told.segments[0].points
+    for track, result in zip(mission.tracks, read.tracks, strict=True):
+        assert len(result.segments) == 1
+        points = result.segments[0].points
         assert len(points) == track.count
         at = [(point.latitude, point.longitude) for point in points]
         np.testing.assert_allclose(at, joined(track, "latlon"), atol=1e-9, rtol=0)
@@ -36,8 +36,8 @@ def test_every_pose_reads_back(mission, read):
         more = [{e.tag.removeprefix(KEY): e.text for e in point.extensions} for point in points]
         headings = [float(one.get("heading", "nan")) for one in more]
         np.testing.assert_allclose(headings, joined(track, "heading_deg"), atol=1e-3)
-        told = [[float(v) for v in one.get("covariance", "nan nan nan").split()] for one in more]
-        np.testing.assert_allclose(told, joined(track, "covariance_m2"), rtol=1e-5)
+        result = [[float(v) for v in one.get("covariance", "nan nan nan").split()] for one in more]
+        np.testing.assert_allclose(result, joined(track, "covariance_m2"), rtol=1e-5)
 
 
 def test_objects_are_waypoints(mission, read):

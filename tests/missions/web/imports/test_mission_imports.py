@@ -74,18 +74,18 @@ def test_what_the_job_refuses_is_not_kept(upload, library, work):
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("data", "message"),
     [
         (b"", "empty"),
-        (b"\x89PNG\r\n\x1a\n\0\0", "no file with a track"),
+        (b"\x89PNG\r\n\x1a\n\0\0", "not a file with a track"),
         (b'<!DOCTYPE kml [<!ENTITY a "b">]><kml>&a;</kml>', "document type"),
         (b"PK\x03\x04", "zip is damaged"),
     ],
 )
-def test_what_is_no_track_is_refused_at_once(upload, library, data, told):
+def test_what_is_no_track_is_refused_at_once(upload, library, data, message):
     answer = upload(data, "x.gpx")
     assert answer.status_code == 422 or answer.status_code == 400
-    assert told in answer.json["error"]["message"]
+    assert message in answer.json["error"]["message"]
     assert waiting(library) == []
 
 

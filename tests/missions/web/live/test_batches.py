@@ -221,7 +221,7 @@ def test_the_end_tells_what_was_left_out_after_the_last_pose(send, walk, state):
 
 
 @pytest.mark.parametrize(
-    ("told", "where"),
+    ("result", "where"),
     [
         ("x", "left_out"),
         ([{"gap": 1}], "gap"),
@@ -229,8 +229,8 @@ def test_the_end_tells_what_was_left_out_after_the_last_pose(send, walk, state):
         ([{"source": 1}], "source"),
     ],
 )
-def test_what_the_end_tells_is_checked(send, told, where):
-    answer = send([{"type": "end", "left_out": told}])
+def test_the_end_record_is_checked(send, result, where):
+    answer = send([{"type": "end", "left_out": result}])
     assert answer.status_code == 422
     assert answer.json["error"]["where"].endswith(f"records.0.{where}")
 

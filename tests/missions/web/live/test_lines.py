@@ -157,9 +157,9 @@ def test_a_long_track_that_is_not_prepared(line, library, mission, track):
 def test_over_the_api(client, mission, track, build):
     build()
     base = f"/api/v1/missions/{mission}/tracks/{track.id}"
-    told = client.get(f"{base}/line?tolerance_m=2").json
-    assert told["complete"]
-    assert told["points"][0] == [0, 1e9, 0.0, 0.0, 0.0]
+    result = client.get(f"{base}/line?tolerance_m=2").json
+    assert result["complete"]
+    assert result["points"][0] == [0, 1e9, 0.0, 0.0, 0.0]
     profile = client.get(f"{base}/profile?points=50").json
     assert len(profile["time_s"]) == len(profile["height_m"]) <= 50
     assert profile["travelled_m"][-1] == pytest.approx(
@@ -178,9 +178,9 @@ def test_the_profile_of_a_long_track_is_read_from_what_was_prepared(client, miss
     before = client.get(address).json
     build()
     after = client.get(address).json
-    for told in (before, after):
-        assert max(told["height_m"]) == pytest.approx(1, abs=1e-3)
-        assert told["time_s"][-1] == pytest.approx(1e9 + (COUNT + 30_000 - 1) * 0.1)
+    for result in (before, after):
+        assert max(result["height_m"]) == pytest.approx(1, abs=1e-3)
+        assert result["time_s"][-1] == pytest.approx(1e9 + (COUNT + 30_000 - 1) * 0.1)
 
 
 def test_a_track_that_is_cleared(build, line, library, mission, track):

@@ -97,9 +97,9 @@ def test_of_very_many_poses_some_are_told(send, walk, follow, state):
     known = state()["cursor"]
     send(walk(4999, begin=1), first=1)
     ((data, _),) = follow(known)
-    told = numbers(data)
-    assert len(told) == 500
-    assert (told[0], told[-1]) == (1, 4999)
+    result = numbers(data)
+    assert len(result) == 500
+    assert (result[0], result[-1]) == (1, 4999)
 
 
 @pytest.mark.parametrize("stream_s", [120.0])

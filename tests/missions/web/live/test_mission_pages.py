@@ -71,14 +71,14 @@ def test_each_tells_of_itself(client, new_mission, new_map, new_account, sign_in
         id=second,
     )
     browser = sign_in(ann)
-    told = {m["id"]: m for m in browser.get("/api/v1/missions").json["missions"]}
-    facts = {id: (m["map"], m["role"], m["can_edit"], m["poses"], m["objects"]) for id, m in told.items()}
+    result = {m["id"]: m for m in browser.get("/api/v1/missions").json["missions"]}
+    facts = {id: (m["map"], m["role"], m["can_edit"], m["poses"], m["objects"]) for id, m in result.items()}
     assert facts == {
         first: (park, "viewer", False, 3, 0),
         second: (wood, "editor", True, 5, 1),
         own: (None, "owner", True, 0, 0),
     }
-    for id, mission in told.items():
+    for id, mission in result.items():
         alone = browser.get(f"/api/v1/missions/{id}").json
         assert {key: alone[key] for key in mission} == mission
 

@@ -80,7 +80,7 @@ def add_photo(client):
 
 @pytest.fixture
 def share(client):
-    """Share a mission; gives what its owner is told."""
+    """Share a mission; gives the answer to its owner."""
 
     def make(mission, **wish):
         answer = client.post(f"/api/v1/missions/{mission}/shares", json=wish)

@@ -61,8 +61,8 @@ def test_questions_are_answered(client, new_mission):
     wish = {"from": "objects", "select": "id, class", "where": "class like 'c%'"}
     answer = client.get(where, query_string=wish)
     assert answer.json == {"columns": ["id", "class"], "rows": [["c1", "car"]], "complete": True}
-    told = client.get(where, query_string={**wish, "format": "csv"})
-    assert list(csv.reader(io.StringIO(told.text))) == [["id", "class"], ["c1", "car"]]
+    result = client.get(where, query_string={**wish, "format": "csv"})
+    assert list(csv.reader(io.StringIO(result.text))) == [["id", "class"], ["c1", "car"]]
     poses = client.get(where, query_string={"where": "number >= 8", "select": "number"})
     assert poses.json["rows"] == [[8], [9]]
 
@@ -80,7 +80,7 @@ def test_questions_are_answered(client, new_mission):
         ({"format": "xml"}, 422, "query.format"),
     ],
 )
-def test_a_mistake_is_told_with_its_place(client, new_mission, wish, status, where):
+def test_an_error_has_its_position(client, new_mission, wish, status, where):
     answer = client.get(f"/api/v1/missions/{new_mission()}/query", query_string=wish)
     assert answer.status_code == status
     assert answer.json["error"]["where"] == where

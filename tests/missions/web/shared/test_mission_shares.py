@@ -22,10 +22,10 @@ def api(shared, rest=""):
 def every_address(shared, *, track, sha):
     page = shared["url"]
     exports = [f"{page}/export.{form}" for form in ("kml", "kmz", "gpx", "geojson", "csv", "html")]
-    told = ["", f"/tracks/{track}/line", f"/tracks/{track}/profile", "/objects", "/objects/c1", "/photos"]
-    told += [f"/photos/{sha}/thumb", f"/photos/{sha}/preview"]
+    result = ["", f"/tracks/{track}/line", f"/tracks/{track}/profile", "/objects", "/objects/c1", "/photos"]
+    result += [f"/photos/{sha}/thumb", f"/photos/{sha}/preview"]
     pages = [page, f"{page}/embed", shared["kml"], f"{page}/objects.csv"]
-    return pages + exports + [api(shared, rest) for rest in told]
+    return pages + exports + [api(shared, rest) for rest in result]
 
 
 def test_only_a_hash_of_a_secret_link_is_kept(library, client, new_mission, share):
@@ -58,8 +58,8 @@ def test_what_is_new_is_told(stranger, new_mission, share, send):
     send(mission, 5, first=5, objects=[("new", "car")])
     after = stranger.get(api(shared)).json
     assert after["cursor"] != before["cursor"] and after["tracks"][0]["poses"] == 10
-    told = stranger.get(api(shared, f"/objects?since={before['revision']}")).json["objects"]
-    assert [one["id"] for one in told] == ["new"]
+    result = stranger.get(api(shared, f"/objects?since={before['revision']}")).json["objects"]
+    assert [one["id"] for one in result] == ["new"]
 
 
 def test_without_photos_there_are_none(stranger, new_mission, share, add_photo):
@@ -219,5 +219,5 @@ def test_why_a_photo_could_not_be_localized_is_not_told(stranger, library, new_m
     with library.database.write() as session:
         photo = session.get(MissionPhoto, (mission, sha))
         photo.fix, photo.fix_state = {"error": "SECRETNAME.jpg: damaged"}, "failed"
-    (told,) = stranger.get(api(share(mission, photos=True), "/photos")).json["photos"]
-    assert (told["sha256"], told["fix"]) == (sha, None)
+    (result,) = stranger.get(api(share(mission, photos=True), "/photos")).json["photos"]
+    assert (result["sha256"], result["fix"]) == (sha, None)
