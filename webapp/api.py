@@ -22,8 +22,7 @@ from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.maps import from_photos
-from webapp.tasks.maps.from_photos import Options as PlaceOptions
-from webapp.tasks.maps.from_photos import Report as PlaceReport
+from webapp.tasks.maps.from_photos import PlaceOptions, PlaceReport
 from webapp.tasks.satellite.georeference_image import GeoSource
 
 __all__ = [

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.blur import Box, blur
+from webapp.core.blur import BlurBox, blur
 
 SHARE = st.floats(0, 1)
 
@@ -17,7 +17,7 @@ def noise():
 
 def test_only_the_box_changes_and_nothing_of_it_is_left(noise):
     before = noise.copy()
-    after = blur(noise, [Box(0.25, 0.25, 0.5, 0.5)])
+    after = blur(noise, [BlurBox(0.25, 0.25, 0.5, 0.5)])
     inside = (slice(30, 90), slice(40, 120))
     changed = np.any(after != before, axis=2)
     assert changed[inside].mean() > 0.95
@@ -32,12 +32,12 @@ def test_what_differs_in_detail_looks_the_same(noise):
     other[30:90, 40:120] = other[30:90, 40:120][:, ::-1][::-1]
     rows = np.repeat(np.arange(30, 90), 80), np.tile(np.arange(40, 120), 60)
     mean_before = np.abs(noise[rows].astype(int) - other[rows]).mean()
-    box = [Box(0.25, 0.25, 0.5, 0.5)]
+    box = [BlurBox(0.25, 0.25, 0.5, 0.5)]
     mean_after = np.abs(blur(noise, box)[rows].astype(int) - blur(other, box)[rows]).mean()
     assert mean_after < 0.15 * mean_before
 
 
-@given(st.lists(st.builds(Box, SHARE, SHARE, SHARE, SHARE), max_size=3))
+@given(st.lists(st.builds(BlurBox, SHARE, SHARE, SHARE, SHARE), max_size=3))
 def test_any_box_gives_a_picture(boxes):
     picture = np.full((7, 5, 3), 90, np.uint8)
     assert np.array_equal(blur(picture, boxes), picture)

@@ -9,7 +9,16 @@ from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.render.colours import EXPERIENCE, TRUTH, probability_colour
-from webapp.render.map_picture import BAND_PX, DISC_PX, View, detail, draw_map, headline, overview, scale_bar
+from webapp.render.map_picture import (
+    BAND_PX,
+    DISC_PX,
+    MapView,
+    detail,
+    draw_map,
+    headline,
+    overview,
+    scale_bar,
+)
 
 STATISTICS = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
 
@@ -32,7 +41,7 @@ def at(x: float, y: float, **changes: object) -> Hypothesis:
     return replace(found, **changes)
 
 
-def draw(themap: Map, result: Answer, truth: MapPixel | None = None) -> tuple[np.ndarray, View]:
+def draw(themap: Map, result: Answer, truth: MapPixel | None = None) -> tuple[np.ndarray, MapView]:
     """Draw, and find where the whole map is in the picture."""
     image = themap.satellite
     drawn = np.array(
@@ -45,7 +54,9 @@ def draw(themap: Map, result: Answer, truth: MapPixel | None = None) -> tuple[np
     return drawn, part.fitted(sizes.get((bool(result.hypotheses), wide), (1600, 1100)))
 
 
-def pixel(drawn: np.ndarray, view: View, position: MapPixel, dx: float = 0, dy: float = 0) -> tuple[int, ...]:
+def pixel(
+    drawn: np.ndarray, view: MapView, position: MapPixel, dx: float = 0, dy: float = 0
+) -> tuple[int, ...]:
     x, y = view.shown(position)
     return tuple(int(v) for v in drawn[round(y + dy), round(x + dx)])
 
@@ -154,10 +165,10 @@ def test_detail_is_three_times_larger_and_inside_the_image() -> None:
 
 
 def test_scale_bar_is_round_and_true() -> None:
-    length, label = scale_bar(a_map(), View(0, 0, 1000, 800, 1.5))
+    length, label = scale_bar(a_map(), MapView(0, 0, 1000, 800, 1.5))
     assert (length, label) == (75.0, "50 map pixels")
     metric = Georeference("EPSG:32633", (0.5, 0, 500_000, 0, -0.5, 5_500_000, 0, 0, 1), "affine")
-    length, label = scale_bar(replace(a_map(), georeference=metric), View(0, 0, 1000, 800, 1.5))
+    length, label = scale_bar(replace(a_map(), georeference=metric), MapView(0, 0, 1000, 800, 1.5))
     assert label == "20 m"
     assert length == pytest.approx(60, rel=1e-3)
 

@@ -70,7 +70,7 @@ def test_the_satellite_image_is_a_hundred_and_twenty_metres_wide(sample_folder):
 
 
 def test_the_photos_make_the_map_again(sample_folder, tmp_path):
-    options = from_photos.Options(
+    options = from_photos.PlaceOptions(
         tmp_path / "again" / "map.cfg",
         satellite=sample_folder / "satellite.png",
         source=GeoSource("corners", sample_folder / "corners.json"),

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.sample.scene.camera import Camera
+from webapp.sample.scene.camera import SceneCamera
 from webapp.sample.scene.raster import Frame, Quad, Texture, draw_quad
 
 RED, GREEN, BLUE = (255, 0, 0), (0, 255, 0), (0, 0, 255)
@@ -35,7 +35,7 @@ def photograph(quads, camera):
     return frame
 
 
-LOOKING_NORTH = Camera((0.0, 0.0, 2.0), 0.0, 90.0, 101, 101)
+LOOKING_NORTH = SceneCamera((0.0, 0.0, 2.0), 0.0, 90.0, 101, 101)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_points_appear_where_the_pinhole_puts_them(point, pixel):
 
 
 def test_heading_turns_clockwise():
-    east = Camera((0.0, 0.0, 2.0), 90.0, 90.0, 101, 101)
+    east = SceneCamera((0.0, 0.0, 2.0), 90.0, 90.0, 101, 101)
     pixels, depth = east.project(np.array([[10.0, 0.0, 2.0], [10.0, -5.0, 2.0]]))
     assert pixels[0] == pytest.approx((50, 50))
     assert pixels[1, 0] > 50  # south is to the right of who looks east
@@ -62,7 +62,7 @@ def test_heading_turns_clockwise():
 
 
 def test_looking_up_lowers_the_scene():
-    up = Camera((0.0, 0.0, 2.0), 0.0, 90.0, 101, 101, pitch_deg=10.0)
+    up = SceneCamera((0.0, 0.0, 2.0), 0.0, 90.0, 101, 101, pitch_deg=10.0)
     pixels, _ = up.project(np.array([[0.0, 10.0, 2.0]]))
     assert pixels[0] == pytest.approx((50, 50 + up.focal_px * np.tan(np.radians(10))))
 
@@ -72,7 +72,7 @@ angles = st.floats(-180, 180)
 
 @given(heading=angles, pitch=st.floats(-90, 90))
 def test_the_rotation_is_one(heading, pitch):
-    rotation = Camera((0, 0, 0), heading, 60.0, 64, 48, pitch).camera_from_world
+    rotation = SceneCamera((0, 0, 0), heading, 60.0, 64, 48, pitch).camera_from_world
     assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
 
@@ -85,7 +85,7 @@ def test_the_rotation_is_one(heading, pitch):
     pitch=st.floats(-10, 10),
 )
 def test_a_drawn_spot_is_seen_where_its_centre_projects(east, south, up, heading, pitch):
-    camera = Camera((east, south, up), heading, 80.0, 200, 150, pitch)
+    camera = SceneCamera((east, south, up), heading, 80.0, 200, 150, pitch)
     spot = wall(north=12.0, size=0.6, texture=picture(GREEN, GREEN))
     expected, _ = camera.project((spot.corner + spot.along / 2 + spot.up / 2)[None])
     seen = np.argwhere(np.isfinite(photograph([spot], camera).depth))[:, ::-1]
@@ -117,7 +117,7 @@ def test_the_nearer_wall_hides_the_other_whatever_comes_first():
 
 @pytest.mark.parametrize("two_sided", [False, True])
 def test_the_back_is_seen_of_two_sided_quads_only(two_sided):
-    behind = Camera((0.0, 20.0, 2.0), 180.0, 90.0, 101, 101)
+    behind = SceneCamera((0.0, 20.0, 2.0), 180.0, 90.0, 101, 101)
     seen = np.isfinite(photograph([wall(two_sided=two_sided)], behind).depth)
     assert seen.any() == two_sided
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from webapp.sample.scene.camera import Camera, map_views
+from webapp.sample.scene.camera import SceneCamera, map_views
 from webapp.sample.scene.light import AFTERNOON, AUTUMN, EVENING, OVERCAST
 from webapp.sample.scene.plan import DEPTH_M, PATH_WIDTH_M, WIDTH_M, draw_plan, nearest
 from webapp.sample.scene.render import overhead, render
@@ -42,7 +42,7 @@ def front_of(house, *, distance, aside=0.0, turn_deg=0.0):
     """A camera in front of a house that looks at its door side."""
     spot = house.centre + house.facing * (house.depth / 2 + distance) + house.side * aside
     heading = np.degrees(np.arctan2(-house.facing[0], -house.facing[1])) + turn_deg
-    return Camera((float(spot[0]), float(spot[1]), 1.6), float(heading), 66.0, 640, 480)
+    return SceneCamera((float(spot[0]), float(spot[1]), 1.6), float(heading), 66.0, 640, 480)
 
 
 def matches(first, second):

@@ -22,7 +22,7 @@ from webapp.tasks.exchange.write_exif import write_exif as copy_photos
 from webapp.tasks.maps import check_map
 from webapp.tasks.maps import from_photos as map_from_photos
 from webapp.tasks.maps.place_photos import FileResult
-from webapp.tasks.maps.survey_photos import State
+from webapp.tasks.maps.survey_photos import FileState
 from webapp.tasks.satellite.georeference_image import GeoSource
 
 _SHOWN = {"error": 20, "warning": 5}
@@ -55,7 +55,7 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
         ctx.exit(BAD_MAP)
 
 
-def _print(report: check_map.Report) -> None:
+def _print(report: check_map.CheckReport) -> None:
     """Print the findings; of one kind in one file, only the first."""
     seen: Counter[tuple[str, str]] = Counter()
     most: dict[tuple[str, str], int] = {}
@@ -74,11 +74,11 @@ def _print(report: check_map.Report) -> None:
             click.echo(f"{name}: {count - most[file, code]} more of {code}; --json lists all", err=True)
 
 
-def _file(report: check_map.Report, finding: Finding) -> Path:
+def _file(report: check_map.CheckReport, finding: Finding) -> Path:
     return report.cfg_path.with_name(finding.file) if finding.file else report.cfg_path
 
 
-def _as_json(report: check_map.Report) -> dict[str, object]:
+def _as_json(report: check_map.CheckReport) -> dict[str, object]:
     findings = [
         {
             "file": str(_file(report, finding)),
@@ -210,7 +210,7 @@ def from_photos(
         raise UsageError(f"{names} exclude each other", hint="choose one of them")
     if not kinds and (crs or model):
         raise UsageError("--crs and --model go with a source of the georeference", hint="add one of them")
-    options = map_from_photos.Options(
+    options = map_from_photos.PlaceOptions(
         cfg, satellite, next(iter(kinds), None), positions=positions, copy=copy, force=force
     )
     with terminal_progress("photos") as progress:
@@ -223,11 +223,11 @@ def from_photos(
         if as_json
         else _report_table(report)
     )
-    if report.count(State.UNREADABLE) or not report.written:
+    if report.count(FileState.UNREADABLE) or not report.written:
         ctx.exit(SOME_FAILED)
 
 
-def _show_warnings(report: map_from_photos.Report) -> None:
+def _show_warnings(report: map_from_photos.PlaceReport) -> None:
     """Say on standard error what is no result: residuals, warnings, that nothing was written."""
     if report.residuals_m:
         metres = " ".join(f"{residual:.3g}" for residual in report.residuals_m)
@@ -238,7 +238,7 @@ def _show_warnings(report: map_from_photos.Report) -> None:
         click.echo("no photo could be placed: no map was written", err=True)
 
 
-def _report_table(report: map_from_photos.Report) -> str:
+def _report_table(report: map_from_photos.PlaceReport) -> str:
     width = max((len(file.name) for file in report.files), default=0)
     lines = []
     for file in report.files:
@@ -247,16 +247,16 @@ def _report_table(report: map_from_photos.Report) -> str:
             x, y = file.experience.position
             details.append(f"id {file.experience.id} at x {x:.1f}, y {y:.1f}")
         lines.append(f"{file.name:{width}}  {file.state:17}  {'; '.join((*details, *file.notes))}".rstrip())
-    counts = ", ".join(f"{report.count(state)} {state}" for state in State)
+    counts = ", ".join(f"{report.count(state)} {state}" for state in FileState)
     return "\n".join([*lines, f"{len(report.files)} files: {counts}"])
 
 
-def _report_as_json(report: map_from_photos.Report) -> dict[str, object]:
+def _report_as_json(report: map_from_photos.PlaceReport) -> dict[str, object]:
     image = report.satellite
     return {
         "map": str(report.cfg) if report.written else None,
         "satellite": image and {"path": image.path, "width": image.width, "height": image.height},
-        "counts": {str(state): report.count(state) for state in State},
+        "counts": {str(state): report.count(state) for state in FileState},
         "residuals_m": list(report.residuals_m),
         "warnings": list(report.warnings),
         "files": [_file_as_json(file) for file in report.files],

@@ -13,7 +13,7 @@ _CELLS = 6
 """Mean colours along the longer side of a box; a blur with a kernel could be computed back."""
 
 
-class Box(NamedTuple):
+class BlurBox(NamedTuple):
     """A part of a picture, in shares of its width and height from its top-left corner."""
 
     x: float
@@ -22,13 +22,13 @@ class Box(NamedTuple):
     height: float
 
 
-def blur(pixels: NDArray[np.uint8], boxes: Iterable[Box]) -> NDArray[np.uint8]:
+def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint8]:
     """Replace boxes by a few mean colours of each, joined smoothly.
 
     Parameters
     ----------
     pixels : (h, w, 3) uint8
-    boxes : iterable of Box
+    boxes : iterable of BlurBox
         What lies outside the picture is left out.
 
     Returns

@@ -24,7 +24,7 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TextRow:
     """One line of a table.
 
     Attributes
@@ -85,7 +85,7 @@ def read_text(path: Path, *, error: type[InputError]) -> str:
         raise error("the file is not UTF-8 text", where=str(path), hint="save it as UTF-8") from problem
 
 
-def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[Row]]:
+def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow]]:
     """Read a table of columns separated by semicolons under a header line.
 
     A byte order mark, CRLF and blank lines are accepted.
@@ -118,7 +118,7 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[Row]]:
         if len(fields) != header.count(";") + 1:
             message = f"{len(fields)} columns instead of {header.count(';') + 1}"
             raise TableError(message, where=f"{path}:{number}", hint=f"write {header}, with decimal points")
-        rows.append(Row(fields, f"{path}:{number}"))
+        rows.append(TextRow(fields, f"{path}:{number}"))
     return header, rows
 
 

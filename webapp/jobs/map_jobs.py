@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from webapp.core.geo.tilegrid import Box
+from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
 from webapp.jobs.context import Context
 from webapp.render import export_file
@@ -20,7 +20,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 from webapp.tasks.maps import export, health
 from webapp.tasks.satellite import display, tiles
-from webapp.tasks.satellite.apply import Choice, set_image
+from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.tiles import TileWish
 from webapp.tasks.satellite.unused import taken_back_if_refused
 
@@ -139,7 +139,7 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
     """Set a map's image from a tile service; tiles that are there already are not fetched again."""
     record = context.map()
     asked = context.arguments
-    box = Box(**{name: float(asked[name]) for name in Box._fields})
+    box = GeoBox(**{name: float(asked[name]) for name in GeoBox._fields})
     fetched = tiles.fetch_tiles(
         context.library,
         record.id,
@@ -147,7 +147,7 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
         settings=context.settings,
         progress=context.progress,
     )
-    choice = Choice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
+    choice = ImageChoice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
     with taken_back_if_refused(context.library, record.id, name=fetched.new.path):
         applied = set_image(context.changing, record.id, new=fetched.new, choice=choice)
     return {

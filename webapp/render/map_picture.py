@@ -22,7 +22,7 @@ ZOOM = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class MapView:
     """A part of the satellite image, scaled.
 
     Attributes
@@ -49,26 +49,26 @@ class View:
         """Where a map position is in the view, counted from the centre of its first pixel."""
         return (position.x - self.left) * self.scale - 0.5, (position.y - self.top) * self.scale - 0.5
 
-    def fitted(self, size: tuple[int, int]) -> View:
+    def fitted(self, size: tuple[int, int]) -> MapView:
         """Scale the same part to be as large as fits into `size`."""
         width, height = self.right - self.left, self.bottom - self.top
         scale = min(size[0] / width, size[1] / height, MAX_SCALE)
-        return View(self.left, self.top, self.right, self.bottom, scale)
+        return MapView(self.left, self.top, self.right, self.bottom, scale)
 
 
-def overview(themap: Map, positions: list[MapPixel]) -> View:
+def overview(themap: Map, positions: list[MapPixel]) -> MapView:
     """Show all experiences and all `positions` with a margin, at the image's own size."""
     width, height = themap.satellite.width, themap.satellite.height
     seen = np.array([*(e.position for e in themap.experiences), *positions], dtype=np.float64).reshape(-1, 2)
     if not len(seen):
-        return View(0, 0, width, height, 1.0)
+        return MapView(0, 0, width, height, 1.0)
     # A map with few photos still shows their surroundings: at least a quarter of the image.
     low, high = seen.min(axis=0), seen.max(axis=0)
     spread = np.maximum(high - low, max(width, height) / 4) * 1.14
     return _around((low + high) / 2, spread, (width, height), scale=1.0)
 
 
-def detail(themap: Map, whole: View, *, centre: MapPixel, size: tuple[int, int]) -> View:
+def detail(themap: Map, whole: MapView, *, centre: MapPixel, size: tuple[int, int]) -> MapView:
     """Show the surroundings of a position enlarged, in a picture of at most `size`."""
     scale = min(ZOOM * whole.scale, MAX_SCALE)
     spread = np.array(size, dtype=np.float64) / scale
@@ -78,15 +78,15 @@ def detail(themap: Map, whole: View, *, centre: MapPixel, size: tuple[int, int])
 
 def _around(
     centre: NDArray[np.float64], spread: NDArray[np.float64], image: tuple[int, int], *, scale: float
-) -> View:
+) -> MapView:
     """Cut a box of this spread out of the image; where it would stick out it moves in, or is smaller."""
     limit = np.array(image, dtype=np.float64)
     spread = np.minimum(np.maximum(np.floor(spread), 1), limit)
     left, top = np.floor(np.clip(centre - spread / 2, 0, limit - spread))
-    return View(int(left), int(top), int(left + spread[0]), int(top + spread[1]), scale)
+    return MapView(int(left), int(top), int(left + spread[0]), int(top + spread[1]), scale)
 
 
-def ground(satellite: NDArray[np.uint8], themap: Map, *, view: View) -> NDArray[np.uint8]:
+def ground(satellite: NDArray[np.uint8], themap: Map, *, view: MapView) -> NDArray[np.uint8]:
     """Cut a view out of the satellite image, with its colours held back.
 
     Parameters
@@ -110,7 +110,7 @@ def ground(satellite: NDArray[np.uint8], themap: Map, *, view: View) -> NDArray[
     return np.asarray(cv2.addWeighted(colour, 0.6, grey, 0.4, 0), dtype=np.uint8)
 
 
-def scale_bar(themap: Map, view: View) -> tuple[float, str]:
+def scale_bar(themap: Map, view: MapView) -> tuple[float, str]:
     """Length in the picture and label of a round distance, at most 120 pixels long."""
     middle = MapPixel((view.left + view.right) / 2, (view.top + view.bottom) / 2)
     unit_px, unit = view.scale, "map pixels"
@@ -259,11 +259,11 @@ def draw_map(
     return canvas.image()
 
 
-def _is_wide(whole: View) -> bool:
+def _is_wide(whole: MapView) -> bool:
     return whole.right - whole.left > 2 * (whole.bottom - whole.top)
 
 
-def _views(themap: Map, answer: Answer, truth: MapPixel | None) -> tuple[View, View | None]:
+def _views(themap: Map, answer: Answer, truth: MapPixel | None) -> tuple[MapView, MapView | None]:
     marked = [h.position for h in answer.hypotheses] + ([] if truth is None else [truth])
     part = overview(themap, marked)
     if not answer.hypotheses:
@@ -283,7 +283,7 @@ def _places(panels: list[Canvas], *, beside: bool) -> list[tuple[int, int]]:
 
 
 def _panel(
-    satellite: NDArray[np.uint8], themap: Map, view: View, *, answer: Answer, truth: MapPixel | None
+    satellite: NDArray[np.uint8], themap: Map, view: MapView, *, answer: Answer, truth: MapPixel | None
 ) -> Canvas:
     panel = Canvas(ground(satellite, themap, view=view))
     for experience in themap.experiences:
@@ -299,7 +299,7 @@ def _panel(
     return panel
 
 
-def _uncertainty(panel: Canvas, hypothesis: Hypothesis, view: View) -> None:
+def _uncertainty(panel: Canvas, hypothesis: Hypothesis, view: MapView) -> None:
     if hypothesis.radius_px is None:
         return
     centre, radius = view.shown(hypothesis.position), hypothesis.radius_px * view.scale
@@ -310,7 +310,7 @@ def _uncertainty(panel: Canvas, hypothesis: Hypothesis, view: View) -> None:
     panel.ring(centre, radius, colour=colour, width=2)
 
 
-def _hypothesis(panel: Canvas, hypothesis: Hypothesis, view: View, *, north_deg: float) -> None:
+def _hypothesis(panel: Canvas, hypothesis: Hypothesis, view: MapView, *, north_deg: float) -> None:
     centre, colour = view.shown(hypothesis.position), probability_colour(hypothesis.probability)
     if hypothesis.heading_deg is not None and math.isfinite(north_deg):
         angle = math.radians(hypothesis.heading_deg + north_deg)
@@ -339,7 +339,7 @@ def _target(panel: Canvas, centre: Point) -> None:
             panel.line(start, end, colour=colour, width=width)
 
 
-def _outline(panel: Canvas, whole: View, close: View) -> None:
+def _outline(panel: Canvas, whole: MapView, close: MapView) -> None:
     """Show on the whole map where the detail is."""
     left, top = whole.shown(MapPixel(close.left, close.top))
     right, bottom = whole.shown(MapPixel(close.right, close.bottom))

@@ -28,7 +28,7 @@ from .schema import Identity
 from .spool import Spool
 from .status import RobotStatus
 from .uplink import Uplink
-from .uploader import Backoff, Step, Uploader
+from .uploader import Backoff, Uploader, UploadStep
 
 _log = logging.getLogger(__name__)
 _PATIENCE_S = 5.0
@@ -374,7 +374,7 @@ class RobotClient:
             self._idle.notify_all()
         return has_more
 
-    def _handle(self, step: Step) -> bool:
+    def _handle(self, step: UploadStep) -> bool:
         """Wait where the server cannot or will not; return whether there may be more to send."""
         if step.outcome == "idle":
             return False

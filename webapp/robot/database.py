@@ -47,7 +47,7 @@ class DatabaseDamaged(StorageError):
     """The file is not a database, or parts of it contradict each other."""
 
 
-class Database:
+class SpoolDatabase:
     """The database in a folder, opened by its only writer; any thread may use it.
 
     Parameters

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from .database import Database, storage_errors
+from .database import SpoolDatabase, storage_errors
 
 _BLOCK = 1 << 16
 _ROWS = "SELECT id, file, name, sha256, size, time, object FROM photos ORDER BY id"
@@ -53,11 +53,11 @@ class PhotoQueue:
 
     Parameters
     ----------
-    database : Database
+    database : SpoolDatabase
         The photos are in `photos/` beside it.
     """
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: SpoolDatabase) -> None:
         self._database = database
         self._folder = database.folder / "photos"
         with storage_errors(self._folder):

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .database import Database, open_for_reading, storage_errors
+from .database import SpoolDatabase, open_for_reading, storage_errors
 from .schema import create_tables
 
 _ROWS_AT_ONCE = 500
@@ -48,7 +48,7 @@ def salvage(folder: Path) -> None:
         shutil.rmtree(made, ignore_errors=True)
         made.mkdir()
         _link_photos(damaged / "photos", made / "photos")
-    database = Database(made, reserve=folder / "reserve")
+    database = SpoolDatabase(made, reserve=folder / "reserve")
     try:
         create_tables(database)
         _copy_tables(damaged, database)
@@ -58,7 +58,7 @@ def salvage(folder: Path) -> None:
         made.rename(folder / "data")
 
 
-def _copy_tables(damaged: Path, database: Database) -> None:
+def _copy_tables(damaged: Path, database: SpoolDatabase) -> None:
     with contextlib.closing(open_for_reading(damaged)) as source:
         for table, columns in _TABLES.items():
             # Records are text even where they are damaged: a checksum shows it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from .database import Database
+from .database import SpoolDatabase
 from .errors import UsageError
 
 _FORMAT = 2
@@ -46,7 +46,7 @@ class Identity:
     about: str
 
 
-def create_tables(database: Database) -> None:
+def create_tables(database: SpoolDatabase) -> None:
     """Make the tables of a spool where they are missing.
 
     Raises

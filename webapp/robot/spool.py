@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from .database import DAMAGED, Database, DatabaseDamaged, FolderLock, Statement, storage_errors
+from .database import DAMAGED, DatabaseDamaged, FolderLock, SpoolDatabase, Statement, storage_errors
 from .errors import DiskFull, InputError, UsageError
 from .options import RobotOptions
 from .photos import PhotoQueue, WaitingPhoto
@@ -45,7 +45,7 @@ _RECENT_RECORDS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class SpoolState:
     """Up to which record the server has acknowledged; see the module."""
 
     next: int = 0
@@ -221,7 +221,7 @@ class Spool:
         """Remember that the server has the next `count` records."""
         end = self.state.next + count
         # Forgotten in a power cut, they are sent again, and the server recognizes them by their numbers.
-        self._save(State(end, self.state.wire + count, max(self.state.sent, end)))
+        self._save(SpoolState(end, self.state.wire + count, max(self.state.sent, end)))
         self._database.make_reserve()
 
     def set_aside(self, count: int, *, reason: str, text: bytes | None = None) -> None:
@@ -265,7 +265,7 @@ class Spool:
         oldest = self._database.select("SELECT min(number) FROM records")[0][0]
         if oldest is None or number < oldest:
             return False
-        self._save(State(number, wire, self.state.sent))
+        self._save(SpoolState(number, wire, self.state.sent))
         return True
 
     def close(self) -> None:
@@ -288,11 +288,11 @@ class Spool:
             self._load(wanted)
 
     def _load(self, wanted: Identity) -> None:
-        self._database = Database(self.folder / "data", reserve=self.folder / "reserve")
+        self._database = SpoolDatabase(self.folder / "data", reserve=self.folder / "reserve")
         try:
             create_tables(self._database)
             self.identity = self._claim(wanted)
-            self.state = State(*self._database.select("SELECT next, wire, sent FROM spool")[0])
+            self.state = SpoolState(*self._database.select("SELECT next, wire, sent FROM spool")[0])
             last = self._database.select("SELECT max(number) FROM records")[0][0]
             self.next = max(self.state.sent, -1 if last is None else last + 1)
             self.photos = PhotoQueue(self._database)
@@ -327,7 +327,7 @@ class Spool:
             self._database.write(("UPDATE spool SET url = ?", (wanted.url,)), durable=True, urgent=True)
         return replace(found, url=wanted.url)
 
-    def _save(self, state: State, *more: Statement, durable: bool = False) -> None:
+    def _save(self, state: SpoolState, *more: Statement, durable: bool = False) -> None:
         update = ("UPDATE spool SET next = ?, wire = ?, sent = ?", (state.next, state.wire, state.sent))
         self._database.write(*more, update, durable=durable, urgent=True)
         self.state = state

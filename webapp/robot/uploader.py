@@ -25,7 +25,7 @@ _LATER = (408, 425, 429)
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class UploadStep:
     """The result of a step.
 
     Attributes
@@ -44,8 +44,8 @@ class Step:
     error: ExpMapError | None = None
 
 
-_PROGRESS = Step("progress")
-_IDLE = Step("idle")
+_PROGRESS = UploadStep("progress")
+_IDLE = UploadStep("idle")
 
 
 class Backoff:
@@ -84,12 +84,12 @@ class Uploader:
         self._limit = options.batch_records
         self._mission = f"/missions/{spool.identity.mission}"
 
-    def step(self) -> Step:
+    def step(self) -> UploadStep:
         """Send the next records, or where there are none, the next photo."""
         step = self.send_records()
         return self.send_photo() if step.outcome == "idle" else step
 
-    def send_records(self) -> Step:
+    def send_records(self) -> UploadStep:
         """Send the next records."""
         size = int(self._options.batch_kb * 1000)
         found = self._spool.next_batch(records=self._limit, size=size)
@@ -97,7 +97,7 @@ class Uploader:
             return _IDLE
         return self._skip_gap(found) if isinstance(found, Gap) else self._send(found)
 
-    def send_photo(self) -> Step:
+    def send_photo(self) -> UploadStep:
         """Send the photo that has waited longest."""
         photo = self._spool.photos.first()
         if photo is None:
@@ -108,7 +108,7 @@ class Uploader:
                 f"{self._mission}/photos", photo.path, name=photo.name, fields=fields
             )
         if isinstance(response, NoResponse):
-            return Step("retry", response.reason)
+            return UploadStep("retry", response.reason)
         if response.status in (200, 201):
             if response.body.get("sha256") == photo.sha256:
                 self._spool.photos.remove(photo)
@@ -125,11 +125,11 @@ class Uploader:
         path = f"{self._mission}/batches"
         return self._uplink.post_batch(path, sender=sender, first=state.wire, texts=texts)
 
-    def _send(self, run: Run) -> Step:
+    def _send(self, run: Run) -> UploadStep:
         wire = self._spool.state.wire
         response = self._post(run.texts)
         if isinstance(response, NoResponse):
-            return Step("retry", response.reason)
+            return UploadStep("retry", response.reason)
         if response.status == 200:
             stored = _next(response.body) - wire
             if stored < 1:
@@ -141,7 +141,7 @@ class Uploader:
             return self._bisect_rejected(run, response)
         return self._rewind(response) if response.status == 409 else _classify(response)
 
-    def _bisect_rejected(self, run: Run, response: Response) -> Step:
+    def _bisect_rejected(self, run: Run, response: Response) -> UploadStep:
         """Send less next time, up to the record that the response names; set it aside once it is alone."""
         count = len(run.texts)
         if count == 1:
@@ -153,7 +153,7 @@ class Uploader:
         self._limit = max(1, min(place, count - 1))
         return _PROGRESS
 
-    def _rewind(self, response: Response) -> Step:
+    def _rewind(self, response: Response) -> UploadStep:
         """Follow a server that has lost records, as one restored from a backup has."""
         wanted = _next(response.error or {})
         if not 0 <= wanted < self._spool.state.wire:
@@ -165,15 +165,15 @@ class Uploader:
             where=f"{wanted} to {self._spool.state.wire - 1}",
             hint="restore a newer backup of the server, or begin a new spool",
         )
-        return Step("refused", str(error), error=error)
+        return UploadStep("refused", str(error), error=error)
 
-    def _skip_gap(self, gap: Gap) -> Step:
+    def _skip_gap(self, gap: Gap) -> UploadStep:
         """Go on behind damaged records: those that the server has are no loss, the others are body."""
         kept = 0
         if gap.first < self._spool.state.sent:
             response = self._post(())
             if isinstance(response, NoResponse):
-                return Step("retry", response.reason)
+                return UploadStep("retry", response.reason)
             if response.status == 409:
                 return self._rewind(response)
             if response.status != 200:
@@ -198,16 +198,16 @@ def _error_text(response: Response) -> str:
     )
 
 
-def _unexpected(response: Response) -> Step:
+def _unexpected(response: Response) -> UploadStep:
     error = UsageError(
         f"the server answered {response.status} without a number", hint="is this Experience Map?"
     )
-    return Step("refused", str(error), error=error)
+    return UploadStep("refused", str(error), error=error)
 
 
-def _classify(response: Response) -> Step:
+def _classify(response: Response) -> UploadStep:
     """Interpret a response that is not about what was sent."""
     reason = _error_text(response)
     if response.status in _LATER or response.status >= 500:
-        return Step("retry", reason, response.retry_after_s)
-    return Step("refused", reason, response.retry_after_s, response.as_error())
+        return UploadStep("retry", reason, response.retry_after_s)
+    return UploadStep("refused", reason, response.retry_after_s, response.as_error())

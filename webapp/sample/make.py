@@ -23,7 +23,7 @@ from webapp.files.localize.queries_csv import HEADER
 from webapp.files.maps.folder import write_map
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.progress import Progress
-from webapp.sample.scene.camera import View, map_views, query_views
+from webapp.sample.scene.camera import CameraView, map_views, query_views
 from webapp.sample.scene.light import AFTERNOON, AUTUMN, EVENING, OVERCAST, Light
 from webapp.sample.scene.plan import DEPTH_M, WIDTH_M
 from webapp.sample.scene.render import overhead, render
@@ -81,7 +81,7 @@ FULL_SIZE = SampleSize()
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class SampleReport:
     """What was made.
 
     Attributes
@@ -104,7 +104,7 @@ def make_sample(
     seed: int = 7,
     force: bool = False,
     size: SampleSize = FULL_SIZE,
-) -> Report:
+) -> SampleReport:
     """Make the sample, or find that it is there.
 
     The same seed and size give the same files, byte by byte. The folder appears whole or not at all.
@@ -132,7 +132,7 @@ def make_sample(
     folder = settings.library / "sample" if folder is None else folder
     recipe = {"seed": seed, "photos": size.photos, "queries": size.queries, "width": size.width}
     if _there(folder, recipe, force=force):
-        return Report(folder / "map.cfg", made=False)
+        return SampleReport(folder / "map.cfg", made=False)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".tmp", dir=folder.parent))
@@ -149,7 +149,7 @@ def make_sample(
         reason = error.strerror or str(error)
         hint = "choose a folder that you may write to, on a disk with 20 MB free"
         raise StorageError(f"the sample cannot be written: {reason}", where=str(folder), hint=hint) from error
-    return Report(folder / "map.cfg", made=True)
+    return SampleReport(folder / "map.cfg", made=True)
 
 
 def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
@@ -187,7 +187,7 @@ class _Studio:
     progress: Progress
 
     def shoot(
-        self, name: str, stage: Stage, *, view: View, rng: np.random.Generator, tags: CameraTags
+        self, name: str, stage: Stage, *, view: CameraView, rng: np.random.Generator, tags: CameraTags
     ) -> None:
         """Take a photo and store it."""
         self.progress.check()
@@ -196,7 +196,7 @@ class _Studio:
         photo.save(self.folder / name, quality=90, exif=exif_bytes(tags))
         self.progress.advance()
 
-    def pixel(self, view: View) -> MapPixel:
+    def pixel(self, view: CameraView) -> MapPixel:
         """Where on the satellite image a photo is taken."""
         step = self.size.metres_per_pixel
         return MapPixel(view.east / step, (DEPTH_M - view.north) / step)

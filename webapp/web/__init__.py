@@ -15,7 +15,7 @@ from webapp.store.library import Library, open_library
 from webapp.web import errors, installable, language, openapi, pages, request_log
 from webapp.web.accounts import security, sessions
 from webapp.web.accounts.security import secret_key
-from webapp.web.state import KEY, Parts, State
+from webapp.web.state import KEY, AppState, Parts
 
 
 def make_app(settings: Settings, parts: Parts, *, library: Library | None = None) -> APIFlask:
@@ -43,7 +43,7 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
         static_url_path="/static",
         template_folder=str(resource_folder("templates")),
     )
-    app.extensions[KEY] = State(library, settings, parts)
+    app.extensions[KEY] = AppState(library, settings, parts)
     app.config.update(
         SECRET_KEY=secret_key(library.inner),
         MAX_CONTENT_LENGTH=int(settings.web.max_request_mb * 1e6),

@@ -37,7 +37,7 @@ class Parts:
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class AppState:
     """Kept in the extensions of the application."""
 
     library: Library
@@ -60,5 +60,5 @@ def parts() -> Parts:
     return _state().parts
 
 
-def _state() -> State:
-    return cast(State, current_app.extensions[KEY])
+def _state() -> AppState:
+    return cast(AppState, current_app.extensions[KEY])

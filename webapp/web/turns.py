@@ -11,7 +11,7 @@ from flask import current_app
 from flask.blueprints import BlueprintSetupState
 
 from webapp.errors import TooMany
-from webapp.web.state import KEY, State
+from webapp.web.state import KEY, AppState
 
 _EXTENSION = "expmap_turns"
 _WAIT_S = 1
@@ -34,7 +34,7 @@ class Turns:
 
     def set_up(self, setup: BlueprintSetupState) -> None:
         """Count from now on; for `blueprint.record`."""
-        state = cast(State, setup.app.extensions[KEY])
+        state = cast(AppState, setup.app.extensions[KEY])
         most = max(1, int(state.settings.serve.threads * self._share))
         setup.app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)
 

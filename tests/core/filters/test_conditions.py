@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.filters.nodes import AllOf, Among, AnyOf, Between, Compared, Like, Not, Order, Unknown
+from webapp.core.filters.nodes import AllOf, Among, AnyOf, Between, Compared, Like, Not, SortOrder, Unknown
 from webapp.core.filters.parser import MAX_DEPTH, parse_columns, parse_condition, parse_order
 from webapp.core.filters.tokens import MAX_CHARACTERS
 from webapp.errors import UsageError
@@ -103,9 +103,9 @@ def test_columns_and_orders():
     assert parse_columns("time, CLASS,time", COLUMNS) == ["time", "class"]
     assert parse_order("", COLUMNS) == []
     assert parse_order("time desc, class asc,confidence", COLUMNS) == [
-        Order("time", True),
-        Order("class", False),
-        Order("confidence", False),
+        SortOrder("time", True),
+        SortOrder("class", False),
+        SortOrder("confidence", False),
     ]
     for parse in (parse_columns, parse_order):
         for text in ("time,", "time time2", "count(*)", "time; select", "password", "*,time", "1"):

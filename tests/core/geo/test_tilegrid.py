@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.geo.tilegrid import MAX_LATITUDE, Box, Tile, TileCut, cut_of
+from webapp.core.geo.tilegrid import MAX_LATITUDE, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import GeoreferenceError
 
 
@@ -20,7 +20,7 @@ def mercator_pixels(lat, lon, zoom):
 
 
 def test_the_earth_is_one_tile_at_zoom_0():
-    cut = cut_of(Box(north=MAX_LATITUDE, south=-MAX_LATITUDE, west=-180, east=180), 0)
+    cut = cut_of(GeoBox(north=MAX_LATITUDE, south=-MAX_LATITUDE, west=-180, east=180), 0)
     assert cut == TileCut(0, 0, 0, width=256, height=256)
     assert list(cut.tiles()) == [(Tile(0, 0), 0, 0)]
 
@@ -33,7 +33,7 @@ def test_the_earth_is_one_tile_at_zoom_0():
     wide=st.floats(0.0005, 0.01),
 )
 def test_edges_are_the_nearest_pixels_and_the_georeference_is_exact(lat, lon, zoom, high, wide):
-    cut = cut_of(Box(north=lat + high, south=lat, west=lon, east=lon + wide), zoom)
+    cut = cut_of(GeoBox(north=lat + high, south=lat, west=lon, east=lon + wide), zoom)
     left, top = mercator_pixels(lat + high, lon, zoom)
     right, bottom = mercator_pixels(lat, lon + wide, zoom)
     assert abs(cut.left - left) <= 0.501
@@ -55,7 +55,7 @@ def test_tiles_cover_the_rectangle_once():
 
 
 def test_an_area_across_the_180th_meridian():
-    cut = cut_of(Box(north=-16.5, south=-17, west=179.8, east=-179.7), 12)
+    cut = cut_of(GeoBox(north=-16.5, south=-17, west=179.8, east=-179.7), 12)
     assert cut.width == pytest.approx(0.5 / 360 * 256 * 2**12, abs=1)
     assert {tile.x for tile, _, _ in cut.tiles()} == {4093, 4094, 4095, 0, 1, 2, 3}
     west, east = cut.georeference.latlon_from_pixel([(0, 0), (cut.width, 0)])[:, 1]
@@ -66,20 +66,20 @@ def test_an_area_across_the_180th_meridian():
 
 
 def test_a_pixel_has_the_size_that_is_known_for_the_equator():
-    cut = cut_of(Box(north=0.001, south=-0.001, west=10, east=10.002), 18)
+    cut = cut_of(GeoBox(north=0.001, south=-0.001, west=10, east=10.002), 18)
     assert cut.metres_per_pixel == pytest.approx(0.597, rel=0.01)
 
 
 @pytest.mark.parametrize(
     ("box", "zoom", "why"),
     [
-        (Box(north=50, south=50, west=14, east=15), 10, "empty"),
-        (Box(north=49, south=50, west=14, east=15), 10, "empty"),
-        (Box(north=50, south=49, west=14, east=14), 10, "empty"),
-        (Box(north=86, south=49, west=14, east=15), 10, "85 degrees"),
-        (Box(north=50, south=49, west=14, east=195), 10, "not on the Earth"),
-        (Box(north=math.nan, south=49, west=14, east=15), 10, "not on the Earth"),
-        (Box(north=50, south=49, west=14, east=15), 25, "no zoom 25"),
+        (GeoBox(north=50, south=50, west=14, east=15), 10, "empty"),
+        (GeoBox(north=49, south=50, west=14, east=15), 10, "empty"),
+        (GeoBox(north=50, south=49, west=14, east=14), 10, "empty"),
+        (GeoBox(north=86, south=49, west=14, east=15), 10, "85 degrees"),
+        (GeoBox(north=50, south=49, west=14, east=195), 10, "not on the Earth"),
+        (GeoBox(north=math.nan, south=49, west=14, east=15), 10, "not on the Earth"),
+        (GeoBox(north=50, south=49, west=14, east=15), 25, "no zoom 25"),
     ],
 )
 def test_what_is_no_area_is_refused(box, zoom, why):

@@ -9,7 +9,7 @@ from webapp.store.maps import edits, maps
 from webapp.store.operate import jobs
 from webapp.store.schema import Photo
 from webapp.tasks.maps import edit_map
-from webapp.tasks.maps.edit_map import Edit as EditRequest
+from webapp.tasks.maps.edit_map import RequestedEdit
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_a_move_costs_the_same_on_every_map(library, new_map):
             nonlocal count
             count += event == "call"
 
-        edit = EditRequest("move", {0: {"x_px": x, "y_px": 1.0}})
+        edit = RequestedEdit("move", {0: {"x_px": x, "y_px": 1.0}})
         sys.setprofile(note)
         try:
             edit_map.edit_map(library, map_id, edit=edit, account_id=new_map.owner)

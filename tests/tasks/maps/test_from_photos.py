@@ -14,8 +14,8 @@ from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.maps import check_map, from_photos
-from webapp.tasks.maps.from_photos import Options
-from webapp.tasks.maps.survey_photos import State
+from webapp.tasks.maps.from_photos import PlaceOptions
+from webapp.tasks.maps.survey_photos import FileState
 from webapp.tasks.satellite.georeference_image import GeoSource
 
 CORNERS = '{"top_left": {"lat": 50.001, "lon": 14.0}, "bottom_right": {"lat": 50.0, "lon": 14.002}}'
@@ -57,7 +57,7 @@ def folder(tmp_path) -> Path:
 
 
 def run(folder, cfg=None, *, photos="photos", progress=None, settings=None, **options):
-    options = Options(cfg or folder / "map.cfg", **options)
+    options = PlaceOptions(cfg or folder / "map.cfg", **options)
     return from_photos.map_from_photos(
         folder / photos, options=options, settings=settings or Settings(), progress=progress or Progress()
     )
@@ -75,14 +75,14 @@ def states(report):
 def test_every_file_is_accounted_for(folder):
     report = on_image(folder)
     assert [(file.name, file.state) for file in report.files] == [
-        ("broken.jpg", State.UNREADABLE),
-        ("deep/é photo.jpg", State.PLACED),
-        ("far.jpg", State.OUTSIDE),
-        ("img2.jpg", State.PLACED),
-        ("img10.jpg", State.PLACED),
-        ("none.jpg", State.NO_POSITION),
-        ("notes.txt", State.NOT_A_PHOTO),
-        ("zero.jpg", State.NO_POSITION),
+        ("broken.jpg", FileState.UNREADABLE),
+        ("deep/é photo.jpg", FileState.PLACED),
+        ("far.jpg", FileState.OUTSIDE),
+        ("img2.jpg", FileState.PLACED),
+        ("img10.jpg", FileState.PLACED),
+        ("none.jpg", FileState.NO_POSITION),
+        ("notes.txt", FileState.NOT_A_PHOTO),
+        ("zero.jpg", FileState.NO_POSITION),
     ]
     reasons = {file.name: file.reason for file in report.files}
     assert "no GPS" in reasons["none.jpg"]
@@ -93,7 +93,7 @@ def test_every_file_is_accounted_for(folder):
     metres = Geod(ellps="WGS84").inv(14.002, 50.0005, 14.003, 50.0005)[2]
     assert reasons["far.jpg"] == f"200 px ({metres:.3g} m) beyond the right edge"
     assert report.written
-    assert report.count(State.PLACED) == 3
+    assert report.count(FileState.PLACED) == 3
 
 
 def test_the_map_holds_what_the_photos_say(folder):
@@ -119,8 +119,8 @@ def test_the_map_holds_what_the_photos_say(folder):
 def test_a_blank_plan_is_made_around_the_positions(folder):
     report = run(folder)
     map_ = read_map(folder / "map.cfg")
-    assert report.count(State.PLACED) == 4
-    assert report.count(State.OUTSIDE) == 0
+    assert report.count(FileState.PLACED) == 4
+    assert report.count(FileState.OUTSIDE) == 0
     assert map_.satellite.path == "plan.png"
     plan = cv2.imread(str(folder / "plan.png"))
     assert plan.shape == (map_.satellite.height, map_.satellite.width, 3)
@@ -130,7 +130,7 @@ def test_a_blank_plan_is_made_around_the_positions(folder):
 
 def test_lund_is_placed_in_full(shared_data, tmp_path):
     report = run(shared_data / "lund", tmp_path / "new" / "map.cfg", copy=True)
-    assert (report.count(State.PLACED), len(report.files)) == (29, 29)
+    assert (report.count(FileState.PLACED), len(report.files)) == (29, 29)
     map_ = read_map(tmp_path / "new" / "map.cfg")
     assert all((tmp_path / "new" / e.photo).is_file() for e in map_.experiences)
     for file in report.files:
@@ -141,8 +141,8 @@ def test_every_odd_photo_is_accounted_for(shared_data, tmp_path):
     report = run(shared_data, tmp_path / "map.cfg", photos="odd_photos", copy=True)
     names = {path.name for path in (shared_data / "odd_photos").iterdir()}
     assert {file.name for file in report.files} == names
-    assert (report.count(State.PLACED), report.count(State.NO_POSITION)) == (6, 26)
-    assert all(bool(file.reason) != (file.state is State.PLACED) for file in report.files)
+    assert (report.count(FileState.PLACED), report.count(FileState.NO_POSITION)) == (6, 26)
+    assert all(bool(file.reason) != (file.state is FileState.PLACED) for file in report.files)
     assert "spread over" in report.warnings[0]
 
 
@@ -150,7 +150,7 @@ def test_every_odd_photo_is_accounted_for(shared_data, tmp_path):
 def test_a_blank_plan_of_one_place(tmp_path, count):
     for i in range(count):
         photo(tmp_path / "photos" / f"{i}.jpg", 50.0, 14.0)
-    assert run(tmp_path).count(State.PLACED) == count
+    assert run(tmp_path).count(FileState.PLACED) == count
 
 
 @pytest.mark.parametrize("satellite", [True, False])
@@ -162,7 +162,7 @@ def test_no_map_is_written_without_a_photo_on_it(folder, satellite):
     report = on_image(folder) if satellite else run(folder)
     assert not report.written
     assert sorted(folder.rglob("*")) == before
-    assert states(report)["none.jpg"] == State.NO_POSITION
+    assert states(report)["none.jpg"] == FileState.NO_POSITION
 
 
 def test_an_existing_map_is_never_overwritten(folder):
@@ -196,11 +196,11 @@ def test_a_replaced_map_keeps_ids_and_uses_none_again(folder):
 
 def test_the_map_s_own_files_are_no_photos(folder):
     first = run(folder, photos=".")
-    assert states(first)["sat.png"] == State.NO_POSITION
+    assert states(first)["sat.png"] == FileState.NO_POSITION
     second = on_image(folder, cfg=folder / "other.cfg", photos=".")
-    assert states(second)["sat.png"] == State.NOT_A_PHOTO
+    assert states(second)["sat.png"] == FileState.NOT_A_PHOTO
     again = run(folder, photos=".", force=True)
-    assert states(again)["plan.png"] == State.NOT_A_PHOTO
+    assert states(again)["plan.png"] == FileState.NOT_A_PHOTO
     assert not any("derived" in name for name in states(again))
 
 
@@ -255,7 +255,7 @@ def test_positions_by_name_come_instead_of_exif(folder, table):
 def test_positions_from_another_map_need_no_georeference(folder):
     (folder / "old.cfg").write_text("sat.png;400;310\n5;photos/none.jpg;12;34\n6;photos/img2.jpg;400;310\n")
     report = run(folder, satellite=folder / "sat.png", positions=folder / "old.cfg")
-    assert report.count(State.PLACED) == 2
+    assert report.count(FileState.PLACED) == 2
     map_ = read_map(folder / "map.cfg")
     assert map_.georeference is None
     assert {e.photo: e.position for e in map_.experiences} == {
@@ -319,21 +319,21 @@ def test_links_out_of_the_folder_are_not_followed(folder, tmp_path_factory):
         pytest.skip("this system makes no links")
     found = states(on_image(folder))
     assert (found["link.jpg"], found["inner.jpg"], found["loop.jpg"]) == (
-        State.UNREADABLE, State.PLACED, State.UNREADABLE,
+        FileState.UNREADABLE, FileState.PLACED, FileState.UNREADABLE,
     )  # fmt: skip
 
 
 def test_limits_hold(folder):
     settings = Settings(photo=PhotoLimits(max_megapixels=1e-4))
     report = on_image(folder, settings=settings)
-    assert report.count(State.UNREADABLE) == 7
+    assert report.count(FileState.UNREADABLE) == 7
     assert not report.written
 
 
 def test_a_name_that_no_map_can_hold(folder):
     photo(folder / "photos" / "a;b.jpg", 50.0005, 14.001)
     file = next(f for f in on_image(folder).files if f.name == "a;b.jpg")
-    assert file.state is State.UNREADABLE
+    assert file.state is FileState.UNREADABLE
     assert "rename" in file.reason
 
 

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from tests.tile_server import global_pixel, serving
-from webapp.core.geo.tilegrid import Box
+from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import Cancelled, GeoreferenceError, InputError, NotFound, UsageError
 from webapp.files.maps.map_json import parse_georeference
 from webapp.jobs.context import Context, JobProgress
@@ -23,7 +23,7 @@ from webapp.tasks.satellite.files import source_of
 from webapp.tasks.satellite.tiles import TileWish
 
 LANDMARKS = [(50.0765, 14.4164), (50.0771, 14.4187), (50.0779, 14.4172)]
-BOX = Box(north=50.0783, south=50.0760, west=14.4155, east=14.4196)
+BOX = GeoBox(north=50.0783, south=50.0760, west=14.4155, east=14.4196)
 
 
 @pytest.fixture
@@ -185,7 +185,7 @@ class TestPoliteness:
 class TestRefused:
     def test_too_many_tiles(self, fetch, server):
         with pytest.raises(UsageError, match="tiles at zoom 19, and 200 are allowed"):
-            fetch(box=Box(north=50.2, south=50.0, west=14.0, east=14.3), zoom=19)
+            fetch(box=GeoBox(north=50.2, south=50.0, west=14.0, east=14.3), zoom=19)
         assert not server.asked
 
     def test_a_zoom_that_the_service_has_not(self, fetch):
@@ -198,7 +198,7 @@ class TestRefused:
 
     def test_no_area(self, fetch):
         with pytest.raises(GeoreferenceError, match="empty"):
-            fetch(box=Box(north=50.0, south=50.1, west=14.0, east=14.3))
+            fetch(box=GeoBox(north=50.0, south=50.1, west=14.0, east=14.3))
 
     @pytest.mark.parametrize(
         ("wrong", "why"),

@@ -78,7 +78,7 @@ Condition = Compared | Between | Among | Like | Unknown | Not | AllOf | AnyOf
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class SortOrder:
     """One column to sort by."""
 
     column: str

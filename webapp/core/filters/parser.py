@@ -29,7 +29,7 @@ from webapp.core.filters.nodes import (
     Like,
     Not,
     Operator,
-    Order,
+    SortOrder,
     Unknown,
     Value,
 )
@@ -90,7 +90,7 @@ def parse_columns(text: str, columns: Mapping[str, Kind], *, field: str = "selec
     return list(dict.fromkeys(chosen))
 
 
-def parse_order(text: str, columns: Mapping[str, Kind], *, field: str = "order") -> list[Order]:
+def parse_order(text: str, columns: Mapping[str, Kind], *, field: str = "order") -> list[SortOrder]:
     """Read what to sort by: `confidence desc, class`.
 
     Raises
@@ -98,7 +98,7 @@ def parse_order(text: str, columns: Mapping[str, Kind], *, field: str = "order")
     UsageError
     """
     reader = _Reader(text, columns, field)
-    found: list[Order] = []
+    found: list[SortOrder] = []
     if reader.now.kind != "end":
         found.append(reader.order())
         while reader.took_sign(","):
@@ -177,12 +177,12 @@ class _Reader:
         self.next()
         return name
 
-    def order(self) -> Order:
+    def order(self) -> SortOrder:
         column = self.column()
         descending = self.took_word("DESC")
         if not descending:
             self.took_word("ASC")
-        return Order(column, descending)
+        return SortOrder(column, descending)
 
     def _test(self) -> Condition:
         column = self.column()

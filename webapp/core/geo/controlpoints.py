@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.geo.fit import Fit, check_on_image, check_positions, solve_homography
+from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions, solve_homography
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.core.geo.types import LatLon, MapPixel
@@ -34,8 +34,8 @@ class ControlPoint(NamedTuple):
 
 def from_control_points(
     points: Sequence[ControlPoint], *, width: int, height: int, model: Model | None = None
-) -> Fit:
-    """Fit a georeference to control points, by least squares in local metres.
+) -> GeoreferenceFit:
+    """GeoreferenceFit a georeference to control points, by least squares in local metres.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def from_control_points(
 
     Returns
     -------
-    Fit
+    GeoreferenceFit
         Residuals in metres, one a point; warnings for points nearly on a line (with the ratio of the singular
         values of their coordinates: 1 round, 0 a line) and where no point is left to check the fit.
 
@@ -80,7 +80,7 @@ def from_control_points(
     residuals = np.hypot(*(georeference.enu_from_pixel(pixels, frame) - metres).T)
     if len(points) == NEEDED[chosen]:
         warnings.append(f"{len(points)} points are just enough for {chosen}: none is left to show a mistake")
-    return Fit(georeference, tuple(float(r) for r in residuals), tuple(warnings))
+    return GeoreferenceFit(georeference, tuple(float(r) for r in residuals), tuple(warnings))
 
 
 def _richest(count: int) -> Model:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from webapp.core.geo.crs import WGS84
-from webapp.core.geo.fit import Fit, check_on_image, check_positions, solve_homography
+from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions, solve_homography
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError
@@ -29,7 +29,7 @@ class Corners:
     bottom_left: LatLon | None = None
 
 
-def from_corners(corners: Corners, *, width: int, height: int) -> Fit:
+def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFit:
     """Georeference from two corners (x linear in longitude, y in latitude) or four (projective in both).
 
     Four corners that form a rectangle in latitude and longitude say the same as the two.
@@ -43,7 +43,7 @@ def from_corners(corners: Corners, *, width: int, height: int) -> Fit:
 
     Returns
     -------
-    Fit
+    GeoreferenceFit
         Without residuals: the corners are met exactly. A warning when the pixels are far from square.
 
     Raises
@@ -67,7 +67,7 @@ def from_corners(corners: Corners, *, width: int, height: int) -> Fit:
         matrix = _north_up(places[0], places[1], width=width, height=height)
     georeference = Georeference(plane, matrix, "corners")
     check_on_image(georeference, width=width, height=height)
-    return Fit(georeference, warnings=_shape_warnings(georeference, width=width, height=height))
+    return GeoreferenceFit(georeference, warnings=_shape_warnings(georeference, width=width, height=height))
 
 
 def _crosses(corners: Corners) -> bool:

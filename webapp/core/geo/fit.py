@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class GeoreferenceFit:
     """A georeference, and how well it fits what it was made from.
 
     Attributes
@@ -72,7 +72,7 @@ def check_on_image(georeference: Georeference, *, width: int, height: int) -> No
 
 
 def solve_homography(source: Array, target: Array) -> Array:
-    """Fit a homography by the normalised direct linear transform.
+    """GeoreferenceFit a homography by the normalised direct linear transform.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ _HALF_M = math.pi * 6378137.0
 """Half a side of the square, metres of the plane."""
 
 
-class Box(NamedTuple):
+class GeoBox(NamedTuple):
     """An area between two parallels and two meridians, degrees; east of west, also across the 180th one."""
 
     north: float
@@ -106,7 +106,7 @@ class TileCut:
         )
 
 
-def cut_of(box: Box, zoom: int) -> TileCut:
+def cut_of(box: GeoBox, zoom: int) -> TileCut:
     """Cut an area out of the grid: its edges at the nearest boundaries of pixels.
 
     Parameters

@@ -34,7 +34,7 @@ WIDER = 9.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class InitialState:
     """A state to begin with.
 
     Attributes
@@ -50,7 +50,7 @@ class Start:
     agrees: NDArray[np.bool_]
 
 
-def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> Start:
+def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> InitialState:
     """Find a state for a node from the fixes at and after it.
 
     Parameters
@@ -85,10 +85,10 @@ def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> Start:
     _place(found, aligned)
     agrees = np.zeros(len(fixes), dtype=bool)
     agrees[inside[aligned.agrees]] = True
-    return Start(found.state, found.covariance, agrees)
+    return InitialState(found.state, found.covariance, agrees)
 
 
-def _place(found: Start, aligned: _Alignment) -> None:
+def _place(found: InitialState, aligned: _Alignment) -> None:
     """Put the position of an alignment into a state; it hangs together with the heading."""
     lever = np.array([aligned.at_by_heading.real, aligned.at_by_heading.imag])
     found.state[POSITION] = aligned.at.real, aligned.at.imag
@@ -108,7 +108,7 @@ def _prior(noise: Noise) -> Floats:
     return covariance
 
 
-def _nearby(steps: Steps, fixes: Fixes, spread: Floats, *, begin: int, noise: Noise) -> Start:
+def _nearby(steps: Steps, fixes: Fixes, spread: Floats, *, begin: int, noise: Noise) -> InitialState:
     """Begin at that of the first fixes which most of the others are in reach of."""
     few = slice(0, 7)
     at, nodes, variance = fixes.position[few], fixes.node[few], spread[few] ** 2
@@ -122,7 +122,7 @@ def _nearby(steps: Steps, fixes: Fixes, spread: Floats, *, begin: int, noise: No
     covariance[POSITION, POSITION] = fixes.covariance[chosen] * WIDER + before
     agrees = np.zeros(len(fixes), dtype=bool)
     agrees[few] = off[chosen] <= GATE
-    return Start(state, covariance, agrees)
+    return InitialState(state, covariance, agrees)
 
 
 def _reach(steps: Steps, begin: int, *, last: int, noise: Noise) -> Floats:

@@ -23,7 +23,7 @@ TrackKey = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class TrackPart:
+class BatchTrack:
     """Poses of one track.
 
     Attributes
@@ -47,13 +47,13 @@ class Batch:
 
     Attributes
     ----------
-    tracks : dict of (str, str) to TrackPart
+    tracks : dict of (str, str) to BatchTrack
         By source and name.
     ends : bool
         Whether the mission is over.
     """
 
-    tracks: dict[TrackKey, TrackPart]
+    tracks: dict[TrackKey, BatchTrack]
     sightings: list[Sighting]
     ends: bool
 
@@ -64,7 +64,7 @@ class _Columns:
     skipped: int = 0
     travelled_m: float = math.nan
 
-    def part(self) -> TrackPart:
+    def part(self) -> BatchTrack:
         table = np.array(self.rows, dtype=np.float64).reshape(-1, _WIDTH)
         poses = make_poses(
             table[:, 0],
@@ -74,7 +74,7 @@ class _Columns:
             covariance_m2=table[:, 6:],
             travelled_m=table[:, 5],
         )
-        return TrackPart(poses, self.skipped, self.travelled_m)
+        return BatchTrack(poses, self.skipped, self.travelled_m)
 
 
 def parse(records: Sequence[object]) -> Batch:

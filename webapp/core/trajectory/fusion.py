@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
-from webapp.core.trajectory.noise_fit import Fit, fit
+from webapp.core.trajectory.noise_fit import NoiseFit, fit
 from webapp.core.trajectory.records import Poses, Source, join, make_poses
 from webapp.core.trajectory.smoother import Smoothed, smooth
 from webapp.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
@@ -84,14 +84,14 @@ class Fusion:
         At each time of the odometry and of the fixes.
     begins_s : tuple of float
         When each piece begins; the first one begins with the track, at the others it was found elsewhere.
-    fit : Fit
+    fit : NoiseFit
         Factors on the noise of odometry and receiver, estimated from this track.
     """
 
     poses: Poses
     gating: dict[Source, GatingResult]
     begins_s: tuple[float, ...]
-    fit: Fit
+    fit: NoiseFit
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,12 +146,14 @@ def fuse(
     return Fusion(poses, gating, tuple(steps.times_s[list(done.begins)].tolist()), found)
 
 
-def _fit(odometry: Poses | None, tracks: Mapping[Source, Poses], *, frame: LocalFrame, usual: Noise) -> Fit:
+def _fit(
+    odometry: Poses | None, tracks: Mapping[Source, Poses], *, frame: LocalFrame, usual: Noise
+) -> NoiseFit:
     """Estimate the noise of odometry and receiver, from fixes with independent errors."""
     apart = {source: _decorrelated(poses) if source == "gps" else poses for source, poses in tracks.items()}
     sample = _all_fixes(apart, most=SAMPLE)
     if len(sample.number) < LEAST_SAMPLE:
-        return Fit()
+        return NoiseFit()
     steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
     return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual)
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.track import Track
+from webapp.core.trajectory.track import FixTrack
 
 _NEAREST = 5
 """So many fixes near a photo's own position are tried as the moment when it was taken."""
@@ -60,7 +60,7 @@ class ClockOffset:
     median_m: float
 
 
-def match(track: Track, times_s: Sequence[float], *, max_gap_s: float) -> list[Match | NoMatch]:
+def match(track: FixTrack, times_s: Sequence[float], *, max_gap_s: float) -> list[Match | NoMatch]:
     """Find the positions at some times, on the straight line between the fix before and the fix after.
 
     Where these are more than `max_gap_s` apart, and before the first and after the last fix, the nearest fix
@@ -68,7 +68,7 @@ def match(track: Track, times_s: Sequence[float], *, max_gap_s: float) -> list[M
 
     Parameters
     ----------
-    track : Track
+    track : FixTrack
         Of at least one fix.
     times_s : sequence of float
         Seconds since 1970, UTC.
@@ -83,7 +83,7 @@ def match(track: Track, times_s: Sequence[float], *, max_gap_s: float) -> list[M
     return [_at(track, float(t), max_gap_s) for t in times_s]
 
 
-def estimate_offset(track: Track, times_s: ArrayLike, *, latlon: ArrayLike) -> ClockOffset | NoMatch:
+def estimate_offset(track: FixTrack, times_s: ArrayLike, *, latlon: ArrayLike) -> ClockOffset | NoMatch:
     """Find by how much a camera's clock is wrong, from photos that know where they were taken.
 
     For each photo, the moments when the track came closest to it each propose an offset; the one is taken
@@ -91,7 +91,7 @@ def estimate_offset(track: Track, times_s: ArrayLike, *, latlon: ArrayLike) -> C
 
     Parameters
     ----------
-    track : Track
+    track : FixTrack
         Of at least one fix.
     times_s : (n,) float64
         Of the camera's clock, seconds since 1970.
@@ -121,7 +121,7 @@ def estimate_offset(track: Track, times_s: ArrayLike, *, latlon: ArrayLike) -> C
     return ClockOffset(float(offsets[best]), float(medians[best]))
 
 
-def _at(track: Track, t: float, max_gap_s: float) -> Match | NoMatch:
+def _at(track: FixTrack, t: float, max_gap_s: float) -> Match | NoMatch:
     times = track.times_s
     after = int(np.searchsorted(times, t))
     if 0 < after < len(times) and times[after] - times[after - 1] <= max_gap_s:
@@ -140,21 +140,21 @@ def _at(track: Track, t: float, max_gap_s: float) -> Match | NoMatch:
     return NoMatch(f"the track has a gap of {_span(float(times[after] - times[after - 1]))} there")
 
 
-def _between(track: Track, after: int, share: float) -> LatLon:
+def _between(track: FixTrack, after: int, share: float) -> LatLon:
     """Go a share of the way from one fix to the next, the short way around the Earth."""
     (lat, lon), (lat1, lon1) = track.latlon[after - 1].tolist(), track.latlon[after].tolist()
     east = (lon1 - lon + 180.0) % 360.0 - 180.0
     return LatLon(lat + share * (lat1 - lat), (lon + share * east + 180.0) % 360.0 - 180.0)
 
 
-def _moments(track: Track, fixes: NDArray[np.float64], photo: NDArray[np.float64]) -> NDArray[np.float64]:
+def _moments(track: FixTrack, fixes: NDArray[np.float64], photo: NDArray[np.float64]) -> NDArray[np.float64]:
     """Give the times of the fixes that are closest to a photo."""
     distances = np.hypot(*(fixes - photo).T)
     return track.times_s[np.argsort(distances, kind="stable")[:_NEAREST]]
 
 
 def _median_m(
-    track: Track, fixes: NDArray[np.float64], times: NDArray[np.float64], *, photos: NDArray[np.float64]
+    track: FixTrack, fixes: NDArray[np.float64], times: NDArray[np.float64], *, photos: NDArray[np.float64]
 ) -> float:
     """Median distance of photos to where the track was then; outside of it, infinite."""
     east = np.interp(times, track.times_s, fixes[:, 0], left=np.inf, right=np.inf)

@@ -26,7 +26,7 @@ RECEIVER = (1.0, 2.0, 4.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class NoiseFit:
     """By what the assumed errors are multiplied.
 
     Attributes
@@ -64,7 +64,7 @@ class Fit:
         return replace(stated, covariance=stated.covariance * by[:, None, None])
 
 
-def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: Noise) -> Fit:
+def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: Noise) -> NoiseFit:
     """Find how wrong odometry and receiver are.
 
     Parameters
@@ -76,7 +76,7 @@ def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: No
     """
     with_odometry = bool(np.isfinite(steps.moves).any())
     assumed = [
-        Fit(odometry, receiver)
+        NoiseFit(odometry, receiver)
         for odometry in (ODOMETRY if with_odometry else ODOMETRY[:1])
         for receiver in (RECEIVER if of_receiver.any() else RECEIVER[:1])
     ]

@@ -26,7 +26,7 @@ _KIND_COLOURS = ("#0072b2", "#b26b00", "#00785a", "#a8518a", "#2b7cb3", "#d55e00
 
 
 @dataclass(frozen=True, slots=True)
-class TrackOut:
+class ExportTrack:
     """A track.
 
     Attributes
@@ -68,7 +68,7 @@ class TrackOut:
 
 
 @dataclass(frozen=True, slots=True)
-class ObjectOut:
+class ExportObject:
     """Something that was seen, where it was seen last.
 
     Attributes
@@ -98,7 +98,7 @@ class MissionOut:
 
     Attributes
     ----------
-    tracks : tuple of TrackOut
+    tracks : tuple of ExportTrack
         Those that have poses.
     kinds : tuple of str
         The classes of its objects; of very many, some.
@@ -107,9 +107,9 @@ class MissionOut:
     """
 
     name: str
-    tracks: tuple[TrackOut, ...]
+    tracks: tuple[ExportTrack, ...]
     kinds: tuple[str, ...]
-    objects: Callable[[], Iterable[ObjectOut]]
+    objects: Callable[[], Iterable[ExportObject]]
 
 
 def kind_colour(kind: str) -> str:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.alignment import GATE, Start, start
+from webapp.core.trajectory.alignment import GATE, InitialState, start
 from webapp.core.trajectory.motion import POSITION, SIZE, Noise, predict
 from webapp.core.trajectory.steps import Fixes, Floats, Steps
 
@@ -122,13 +122,13 @@ class _Filter:
         self.distance, self.gated = np.full(m, np.nan), np.zeros(m, dtype=bool)
         self.expected, self.log_determinant = np.full((m, 2), np.nan), np.full(m, np.nan)
 
-    def begun(self, node: int) -> Start:
+    def begun(self, node: int) -> InitialState:
         """Find a state for a node."""
         later = self.fixes.take(slice(int(np.searchsorted(self.fixes.node, node)), None))
         return start(self.steps, later, begin=node, noise=self.noise)
 
     def forward(
-        self, begin: int, begun: Start, check: Callable[[int], None], *, again_to: int | None = None
+        self, begin: int, begun: InitialState, check: Callable[[int], None], *, again_to: int | None = None
     ) -> int:
         """Filter from a node on, to the end or to where a new piece begins; give the node after the last.
 

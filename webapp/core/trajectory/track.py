@@ -12,7 +12,7 @@ from webapp.core.geo.types import LatLon
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class FixTrack:
     """Fixes in the order of time.
 
     Attributes
@@ -31,7 +31,7 @@ class Track:
         return len(self.times_s)
 
 
-def make_track(times_s: Sequence[float], positions: Sequence[LatLon]) -> Track:
+def make_track(times_s: Sequence[float], positions: Sequence[LatLon]) -> FixTrack:
     """Sort fixes by time; of several with one time the first counts.
 
     Parameters
@@ -44,4 +44,4 @@ def make_track(times_s: Sequence[float], positions: Sequence[LatLon]) -> Track:
     times = np.asarray(times_s, dtype=np.float64).reshape(-1)
     latlon = np.asarray(positions, dtype=np.float64).reshape(-1, 2)
     unique, first = np.unique(times, return_index=True)
-    return Track(unique, latlon[first])
+    return FixTrack(unique, latlon[first])

@@ -10,7 +10,7 @@ from typing import BinaryIO, Literal, NamedTuple
 from xml.etree.ElementTree import Element
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.track import Track, make_track
+from webapp.core.trajectory.track import FixTrack, make_track
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
@@ -114,14 +114,14 @@ def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
             line.name = line.name or _one_line(element.text or "")
 
 
-def parse_gpx(data: bytes) -> Track:
+def parse_gpx(data: bytes) -> FixTrack:
     """Read the tracks of a small GPX file as one.
 
     Fixes without a time, and positions that are not on the Earth, are left out; so are routes and waypoints.
 
     Returns
     -------
-    Track
+    FixTrack
         Of at least two fixes.
 
     Raises
@@ -146,7 +146,7 @@ def parse_gpx(data: bytes) -> Track:
     return _track(points)
 
 
-def _track(points: list[GpxPoint]) -> Track:
+def _track(points: list[GpxPoint]) -> FixTrack:
     timed = [point for point in points if not math.isnan(point.time_s)]
     fixes = [point for point in timed if abs(point.lat) <= 90.0 and abs(point.lon) <= 180.0]
     track = make_track([fix.time_s for fix in fixes], [LatLon(fix.lat, fix.lon) for fix in fixes])

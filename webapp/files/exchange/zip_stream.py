@@ -14,7 +14,7 @@ _TIME = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class ZipMember:
     """A file of a zip.
 
     Attributes
@@ -32,7 +32,7 @@ class Member:
     large: bool = False
 
 
-def stream_zip(members: Iterable[Member]) -> Iterator[bytes]:
+def stream_zip(members: Iterable[ZipMember]) -> Iterator[bytes]:
     """Give a zip of some files, piece by piece.
 
     Photos are stored as they are, they are compressed already; contents given as bytes or in pieces are

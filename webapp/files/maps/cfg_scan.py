@@ -23,7 +23,7 @@ _INTEGER = re.compile(r"-?[0-9]+")
 _FRACTION = re.compile(r"(-?[0-9]{1,10})[.,]([0-9]{0,10})")
 
 
-class FieldError(Exception):
+class CfgFieldError(Exception):
     """A field breaks the format.
 
     Parameters
@@ -44,12 +44,12 @@ def parse_name(text: str) -> str:
 
     Raises
     ------
-    FieldError
+    CfgFieldError
         Empty, or not a path that stays below the map's folder.
     """
     problem = name_problem(text)
     if problem:
-        raise FieldError(problem.code, problem.message, better=problem.better)
+        raise CfgFieldError(problem.code, problem.message, better=problem.better)
     return text
 
 
@@ -58,11 +58,13 @@ def parse_id(text: str) -> int:
 
     Raises
     ------
-    FieldError
+    CfgFieldError
     """
     if not _INTEGER.fullmatch(text):
         better = text[1:] if _INTEGER.fullmatch(text[1:]) and text[0] == "+" else None
-        raise FieldError(Code.NON_NUMERIC_ID, f"the id {quoted(text)} is not a whole number", better=better)
+        raise CfgFieldError(
+            Code.NON_NUMERIC_ID, f"the id {quoted(text)} is not a whole number", better=better
+        )
     return _limited(text, "the id", smallest=0)
 
 
@@ -71,7 +73,7 @@ def parse_size(text: str, what: str) -> int:
 
     Raises
     ------
-    FieldError
+    CfgFieldError
     """
     return _limited(_whole(text, what), what, smallest=1)
 
@@ -81,7 +83,7 @@ def parse_coordinate(text: str, what: str) -> int:
 
     Raises
     ------
-    FieldError
+    CfgFieldError
     """
     return _limited(_whole(text, what), what, smallest=-MAX_NUMBER)
 
@@ -90,16 +92,16 @@ def _whole(text: str, what: str) -> str:
     if _INTEGER.fullmatch(text):
         return text
     if not text:
-        raise FieldError(Code.NOT_AN_INTEGER, f"{what} is empty: a whole number of pixels is needed")
+        raise CfgFieldError(Code.NOT_AN_INTEGER, f"{what} is empty: a whole number of pixels is needed")
     fraction = _FRACTION.fullmatch(text)
     better = str(round_half_up(float(Decimal(f"{fraction[1]}.{fraction[2]}0")))) if fraction else None
     if fraction and "," in text:
         message = f"{what} = {quoted(text)} has a decimal comma: pixels are whole numbers"
-        raise FieldError(Code.DECIMAL_COMMA, message, better=better)
+        raise CfgFieldError(Code.DECIMAL_COMMA, message, better=better)
     if text[0] == "+" and _INTEGER.fullmatch(text[1:]):
         better = text[1:]
     message = f"{what} = {quoted(text)} is not a whole number in plain digits"
-    raise FieldError(Code.NOT_AN_INTEGER, message, better=better)
+    raise CfgFieldError(Code.NOT_AN_INTEGER, message, better=better)
 
 
 def _limited(text: str, what: str, *, smallest: int) -> int:
@@ -109,7 +111,7 @@ def _limited(text: str, what: str, *, smallest: int) -> int:
     value = int(sign + digits) if len(digits) <= 10 else None
     if value is None or not smallest <= value <= MAX_NUMBER:
         message = f"{what} = {quoted(text)} is not between {smallest} and {MAX_NUMBER}"
-        raise FieldError(Code.NUMBER_OUT_OF_RANGE, message)
+        raise CfgFieldError(Code.NUMBER_OUT_OF_RANGE, message)
     return value
 
 
@@ -309,7 +311,7 @@ def _field(
     """Parse one cell, or report why it cannot be and what to write."""
     try:
         return parse(row.cells[cell])
-    except FieldError as error:
+    except CfgFieldError as error:
         better = error.better or (instead() if instead else None)
         if better is not None:
             fix = f"write {row.corrected(cell, better)}"

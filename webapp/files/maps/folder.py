@@ -13,7 +13,7 @@ from webapp.core.mapmodel.positions import inside, whole_pixel
 from webapp.errors import MapError
 from webapp.files.atomic import write_bytes
 from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg
-from webapp.files.maps.map_json import MapJson, PhotoRecord, format_map_json, parse_map_json
+from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
 
 
 def json_path(cfg_path: Path) -> Path:
@@ -148,7 +148,7 @@ def placed_map(map_: Map, placement: Placement) -> Map:
     )
 
 
-def _completed(e: Experience, known: PhotoRecord | None, map_: Map) -> Experience:
+def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experience:
     if known is None or known.photo != e.photo:
         return e
     return replace(

@@ -19,7 +19,7 @@ VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
-class PhotoRecord:
+class MapJsonPhoto:
     """What `map.json` says about one photo; None is unknown, and no position means the `.cfg`'s."""
 
     photo: str
@@ -38,7 +38,7 @@ class MapJson:
     ----------
     placements : mapping of str to mapping of int to MapPixel
         Sub-pixel positions by id in each further placement, by its name.
-    experiences : mapping of int to PhotoRecord
+    experiences : mapping of int to MapJsonPhoto
         By id.
     """
 
@@ -46,7 +46,7 @@ class MapJson:
     next_id: int = 0
     georeference: Georeference | None = None
     placements: Mapping[str, Mapping[int, MapPixel]] = field(default_factory=dict)
-    experiences: Mapping[int, PhotoRecord] = field(default_factory=dict)
+    experiences: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
 
 
 def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
@@ -177,7 +177,7 @@ def _placed(item: JsonField) -> tuple[int, MapPixel]:
     return fields["id"].integer(largest=MAX_NUMBER), MapPixel(_pixel(fields["x_px"]), _pixel(fields["y_px"]))
 
 
-def _photo(item: JsonField) -> tuple[int, PhotoRecord]:
+def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
     names = ("x_px", "y_px", "heading_deg", "fov_deg", "gps_accuracy_m", "taken_at")
     fields = item.record(required=("id", "photo"), optional=names)
     x, y, heading, fov, accuracy, taken_at = (fields[name] for name in names)
@@ -185,7 +185,7 @@ def _photo(item: JsonField) -> tuple[int, PhotoRecord]:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
     if not taken_at.missing:
         _check_time(taken_at)
-    return fields["id"].integer(largest=MAX_NUMBER), PhotoRecord(
+    return fields["id"].integer(largest=MAX_NUMBER), MapJsonPhoto(
         photo=fields["photo"].text(),
         position=None if x.missing else MapPixel(_pixel(x), _pixel(y)),
         heading_deg=None if heading.missing else heading.number("from 0 to 360", valid=_is_heading),

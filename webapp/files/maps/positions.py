@@ -14,7 +14,7 @@ from webapp.core.geo.fit import check_positions
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, TableError
 from webapp.files.maps.cfg import read_cfg
-from webapp.files.text_file import Row, read_table
+from webapp.files.text_file import TextRow, read_table
 
 _LATLON, _PIXEL = "name;lat;lon", "name;x;y"
 _HEADING = ";heading_deg"
@@ -101,14 +101,14 @@ def read_positions(path: Path) -> Positions:
     return Positions(positions, headings_deg={name: _heading(row) for name, row in turned})
 
 
-def _heading(row: Row) -> float:
+def _heading(row: TextRow) -> float:
     heading = row.number(3)
     if not 0.0 <= heading <= 360.0:
         raise TableError(f"the heading {heading:g} is not from 0 to 360", where=row.where)
     return heading % 360.0
 
 
-def _latlon(row: Row) -> LatLon:
+def _latlon(row: TextRow) -> LatLon:
     position = LatLon(row.number(1), row.number(2))
     try:
         check_positions([position])
@@ -117,5 +117,5 @@ def _latlon(row: Row) -> LatLon:
     return position
 
 
-def _pixel(row: Row) -> MapPixel:
+def _pixel(row: TextRow) -> MapPixel:
     return MapPixel(row.number(1), row.number(2))

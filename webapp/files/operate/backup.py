@@ -39,14 +39,14 @@ _HINT = "take another backup: nothing was changed"
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class BackupFile:
     """A file of a backup."""
 
     size_bytes: int
     sha256: str
 
 
-Files = dict[str, Kept]
+Files = dict[str, BackupFile]
 """By name, with forward slashes."""
 
 
@@ -88,7 +88,7 @@ class Archive:
         OSError
         """
         self._file.writestr(zipfile.ZipInfo(name, _TIME), data)
-        self.files[name] = Kept(len(data), hashlib.sha256(data).hexdigest())
+        self.files[name] = BackupFile(len(data), hashlib.sha256(data).hexdigest())
 
     def keep(self, wanted: Callable[[str], bool]) -> None:
         """Leave out files that turned out not to be wanted; their bytes stay, but are never unpacked."""
@@ -242,7 +242,9 @@ def _manifest(opened: zipfile.ZipFile) -> tuple[dict[str, Any], Files]:
         content = json.loads(opened.read(MANIFEST))
         if content["format"] != FORMAT or content["version"] != VERSION:
             raise InputError("another version of the program has made this backup", hint="update the program")
-        files = {str(name): Kept(int(size), str(sha256)) for name, (size, sha256) in content["files"].items()}
+        files = {
+            str(name): BackupFile(int(size), str(sha256)) for name, (size, sha256) in content["files"].items()
+        }
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError("the backup's manifest is damaged", where=MANIFEST, hint=_HINT) from error
     for name, kept in files.items():
@@ -251,13 +253,13 @@ def _manifest(opened: zipfile.ZipFile) -> tuple[dict[str, Any], Files]:
     return content, files
 
 
-def _copy(source: IO[bytes], write: Callable[[bytes], object]) -> Kept:
+def _copy(source: IO[bytes], write: Callable[[bytes], object]) -> BackupFile:
     digest, size = hashlib.sha256(), 0
     while block := source.read(_BLOCK):
         write(block)
         digest.update(block)
         size += len(block)
-    return Kept(size, digest.hexdigest())
+    return BackupFile(size, digest.hexdigest())
 
 
 @contextmanager

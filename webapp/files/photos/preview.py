@@ -9,7 +9,7 @@ from typing import Literal
 
 import cv2
 
-from webapp.core.blur import Box, blur
+from webapp.core.blur import BlurBox, blur
 from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED
 from webapp.files.photos.photo import read_upright
@@ -25,12 +25,12 @@ _DECODING = BoundedSemaphore(2)
 """A photo of the largest size takes several hundred MB while it is decoded."""
 
 
-def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[Box] = ()) -> dict[Kind, bytes]:
+def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBox] = ()) -> dict[Kind, bytes]:
     """Decode a photo completely and make its previews.
 
     Parameters
     ----------
-    blurred : sequence of Box
+    blurred : sequence of BlurBox
         Parts of the upright photo that are made unrecognisable.
 
     Returns

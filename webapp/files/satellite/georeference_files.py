@@ -18,14 +18,14 @@ import numpy as np
 from webapp.core.geo.controlpoints import ControlPoint, from_control_points
 from webapp.core.geo.corners import Corners
 from webapp.core.geo.crs import WGS84, crs_name, latlon_from_plane
-from webapp.core.geo.fit import Fit, check_on_image, check_positions
+from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.pixelgrid import homography_for_corners
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, MapJsonError, TableError
 from webapp.extras import extra
 from webapp.files.json_fields import JsonField, finite, parse_json
-from webapp.files.text_file import Row, read_bytes, read_table, read_text
+from webapp.files.text_file import TextRow, read_bytes, read_table, read_text
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -106,7 +106,7 @@ def read_control_points(path: Path) -> list[ControlPoint]:
     return [_point(row) for row in rows]
 
 
-def _point(row: Row) -> ControlPoint:
+def _point(row: TextRow) -> ControlPoint:
     x, y, lat, lon = (row.number(column) for column in range(4))
     position = LatLon(lat, lon)
     try:
@@ -138,7 +138,7 @@ def find_worldfile(image: Path) -> Path:
     )
 
 
-def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = None) -> Fit:
+def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = None) -> GeoreferenceFit:
     """Read a world file.
 
     Parameters
@@ -151,7 +151,7 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
 
     Returns
     -------
-    Fit
+    GeoreferenceFit
         Without residuals.
 
     Raises
@@ -164,7 +164,9 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
     return parse_worldfile(text, where=str(path), width=width, height=height, crs=crs or _beside(path))
 
 
-def parse_worldfile(text: str, *, where: str, width: int, height: int, crs: str | None = None) -> Fit:
+def parse_worldfile(
+    text: str, *, where: str, width: int, height: int, crs: str | None = None
+) -> GeoreferenceFit:
     """Read the content of a world file; see `read_worldfile`.
 
     Parameters
@@ -188,7 +190,7 @@ def parse_worldfile(text: str, *, where: str, width: int, height: int, crs: str 
         check_on_image(georeference, width=width, height=height)
     except GeoreferenceError as error:
         raise GeoreferenceError(error.message, where=where, hint=error.hint or _HINT) from error
-    return Fit(georeference)
+    return GeoreferenceFit(georeference)
 
 
 def _six_numbers(text: str, where: str) -> list[float]:
@@ -225,7 +227,7 @@ def _check_degrees(matrix: np.ndarray, where: str, *, width: int, height: int) -
         )
 
 
-def read_geotiff(path: Path, *, crs: str | None = None) -> Fit:
+def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
     """Read the georeference of a GeoTIFF.
 
     Parameters
@@ -235,7 +237,7 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> Fit:
 
     Returns
     -------
-    Fit
+    GeoreferenceFit
         Of the transform, exactly (no residuals); where there is none, of the ground control points, by least
         squares.
 
@@ -263,7 +265,7 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> Fit:
         raise GeoreferenceError(error.message, where=str(path), hint=error.hint) from error
 
 
-def _fit(dataset: DatasetReader, crs: str | None) -> Fit:
+def _fit(dataset: DatasetReader, crs: str | None) -> GeoreferenceFit:
     points, points_crs = dataset.gcps
     if dataset.transform.is_identity and points:
         plane = _plane(points_crs, crs)
@@ -279,7 +281,7 @@ def _fit(dataset: DatasetReader, crs: str | None) -> Fit:
     matrix = tuple(float(v) for v in dataset.transform)
     georeference = Georeference(_plane(dataset.crs, crs), matrix, "geotiff")
     check_on_image(georeference, width=dataset.width, height=dataset.height)
-    return Fit(georeference)
+    return GeoreferenceFit(georeference)
 
 
 def _plane(stated: CRS | None, chosen: str | None) -> str:

@@ -25,7 +25,7 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export as export_mission
 from webapp.missions.tasks import import_file, read_track
 from webapp.missions.tasks.export import FORMATS
-from webapp.missions.tasks.import_file import Imported, order_of
+from webapp.missions.tasks.import_file import TrackImport, order_of
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
 from webapp.store.maps import maps
@@ -180,7 +180,7 @@ def _print_topics(path: Path) -> None:
         click.echo(f"{topic.name}\t{topic.type}\t{topic.messages}{used}")
 
 
-def _print_import(path: Path, done: Imported) -> None:
+def _print_import(path: Path, done: TrackImport) -> None:
     for track in done.tracks:
         click.echo(
             f"{path.name}: {track.source} {track.name!r}: {track.poses} poses, {track.skipped} that had not "

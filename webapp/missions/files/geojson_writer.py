@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
 from webapp.core.trajectory.records import Poses, join, make_poses
 from webapp.files.exchange.geojson import point_feature, to_json, write_collection
 from webapp.files.exchange.times import utc
@@ -36,7 +36,7 @@ def _features(mission: MissionOut) -> Iterator[Iterable[str]]:
         yield [_object(found)]
 
 
-def _track(track: TrackOut) -> Iterator[str]:
+def _track(track: ExportTrack) -> Iterator[str]:
     facts = {
         "source": track.source,
         "name": track.name,
@@ -57,7 +57,7 @@ def _track(track: TrackOut) -> Iterator[str]:
     yield "}}}"
 
 
-def _nested(track: TrackOut, written: Callable[[Poses], list[str]], *, kind: str) -> Iterator[str]:
+def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: str) -> Iterator[str]:
     """Write one thing of each pose, nested as the coordinates of the geometry are."""
     if kind == "Point":
         yield from (written(part)[0] for part in track.poses())
@@ -124,7 +124,7 @@ def _headings(poses: Poses) -> list[str]:
     return ["null" if heading != heading else f"{heading:.3f}" for heading in poses.heading_deg.tolist()]
 
 
-def _object(found: ObjectOut) -> str:
+def _object(found: ExportObject) -> str:
     first, last = utc([found.first_time_s, found.last_time_s])
     properties = {
         "class": found.kind,

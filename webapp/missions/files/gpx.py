@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import MissionOut, ObjectOut
+from webapp.core.trajectory.outgoing import ExportObject, MissionOut
 from webapp.core.trajectory.records import Poses, Sighting, make_poses
 from webapp.files.exchange.gpx import GpxLine, GpxPoint, GpxWaypoint, read_gpx
 from webapp.files.exchange.times import utc
@@ -140,7 +140,7 @@ def _pieces(mission: MissionOut) -> Iterator[str]:
     yield "</gpx>\n"
 
 
-def _waypoint(found: ObjectOut) -> str:
+def _waypoint(found: ExportObject) -> str:
     height = "" if found.height_m is None else f"<ele>{found.height_m:.3f}</ele>"
     return (
         f'<wpt lat="{found.latlon.lat:.9f}" lon="{found.latlon.lon:.9f}">{height}'

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut, kind_colour
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut, kind_colour
 from webapp.core.trajectory.records import Poses
 from webapp.files.exchange.kml import extended_data, picture_description, point, write_kml
 from webapp.files.exchange.times import utc
@@ -90,7 +90,7 @@ def _kind_style(kind: str, style: str, icon: str | None) -> str:
     return f'<Style id="{style}"><IconStyle>{look}</IconStyle></Style>\n'
 
 
-def _track_style(track: TrackOut) -> str:
+def _track_style(track: ExportTrack) -> str:
     colour = _colour(track.colour)
     return (
         f'<Style id="track-{track.id}"><IconStyle><color>{colour}</color><scale>0.7</scale></IconStyle>'
@@ -98,7 +98,7 @@ def _track_style(track: TrackOut) -> str:
     )
 
 
-def _track(track: TrackOut) -> Iterator[str]:
+def _track(track: ExportTrack) -> Iterator[str]:
     yield f'<Placemark id="t-{track.id}">{element("name", track.title)}'
     yield f"<styleUrl>#track-{track.id}</styleUrl>"
     yield extended_data(
@@ -115,7 +115,7 @@ def _track(track: TrackOut) -> Iterator[str]:
     yield "</Placemark>\n"
 
 
-def _timed(track: TrackOut) -> Iterator[str]:
+def _timed(track: ExportTrack) -> Iterator[str]:
     yield "<gx:MultiTrack>"
     yield "<altitudeMode>clampToGround</altitudeMode><gx:interpolate>1</gx:interpolate>\n"
     for part in _ascending(track.poses()):
@@ -142,7 +142,7 @@ def _part(poses: Poses) -> str:
     return f"<gx:Track><altitudeMode>clampToGround</altitudeMode>\n{whens}{coords}{angles}</gx:Track>\n"
 
 
-def _object(found: ObjectOut, style: str | None, *, picture: str | None) -> str:
+def _object(found: ExportObject, style: str | None, *, picture: str | None) -> str:
     first, last = utc([found.first_time_s, found.last_time_s])
     facts = {
         "id": found.id,

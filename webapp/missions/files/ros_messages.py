@@ -36,7 +36,7 @@ _ADD = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RosPose:
     """A pose.
 
     Attributes
@@ -62,41 +62,41 @@ class Seen:
     sighting: LocalSighting | None
 
 
-def _fix(message: Any, at_s: float) -> list[Row]:
+def _fix(message: Any, at_s: float) -> list[RosPose]:
     if message.status.status <= _NO_FIX:
         return []
     known = message.position_covariance_type != 0
     covariance = _covariance(message.position_covariance, side=3) if known else _UNKNOWN
     place = (message.latitude, message.longitude, message.altitude)
-    return [Row((_time(message, at_s), *map(float, place), _NAN, *covariance), message.header.frame_id)]
+    return [RosPose((_time(message, at_s), *map(float, place), _NAN, *covariance), message.header.frame_id)]
 
 
-def _odometry(message: Any, at_s: float) -> list[Row]:
+def _odometry(message: Any, at_s: float) -> list[RosPose]:
     covariance = _covariance(message.pose.covariance, side=6)
     values = (_time(message, at_s), *_place(message.pose.pose), *covariance)
-    return [Row(values, message.header.frame_id, message.child_frame_id)]
+    return [RosPose(values, message.header.frame_id, message.child_frame_id)]
 
 
-def _pose(message: Any, at_s: float) -> list[Row]:
-    return [Row((at_s, *_place(message), *_UNKNOWN), stamped=False)]
+def _pose(message: Any, at_s: float) -> list[RosPose]:
+    return [RosPose((at_s, *_place(message), *_UNKNOWN), stamped=False)]
 
 
-def _pose_stamped(message: Any, at_s: float) -> list[Row]:
+def _pose_stamped(message: Any, at_s: float) -> list[RosPose]:
     time_s = _time(message, _NAN)
     stamped = not math.isnan(time_s)
     values = (time_s if stamped else at_s, *_place(message.pose), *_UNKNOWN)
-    return [Row(values, message.header.frame_id, stamped=stamped)]
+    return [RosPose(values, message.header.frame_id, stamped=stamped)]
 
 
-def _pose_with_covariance(message: Any, at_s: float) -> list[Row]:
+def _pose_with_covariance(message: Any, at_s: float) -> list[RosPose]:
     covariance = _covariance(message.pose.covariance, side=6)
-    return [Row((_time(message, at_s), *_place(message.pose.pose), *covariance), message.header.frame_id)]
+    return [RosPose((_time(message, at_s), *_place(message.pose.pose), *covariance), message.header.frame_id)]
 
 
-def _path(message: Any, at_s: float) -> list[Row]:
+def _path(message: Any, at_s: float) -> list[RosPose]:
     rows = [row for pose in message.poses for row in _pose_stamped(pose, at_s)]
     frame = message.header.frame_id
-    return [Row(row.values, row.frame or frame, stamped=row.stamped) for row in rows]
+    return [RosPose(row.values, row.frame or frame, stamped=row.stamped) for row in rows]
 
 
 def _detections(message: Any, at_s: float) -> Iterator[Seen]:
@@ -124,7 +124,7 @@ def _markers(message: Any, at_s: float) -> Iterator[Seen]:
         yield _seen(marker.header.frame_id, name, kind, time_s=_time(marker, at_s), at=at, confidence=None)
 
 
-POSES: dict[str, Callable[[Any, float], list[Row]]] = {
+POSES: dict[str, Callable[[Any, float], list[RosPose]]] = {
     "sensor_msgs/msg/NavSatFix": _fix,
     "nav_msgs/msg/Odometry": _odometry,
     "nav_msgs/msg/Path": _path,

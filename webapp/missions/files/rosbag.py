@@ -19,7 +19,7 @@ from webapp.core.trajectory.records import make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import ExpMapError, TrackError
 from webapp.extras import extra
-from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, WORLD, Row
+from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,
     NO_ID,
@@ -102,7 +102,7 @@ class _Log:
 
     topic: str
     kind: str
-    rows: list[Row] = field(default_factory=list)
+    rows: list[RosPose] = field(default_factory=list)
     last_s: float = -math.inf
     count: int = 0
 
@@ -123,7 +123,7 @@ class _Log:
             if len(self.rows) == CHUNK:
                 yield from self.pieces()
 
-    def fresh(self, rows: list[Row]) -> list[Row]:
+    def fresh(self, rows: list[RosPose]) -> list[RosPose]:
         """Leave out what the path before had already: by its times, or without times by its length."""
         stamped = bool(rows) and all(row.stamped for row in rows)
         new = [row for row in rows if row.values[0] > self.last_s] if stamped else rows[self.count :]

@@ -8,7 +8,7 @@ from itertools import islice
 import folium
 from folium.raster_layers import ImageOverlay
 
-from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut, kind_colour
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut, kind_colour
 from webapp.errors import UsageError
 from webapp.files.exchange.times import utc
 from webapp.missions.store import reading
@@ -97,7 +97,7 @@ def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Do
     )
 
 
-def _page(mission: MissionOut, found: list[ObjectOut], ground: MercatorPicture | None) -> str:
+def _page(mission: MissionOut, found: list[ExportObject], ground: MercatorPicture | None) -> str:
     page = empty_page("EPSG3857", title=mission.name)
     folium.Control("Scale", imperial=False).add_to(page)
     if ground is not None:
@@ -132,7 +132,7 @@ def _add_track(page: folium.Map, line: Feature) -> None:
     add_features(page, [end], popup=_POPUP, name=line.title, marker=folium.CircleMarker(radius=6))
 
 
-def _add_objects(page: folium.Map, found: list[ObjectOut]) -> None:
+def _add_objects(page: folium.Map, found: list[ExportObject]) -> None:
     """Draw objects as the pins of their classes; dots where there are too many classes for pins."""
     kinds = sorted({one.kind for one in found})[: reading.MOST_KINDS]
     icons = {kind: data_uri("image/png", icon(kind)) for kind in kinds}
@@ -166,7 +166,7 @@ def _ground(library: Library, mission_id: int, *, settings: Settings) -> Mercato
     return to_mercator(picture, source.georeference(), size=(satellite.width, satellite.height))
 
 
-def _line(track: TrackOut) -> Feature:
+def _line(track: ExportTrack) -> Feature:
     points: list[list[float]] = []
     times: list[float] = []
     for part in track.poses():
@@ -180,7 +180,7 @@ def _line(track: TrackOut) -> Feature:
     return Feature(("LineString", points), track.title, facts, style)
 
 
-def _object(found: ObjectOut, style: dict[str, object]) -> Feature:
+def _object(found: ExportObject, style: dict[str, object]) -> Feature:
     lat, lon = found.latlon
     facts = [f"{lat:.6f}, {lon:.6f}", utc([found.last_time_s])[0][:19] + "Z"]
     if found.confidence is not None:

@@ -19,7 +19,7 @@ _LAST_CHANGED_FIRST = (Mission.changed_at.desc(), Mission.id.desc())
 _MOST_PARAMETERS = 10_000
 
 
-class Spot(NamedTuple):
+class ListCursor(NamedTuple):
     """A place in the list: just after a mission as it was then, wherever that mission is now."""
 
     changed_at: datetime
@@ -53,9 +53,9 @@ class Entry:
         return sum(track.poses for track in self.tracks)
 
     @property
-    def spot(self) -> Spot:
+    def spot(self) -> ListCursor:
         """Where the list goes on after it."""
-        return Spot(self.mission.changed_at, self.mission.id)
+        return ListCursor(self.mission.changed_at, self.mission.id)
 
 
 def listed(
@@ -64,7 +64,7 @@ def listed(
     *,
     map_id: int | None = None,
     binned: bool = False,
-    after: Spot | None = None,
+    after: ListCursor | None = None,
     limit: int | None = None,
 ) -> list[Entry]:
     """List the missions that an account may see, the last changed first.
@@ -75,7 +75,7 @@ def listed(
         Only those on that map.
     binned : bool
         Those in the bin instead.
-    after : Spot or None
+    after : ListCursor or None
         Only those after it.
     limit : int or None
         At most so many; None for all.

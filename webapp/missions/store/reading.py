@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
 from webapp.core.trajectory.records import Poses
 from webapp.errors import Conflict, NotFound
 from webapp.missions.store import tracks
@@ -80,7 +80,7 @@ def some_objects(
     return list(session.scalars(found.order_by(MissionObject.object_id).limit(limit).offset(offset)))
 
 
-def _track(database: Database, track: Track, *, most: int | None) -> TrackOut:
+def _track(database: Database, track: Track, *, most: int | None) -> ExportTrack:
     bounds = None
     south, west, north, east = track.min_lat, track.min_lon, track.max_lat, track.max_lon
     if south is not None and west is not None and north is not None and east is not None:
@@ -88,7 +88,7 @@ def _track(database: Database, track: Track, *, most: int | None) -> TrackOut:
     numbers = None
     if most is not None and track.poses > most:
         numbers = np.unique(np.linspace(0, track.poses - 1, most).round().astype(np.int64))
-    return TrackOut(
+    return ExportTrack(
         id=track.id,
         source=track.source,
         name=track.name,
@@ -130,7 +130,7 @@ def _kinds(session: Session, mission_id: int) -> tuple[str, ...]:
     return tuple(session.scalars(kinds.order_by(MissionObject.kind).limit(MOST_KINDS)))
 
 
-def _objects(database: Database, mission_id: int) -> Iterator[ObjectOut]:
+def _objects(database: Database, mission_id: int) -> Iterator[ExportObject]:
     after = None
     while True:
         wanted = select(MissionObject).where(MissionObject.mission_id == mission_id)
@@ -144,8 +144,8 @@ def _objects(database: Database, mission_id: int) -> Iterator[ObjectOut]:
         after = part[-1].object_id
 
 
-def _object(row: MissionObject) -> ObjectOut:
-    return ObjectOut(
+def _object(row: MissionObject) -> ExportObject:
+    return ExportObject(
         id=row.object_id,
         kind=row.kind,
         latlon=LatLon(row.lat, row.lon),

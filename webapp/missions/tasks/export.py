@@ -8,7 +8,7 @@ from pathlib import Path
 
 from webapp.core.trajectory.outgoing import MissionOut
 from webapp.errors import NotFound, PhotoError, UsageError
-from webapp.files.exchange.zip_stream import Member, stream_zip
+from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.missions.files.csv_tables import format_objects_csv, format_poses_csv
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.files.gpx import format_mission_gpx
@@ -128,17 +128,17 @@ def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
     return Download(f"{plain_name(name)}-live.kml", KML, iter([link]))
 
 
-def _members(mission: MissionOut, picture: Callable[[str], Path | None]) -> Iterator[Member]:
+def _members(mission: MissionOut, picture: Callable[[str], Path | None]) -> Iterator[ZipMember]:
     """Give pictures and icons, then the KML: it names those that are there."""
     photos: dict[str, str] = {}
     for sha in dict.fromkeys(found.photo for found in mission.objects() if found.photo):
         path = picture(sha)
         if path is not None:
             photos[sha] = f"photos/{sha}{path.suffix}"
-            yield Member(photos[sha], path)
+            yield ZipMember(photos[sha], path)
     icons = {kind: f"icons/{number}.png" for number, kind in enumerate(mission.kinds)}
     for kind, name in icons.items():
-        yield Member(name, icon(kind))
+        yield ZipMember(name, icon(kind))
     kml = format_mission_kml(mission, icons=icons, photos=photos)
     bytes_about = _BYTES_A_POSE * sum(track.count for track in mission.tracks)
-    yield Member("doc.kml", kml, large=bytes_about > _LARGE_BYTES)
+    yield ZipMember("doc.kml", kml, large=bytes_about > _LARGE_BYTES)

@@ -27,7 +27,7 @@ from webapp.missions.files.track_format import TITLES, Kind, kind_of
 from webapp.missions.store import batches, missions, tracks
 from webapp.missions.store.schema import Mission, MissionSender, Track
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import ReadOptions, TrackPart
+from webapp.missions.tasks.read_track import ReadOptions, TrackSegment
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.database import Writes
@@ -41,7 +41,7 @@ _BLOCK = 1 << 20
 _NUMBERED: tuple[Kind, ...] = ("gpx", "kml", "kmz")
 """Kinds whose objects are numbered: the file's name distinguishes those of several files."""
 
-Part = TrackPart | tuple[Sighting, ...]
+Part = TrackSegment | tuple[Sighting, ...]
 Key = tuple[Source, str]
 
 
@@ -77,7 +77,7 @@ class ImportedTrack:
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class TrackImport:
     """What came of a file.
 
     Attributes
@@ -110,7 +110,7 @@ def import_track_file(
     settings: Settings,
     progress: Progress | None = None,
     writes: Writes | None = None,
-) -> Imported:
+) -> TrackImport:
     """Import a file.
 
     Parameters
@@ -154,7 +154,7 @@ def import_track_file(
         made = tuple(ImportedTrack(t.id, t.source, t.name, t.poses, t.skipped, t.distance_m) for t in found)
     kind = TITLES[survey.kind]
     new = stored < survey.parts
-    return Imported(kind, made, survey.objects, new, findings.skipped(), tuple(findings.notes))
+    return TrackImport(kind, made, survey.objects, new, findings.skipped(), tuple(findings.notes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +177,7 @@ def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
         order.path, options=order.options, findings=findings, progress=_Silent(progress)
     ):
         parts += 1
-        if isinstance(part, TrackPart):
+        if isinstance(part, TrackSegment):
             key = (part.source, part.track)
             seen[key] = seen.get(key, False) or part.timed
             records += len(part.poses) + part.skipped
@@ -192,7 +192,7 @@ def _parts(order: Order, progress: Progress) -> Iterator[Part]:
     numbered = kind_of(order.path, table=order.options.columns is not None) in _NUMBERED
     stem = PurePath(order.name).stem
     for part in read_track.stream(order.path, options=order.options, findings=Findings(), progress=progress):
-        if numbered and not isinstance(part, TrackPart):
+        if numbered and not isinstance(part, TrackSegment):
             yield tuple(replace(one, object_id=f"{stem}: {one.object_id}"[:_MAX_NAME]) for one in part)
         else:
             yield part
@@ -208,7 +208,7 @@ def _groups(parts: Iterator[Part], stored: int) -> Iterator[tuple[int, list[Part
         if not group:
             first = number
         group.append(part)
-        size += len(part.poses) if isinstance(part, TrackPart) else len(part)
+        size += len(part.poses) if isinstance(part, TrackSegment) else len(part)
         if size >= _AT_ONCE:
             yield first, group
             group, size = [], 0
@@ -224,7 +224,7 @@ def _stored(session: Session, mission_id: int, key: str) -> int:
 
 def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[Key, int]) -> None:
     for part in parts:
-        if isinstance(part, TrackPart):
+        if isinstance(part, TrackSegment):
             track = session.get_one(Track, ids[(part.source, part.track)])
             tracks.append(session, track, poses=part.poses, skipped=part.skipped)
             track.distance_m = (

@@ -68,7 +68,7 @@ class ReadOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrackPart:
+class TrackSegment:
     """The next poses of a track, with the way that they have come.
 
     Attributes
@@ -111,7 +111,7 @@ class ReadTrack:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Report:
+class ReadReport:
     """What was read of a file.
 
     Attributes
@@ -131,7 +131,9 @@ class Report:
     notes: tuple[str, ...]
 
 
-def read_track(path: Path, *, options: ReadOptions | None = None, progress: Progress | None = None) -> Report:
+def read_track(
+    path: Path, *, options: ReadOptions | None = None, progress: Progress | None = None
+) -> ReadReport:
     """Read a whole file into memory; for large ones there is `stream`.
 
     Parameters
@@ -150,10 +152,10 @@ def read_track(path: Path, *, options: ReadOptions | None = None, progress: Prog
     Cancelled
     """
     findings = Findings()
-    parts: dict[tuple[Source, str], list[TrackPart]] = {}
+    parts: dict[tuple[Source, str], list[TrackSegment]] = {}
     sightings: list[Sighting] = []
     for part in stream(path, options=options or ReadOptions(), findings=findings, progress=progress):
-        if isinstance(part, TrackPart):
+        if isinstance(part, TrackSegment):
             parts.setdefault((part.source, part.track), []).append(part)
         else:
             sightings += part
@@ -168,7 +170,7 @@ def read_track(path: Path, *, options: ReadOptions | None = None, progress: Prog
         for (source, name), track in parts.items()
     )
     kind = TITLES[_kind(path, options or ReadOptions())]
-    return Report(kind, tracks, tuple(sightings), findings.skipped(), tuple(findings.notes))
+    return ReadReport(kind, tracks, tuple(sightings), findings.skipped(), tuple(findings.notes))
 
 
 def topics(path: Path) -> list[Topic]:
@@ -201,7 +203,7 @@ def title(file: str, track: str) -> str:
 
 def stream(
     path: Path, *, options: ReadOptions, findings: Findings, progress: Progress | None = None
-) -> Iterator[TrackPart | tuple[Sighting, ...]]:
+) -> Iterator[TrackSegment | tuple[Sighting, ...]]:
     """Read a file piece by piece; the same file with the same options yields the same pieces.
 
     Parameters and errors are those of `run`, and:
@@ -219,7 +221,9 @@ def stream(
             progress.check()
             for part in places.placed(piece):
                 found = True
-                progress.advance(len(part.poses) + part.skipped if isinstance(part, TrackPart) else len(part))
+                progress.advance(
+                    len(part.poses) + part.skipped if isinstance(part, TrackSegment) else len(part)
+                )
                 yield part
         if not found:
             reasons = "; ".join(f"{one.count} {one.reason}" for one in findings.skipped())
@@ -236,7 +240,7 @@ class _Places:
     _frames: dict[str, RobotFrame] = field(default_factory=dict)
     _bodies: dict[str, RobotFrame] = field(default_factory=dict)
 
-    def placed(self, piece: Piece) -> Iterator[TrackPart | tuple[Sighting, ...]]:
+    def placed(self, piece: Piece) -> Iterator[TrackSegment | tuple[Sighting, ...]]:
         match piece:
             case WorldPiece():
                 yield from self._part(piece, piece.poses)
@@ -250,7 +254,7 @@ class _Places:
             case RobotObjects():
                 yield from self._objects(tuple(self._on_earth(piece)))
 
-    def _part(self, piece: WorldPiece | RobotPiece, poses: Poses) -> Iterator[TrackPart]:
+    def _part(self, piece: WorldPiece | RobotPiece, poses: Poses) -> Iterator[TrackSegment]:
         where = piece.track or "line 1"
         placed = _on_the_earth(poses.latlon)
         self.findings.skip(BAD_POSITION, where=where, count=len(poses) - int(placed.sum()))
@@ -273,7 +277,7 @@ class _Places:
         before = thinner.skipped
         kept = measured.take(thinner.keep(poses.latlon))
         skipped = thinner.skipped - before
-        yield TrackPart(piece.track, key[0], kept, skipped, odometer.metres, piece.timed)
+        yield TrackSegment(piece.track, key[0], kept, skipped, odometer.metres, piece.timed)
 
     def _poses(self, piece: RobotPiece, start: Start) -> Poses:
         """Lay the frame so that its first pose is at the start, and remember where its body is last."""

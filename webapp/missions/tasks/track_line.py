@@ -29,7 +29,7 @@ _DIRECT = 40_000
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class LineView:
     """What of a track is asked for.
 
     Attributes
@@ -48,7 +48,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class TrackLine:
     """The line.
 
     Attributes
@@ -69,7 +69,7 @@ class Line:
     complete: bool
 
 
-def track_line(session: Session, track: Track, view: View) -> Line:
+def track_line(session: Session, track: Track, view: LineView) -> TrackLine:
     """Read the line of a track."""
     wanted = _level_of(view.tolerance_m)
     tail, all_read = _tail(session, track, view)
@@ -88,14 +88,14 @@ def track_line(session: Session, track: Track, view: View) -> Line:
         points, joined = points[keep], joined[keep]
     points, gaps = _inside(points, joined, view)
     points, gaps, coarser = _thinned(points, gaps, tolerance_of(max(level, 0)))
-    return Line(level, points, gaps, complete=level == wanted and all_read and not coarser)
+    return TrackLine(level, points, gaps, complete=level == wanted and all_read and not coarser)
 
 
 def _level_of(tolerance_m: float) -> int:
     return max((k for k in range(LEVELS) if tolerance_of(k) <= tolerance_m), default=AS_IT_IS)
 
 
-def _tail(session: Session, track: Track, view: View) -> tuple[NDArray[np.float64], bool]:
+def _tail(session: Session, track: Track, view: LineView) -> tuple[NDArray[np.float64], bool]:
     """Read the poses that are in no piece; whether these are all of them."""
     first = max(track.built_to, view.since + 1)
     count = track.poses - first
@@ -109,7 +109,7 @@ def _tail(session: Session, track: Track, view: View) -> tuple[NDArray[np.float6
     return points, False
 
 
-def _chosen(session: Session, track: Track, *, level: int, view: View) -> list[tuple[int, Piece]]:
+def _chosen(session: Session, track: Track, *, level: int, view: LineView) -> list[tuple[int, Piece]]:
     """List the pieces that show a track at a level, with the finer ones where that level is not there yet."""
     found: list[tuple[int, Piece]] = []
     covered = 0
@@ -125,7 +125,7 @@ def _size(piece: Piece, level: int) -> int:
     return piece.count if level == AS_IT_IS else piece.points
 
 
-def _is_seen(piece: Piece, view: View) -> bool:
+def _is_seen(piece: Piece, view: LineView) -> bool:
     if piece.first_number + piece.count <= view.since + 1:
         return False
     if view.box is None:
@@ -175,7 +175,7 @@ def _poses(session: Session, track: Track, pieces: list[tuple[int, Piece]]) -> l
 
 
 def _inside(
-    points: NDArray[np.float64], joined: NDArray[np.bool_], view: View
+    points: NDArray[np.float64], joined: NDArray[np.bool_], view: LineView
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Keep the ends of all parts of the line that touch what is asked for."""
     joined = joined & (np.arange(len(points)) > 0)

@@ -50,7 +50,7 @@ class BatchIn(Schema):
     records = List(Raw(metadata=record_schema()), required=True)
 
 
-class KeyIn(Schema):
+class BatchKeyIn(Schema):
     """By what a batch is known when it is sent once more."""
 
     key = String(
@@ -86,7 +86,7 @@ def answer_out_of_order(error: OutOfOrder) -> Response:
 
 @blueprint.post("/<int(max=2147483647):mission_id>/batches")
 @blueprint.input(BatchIn, arg_name="given")
-@blueprint.input(KeyIn, location="headers", arg_name="sent")
+@blueprint.input(BatchKeyIn, location="headers", arg_name="sent")
 @blueprint.output(BatchOut)
 @blueprint.doc(
     description="All records of a batch are stored, or none. The answer comes when they are on the disk; who "

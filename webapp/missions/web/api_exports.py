@@ -58,7 +58,7 @@ class LinkQuery(Schema):
 blueprint.record(turns.set_up)
 
 
-class QuestionIn(Schema):
+class TableQueryIn(Schema):
     """A question about the rows of a mission, in the manner of SQL."""
 
     table = String(data_key="from", load_default="poses", validate=OneOf(TABLES))
@@ -132,7 +132,7 @@ def network_link(mission_id: int, query: dict[str, Any]) -> Response:
 
 
 @blueprint.get("/query")
-@blueprint.input(QuestionIn, location="query", arg_name="asked")
+@blueprint.input(TableQueryIn, location="query", arg_name="asked")
 @blueprint.doc(responses=_ROWS)
 def query(mission_id: int, asked: dict[str, Any]) -> Response:
     """Query poses, objects or sightings; an error has the position of the character."""

@@ -133,7 +133,7 @@ class ListQuery(Schema):
     )
 
 
-class DeleteQuery(Schema):
+class MissionDeleteQuery(Schema):
     """How a mission is deleted."""
 
     forever = Boolean(load_default=False, metadata={"description": "For good; only missions in the bin."})
@@ -234,7 +234,7 @@ def change(mission_id: int, wish: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.delete(f"/{_ID}")
-@blueprint.input(DeleteQuery, location="query", arg_name="query")
+@blueprint.input(MissionDeleteQuery, location="query", arg_name="query")
 @blueprint.output(MissionSummary)
 def put_into_bin(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
     """Put a mission into the bin, from where it can be restored; or delete one there for good."""

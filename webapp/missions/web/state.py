@@ -13,7 +13,7 @@ from webapp.core.trajectory.drift import Closing, closing
 from webapp.core.trajectory.records import Poses
 from webapp.errors import NotFound
 from webapp.missions.store import listing, missions, tracks
-from webapp.missions.store.listing import Entry, Spot
+from webapp.missions.store.listing import Entry, ListCursor
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.web.api_objects import object_json
@@ -118,15 +118,15 @@ def cursor(revision: int, poses: dict[int, int]) -> str:
     return "-".join([str(revision), *(f"{id}.{count}" for id, count in sorted(poses.items()))])
 
 
-def spot_text(spot: Spot) -> str:
+def spot_text(spot: ListCursor) -> str:
     """Return the cursor at which a list of missions continues; `read_spot` reads it."""
     return f"{(spot.changed_at - _EPOCH) // timedelta(microseconds=1)}.{spot.id}"
 
 
-def read_spot(text: str) -> Spot:
+def read_spot(text: str) -> ListCursor:
     """Read what `spot_text` has made, of the form `SPOT`."""
     changed, id = map(int, text.split("."))
-    return Spot(_EPOCH + timedelta(microseconds=changed), id)
+    return ListCursor(_EPOCH + timedelta(microseconds=changed), id)
 
 
 def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.sample.scene.plan import Plan
+from webapp.sample.scene.plan import ParkPlan
 
 EYE_HEIGHT_M = 1.6
 
@@ -18,7 +18,7 @@ _MONUMENT_M = 3.5
 
 
 @dataclass(frozen=True)
-class Camera:
+class SceneCamera:
     """A pinhole camera without distortion and without roll.
 
     Attributes
@@ -99,9 +99,9 @@ class Camera:
         centre = np.array([(self.width - 1) / 2, (self.height - 1) / 2])
         return self.focal_px * local[:, :2] / safe[:, None] + centre, depth
 
-    def resized(self, factor: float) -> Camera:
+    def resized(self, factor: float) -> SceneCamera:
         """Return the same camera with `factor` times the pixels on each side."""
-        return Camera(
+        return SceneCamera(
             self.position,
             self.heading_deg,
             self.fov_deg,
@@ -112,7 +112,7 @@ class Camera:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class CameraView:
     """A place and a direction.
 
     Attributes
@@ -130,24 +130,24 @@ class View:
     heading_deg: float
     pitch_deg: float
 
-    def camera(self, *, fov_deg: float, width: int, height: int) -> Camera:
+    def camera(self, *, fov_deg: float, width: int, height: int) -> SceneCamera:
         """Hold a camera there at eye height."""
         position = (self.east, self.north, EYE_HEIGHT_M)
-        return Camera(position, self.heading_deg, fov_deg, width, height, self.pitch_deg)
+        return SceneCamera(position, self.heading_deg, fov_deg, width, height, self.pitch_deg)
 
 
-def map_views(rng: np.random.Generator, plan: Plan, *, count: int) -> list[View]:
+def map_views(rng: np.random.Generator, plan: ParkPlan, *, count: int) -> list[CameraView]:
     """Walk all paths and take `count` photos, evenly spread."""
     return [_view(rng, plan, float(stop), stops=count, stray=0.5) for stop in range(count)]
 
 
-def query_views(rng: np.random.Generator, plan: Plan, *, count: int, stops: int) -> list[View]:
+def query_views(rng: np.random.Generator, plan: ParkPlan, *, count: int, stops: int) -> list[CameraView]:
     """Walk the same way another day: `count` photos between the `stops` of the map, on other lines."""
     between = [int((number + 0.5) * stops / count) + 0.5 for number in range(count)]
     return [_view(rng, plan, stop, stops=stops, stray=1.0) for stop in between]
 
 
-def _view(rng: np.random.Generator, plan: Plan, stop: float, *, stops: int, stray: float) -> View:
+def _view(rng: np.random.Generator, plan: ParkPlan, stop: float, *, stops: int, stray: float) -> CameraView:
     """Look ahead, turned to one side and the other; `stray` says how far from the middle and the rule."""
     paths = plan.paths
     at = min(max(int((stop + 0.5) / stops * len(paths)), 1), len(paths) - 2)
@@ -159,10 +159,10 @@ def _view(rng: np.random.Generator, plan: Plan, stop: float, *, stops: int, stra
     spot = _clear(plan, line[at] + aside * np.array([ahead[1], -ahead[0]]))
     swing = _SWING_DEG * np.sin(2 * np.pi * stop / _SWING_STOPS) + rng.uniform(-12, 12) * stray
     heading = np.degrees(np.arctan2(ahead[0], ahead[1])) + swing
-    return View(float(spot[0]), float(spot[1]), float(heading % 360), float(rng.normal(0, _PITCH_DEG)))
+    return CameraView(float(spot[0]), float(spot[1]), float(heading % 360), float(rng.normal(0, _PITCH_DEG)))
 
 
-def _clear(plan: Plan, spot: NDArray[np.float64]) -> NDArray[np.float64]:
+def _clear(plan: ParkPlan, spot: NDArray[np.float64]) -> NDArray[np.float64]:
     """Step back from the monument in the middle of the square."""
     away = spot - plan.square
     distance = float(np.linalg.norm(away))

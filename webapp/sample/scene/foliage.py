@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.sample.scene.camera import Camera
+from webapp.sample.scene.camera import SceneCamera
 from webapp.sample.scene.noise import jitter
 from webapp.sample.scene.plan import Tree
 from webapp.sample.scene.raster import NEAR_M, Frame
@@ -139,7 +139,7 @@ def _leaves(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.f
 
 
 def draw_foliage(
-    frame: Frame, camera: Camera, *, foliage: Foliage, leaves: Leaves, sun: NDArray[np.float32]
+    frame: Frame, camera: SceneCamera, *, foliage: Foliage, leaves: Leaves, sun: NDArray[np.float32]
 ) -> None:
     """Draw all clumps that are nearer than what is drawn already.
 

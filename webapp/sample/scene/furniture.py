@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from webapp.sample.scene.masonry import courses, surface
 from webapp.sample.scene.noise import fractal, jitter, tint
-from webapp.sample.scene.plan import DEPTH_M, PATH_WIDTH_M, WIDTH_M, Plan, Tree
+from webapp.sample.scene.plan import DEPTH_M, PATH_WIDTH_M, WIDTH_M, ParkPlan, Tree
 from webapp.sample.scene.raster import Quad, Texture
 from webapp.sample.scene.solids import box_quads, lift
 
@@ -82,7 +82,7 @@ def _pickets(rng: np.random.Generator, length: float) -> Texture:
     return Texture.of(np.dstack([wood, np.where(board | rail, 255, 0).astype(np.uint8)]))
 
 
-def along_paths(rng: np.random.Generator, plan: Plan) -> list[Quad]:
+def along_paths(rng: np.random.Generator, plan: ParkPlan) -> list[Quad]:
     """Put benches, lamps and notice boards beside the paths."""
     quads = []
     for line in (plan.loop, plan.link):
@@ -103,7 +103,7 @@ def along_paths(rng: np.random.Generator, plan: Plan) -> list[Quad]:
     return quads
 
 
-def _free(plan: Plan, spot: NDArray[np.float64]) -> bool:
+def _free(plan: ParkPlan, spot: NDArray[np.float64]) -> bool:
     off_paths = np.linalg.norm(plan.paths - spot, axis=1).min() > PATH_WIDTH_M / 2 + 0.4
     off_square = np.linalg.norm(plan.square - spot) > plan.square_radius + 1.8
     off_water = np.linalg.norm(plan.pond - spot, axis=1).min() > 1.5
@@ -163,7 +163,7 @@ def _board(rng: np.random.Generator, spot: NDArray[np.float64], out: NDArray[np.
     return quads
 
 
-def monument(rng: np.random.Generator, plan: Plan) -> list[Quad]:
+def monument(rng: np.random.Generator, plan: ParkPlan) -> list[Quad]:
     """Raise an obelisk on a pedestal in the middle of the square."""
     side = np.array([1.0, 0.0])
     quads = []

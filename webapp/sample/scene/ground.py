@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from webapp.sample.scene.masonry import courses
 from webapp.sample.scene.noise import fractal, tint
-from webapp.sample.scene.plan import DEPTH_M, PATH_WIDTH_M, WIDTH_M, Plan
+from webapp.sample.scene.plan import DEPTH_M, PATH_WIDTH_M, WIDTH_M, ParkPlan
 from webapp.sample.scene.raster import Quad, Texture
 
 GRASS, PAVED, WATER = 0, 128, 255
@@ -49,7 +49,7 @@ def pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
     return np.stack([x, y], axis=1).astype(np.int32)
 
 
-def lay_ground(rng: np.random.Generator, plan: Plan) -> Ground:
+def lay_ground(rng: np.random.Generator, plan: ParkPlan) -> Ground:
     """Paint the ground of a park."""
     corner = np.array([-BORDER_M, -BORDER_M, 0.0])
     park = flat(
@@ -76,7 +76,7 @@ def lawn(rng: np.random.Generator, shape: tuple[int, int], *, metres_per_pixel: 
     return grass
 
 
-def _paint(rng: np.random.Generator, plan: Plan) -> NDArray[np.uint8]:
+def _paint(rng: np.random.Generator, plan: ParkPlan) -> NDArray[np.uint8]:
     shape = (
         round((DEPTH_M + 2 * BORDER_M) / METRES_PER_PIXEL),
         round((WIDTH_M + 2 * BORDER_M) / METRES_PER_PIXEL),
@@ -113,7 +113,7 @@ def _daisies(rng: np.random.Generator, picture: NDArray[np.uint8]) -> None:
 
 
 def _paths(
-    rng: np.random.Generator, picture: NDArray[np.uint8], plan: Plan, *, rough: NDArray[np.float32]
+    rng: np.random.Generator, picture: NDArray[np.uint8], plan: ParkPlan, *, rough: NDArray[np.float32]
 ) -> None:
     shape = picture.shape[:2]
     mask = np.zeros(shape, np.uint8)
@@ -135,7 +135,7 @@ def _paths(
     picture[inside, 3] = PAVED
 
 
-def _square(rng: np.random.Generator, picture: NDArray[np.uint8], plan: Plan) -> None:
+def _square(rng: np.random.Generator, picture: NDArray[np.uint8], plan: ParkPlan) -> None:
     reach = plan.square_radius + 2.5
     (left, bottom), (right, top) = pixels(plan.square + np.array([[-reach, -reach], [reach, reach]]))
     part = picture[top:bottom, left:right]
@@ -155,7 +155,7 @@ def _square(rng: np.random.Generator, picture: NDArray[np.uint8], plan: Plan) ->
         part[ring, 3] = PAVED
 
 
-def _pond(picture: NDArray[np.uint8], plan: Plan, *, rough: NDArray[np.float32]) -> None:
+def _pond(picture: NDArray[np.uint8], plan: ParkPlan, *, rough: NDArray[np.float32]) -> None:
     outline = pixels(plan.pond)
     (left, top), (right, bottom) = outline.min(axis=0) - 50, outline.max(axis=0) + 50
     part, rough = picture[top:bottom, left:right], rough[top:bottom, left:right]

@@ -72,7 +72,7 @@ class Tree:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ParkPlan:
     """The layout of a park.
 
     Attributes
@@ -99,16 +99,16 @@ class Plan:
         return np.concatenate([self.loop, self.link])
 
 
-def draw_plan(rng: np.random.Generator) -> Plan:
+def draw_plan(rng: np.random.Generator) -> ParkPlan:
     """Draw the layout of a park by lot."""
     loop = _loop(rng)
     link, square = _link(rng, loop)
     paths = np.concatenate([loop, link])
     pond = _pond(rng, paths, square)
     buildings = _buildings(rng, paths, pond, square=square)
-    plan = Plan(loop, link, square, 6.0, pond, buildings, ())
+    plan = ParkPlan(loop, link, square, 6.0, pond, buildings, ())
     trees = (*_trees(rng, plan), *_flowers(rng, plan))
-    return Plan(loop, link, square, 6.0, pond, buildings, trees)
+    return ParkPlan(loop, link, square, 6.0, pond, buildings, trees)
 
 
 def evenly(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
@@ -197,7 +197,7 @@ def _outline(house: Footprint) -> NDArray[np.float64]:
     return np.concatenate([*sides, house.centre[None]])
 
 
-def _trees(rng: np.random.Generator, plan: Plan) -> tuple[Tree, ...]:
+def _trees(rng: np.random.Generator, plan: ParkPlan) -> tuple[Tree, ...]:
     placed: list[Tree] = []
     for _ in range(900):
         if len(placed) >= 95:
@@ -223,7 +223,7 @@ def _trees(rng: np.random.Generator, plan: Plan) -> tuple[Tree, ...]:
     return tuple(placed)
 
 
-def _flowers(rng: np.random.Generator, plan: Plan) -> tuple[Tree, ...]:
+def _flowers(rng: np.random.Generator, plan: ParkPlan) -> tuple[Tree, ...]:
     """A ring of flowers around the square, open where the path comes in."""
     angle = np.arange(0, 2 * np.pi, 0.085)
     ring = plan.square + (plan.square_radius + 0.9) * np.stack([np.cos(angle), np.sin(angle)], 1)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.sample.scene.camera import Camera
+from webapp.sample.scene.camera import SceneCamera
 
 NEAR_M = 0.2
 
@@ -85,7 +85,7 @@ class Frame:
     depth: NDArray[np.float32]
 
     @staticmethod
-    def empty(camera: Camera) -> Frame:
+    def empty(camera: SceneCamera) -> Frame:
         """Make a frame in which there is only sky."""
         shape = (camera.height, camera.width)
         return Frame(
@@ -120,7 +120,7 @@ class Hits:
     texels: NDArray[np.float32]
 
 
-def hit_quad(frame: Frame, camera: Camera, *, quad: Quad) -> Hits | None:
+def hit_quad(frame: Frame, camera: SceneCamera, *, quad: Quad) -> Hits | None:
     """Find the pixels where a quad is seen; None where it is seen nowhere."""
     to_camera = np.array(camera.position) - quad.corner
     if not quad.two_sided and to_camera @ quad.normal <= 0:
@@ -204,7 +204,7 @@ def remap(
     return np.asarray(found, np.uint8).reshape(rows * side, -1)[: x.size]
 
 
-def draw_quad(frame: Frame, camera: Camera, *, quad: Quad, sun: float) -> None:
+def draw_quad(frame: Frame, camera: SceneCamera, *, quad: Quad, sun: float) -> None:
     """Draw a quad where it is nearer than what is drawn already.
 
     Parameters
@@ -225,7 +225,7 @@ def draw_quad(frame: Frame, camera: Camera, *, quad: Quad, sun: float) -> None:
     frame.sun.reshape(-1)[index] = sun
 
 
-def _bounding_box(camera: Camera, quad: Quad) -> tuple[int, int, int, int] | None:
+def _bounding_box(camera: SceneCamera, quad: Quad) -> tuple[int, int, int, int] | None:
     """Pixels that can show the quad: left, top, right, bottom (exclusive)."""
     corners = np.stack(
         [quad.corner, quad.corner + quad.along, quad.corner + quad.along + quad.up, quad.corner + quad.up]
@@ -249,7 +249,7 @@ def _bounding_box(camera: Camera, quad: Quad) -> tuple[int, int, int, int] | Non
 
 
 def _texels_per_pixel(
-    camera: Camera, quad: Quad, seen: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]
+    camera: SceneCamera, quad: Quad, seen: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]
 ) -> NDArray[np.float32]:
     columns, rows, depth = seen
     height, width = quad.texture.levels[0].shape[:2]

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.sample.scene.camera import Camera
+from webapp.sample.scene.camera import SceneCamera
 from webapp.sample.scene.foliage import draw_foliage
 from webapp.sample.scene.ground import DETAIL_METRES_PER_PIXEL, PAVED, WATER
 from webapp.sample.scene.plan import DEPTH_M, WIDTH_M
@@ -20,7 +20,7 @@ _OVERSAMPLING = 1.25
 _ALTITUDE_M = 4000.0
 
 
-def render(stage: Stage, camera: Camera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
+def render(stage: Stage, camera: SceneCamera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Take a photo.
 
     Parameters
@@ -43,7 +43,7 @@ def render(stage: Stage, camera: Camera, *, rng: np.random.Generator) -> NDArray
     return _develop(_lit(frame, camera, stage), stage, rng)
 
 
-def visible(stage: Stage, camera: Camera) -> NDArray[np.intp]:
+def visible(stage: Stage, camera: SceneCamera) -> NDArray[np.intp]:
     """Find the quads that can be in the photo, the nearest first.
 
     Returns
@@ -65,7 +65,7 @@ def visible(stage: Stage, camera: Camera) -> NDArray[np.intp]:
     return kept[np.argsort(depth[kept].mean(axis=1), kind="stable")]
 
 
-def draw_ground(frame: Frame, camera: Camera, *, stage: Stage, quad: Quad) -> None:
+def draw_ground(frame: Frame, camera: SceneCamera, *, stage: Stage, quad: Quad) -> None:
     """Draw level ground with its fine detail, its shadows, and the sky on its water; changes the frame."""
     hits = hit_quad(frame, camera, quad=quad)
     if hits is None:
@@ -111,7 +111,7 @@ def _detail(
     return tone
 
 
-def _lit(frame: Frame, camera: Camera, stage: Stage) -> NDArray[np.float32]:
+def _lit(frame: Frame, camera: SceneCamera, stage: Stage) -> NDArray[np.float32]:
     """Bring the frame to the camera's size and light it; linear colours."""
     light, size = stage.light, (camera.width, camera.height)
     thin = min(1.0, _HAZE_TOP_M / camera.position[2])  # this share of the way to the ground is in the haze
@@ -130,7 +130,7 @@ def _shrink(image: NDArray[np.generic], size: tuple[int, int]) -> NDArray[np.flo
     return np.asarray(cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_AREA))
 
 
-def _sky(camera: Camera, stage: Stage) -> NDArray[np.float32]:
+def _sky(camera: SceneCamera, stage: Stage) -> NDArray[np.float32]:
     """The sky behind the whole photo, (h, w, 3); smooth, so a quarter of the pixels will do."""
     light, coarse = stage.light, camera.resized(0.25)
     y, x = np.mgrid[: coarse.height, : coarse.width]
@@ -177,5 +177,7 @@ def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator)
     """
     width, height = round(WIDTH_M / metres_per_pixel), round(DEPTH_M / metres_per_pixel)
     fov = 2 * np.degrees(np.arctan(WIDTH_M / 2 / _ALTITUDE_M))
-    camera = Camera((WIDTH_M / 2, DEPTH_M / 2, _ALTITUDE_M), 0.0, float(fov), width, height, pitch_deg=-90.0)
+    camera = SceneCamera(
+        (WIDTH_M / 2, DEPTH_M / 2, _ALTITUDE_M), 0.0, float(fov), width, height, pitch_deg=-90.0
+    )
     return render(stage, camera, rng=rng)

@@ -13,7 +13,7 @@ from webapp.sample.scene.furniture import along_paths, fence, monument, trunks
 from webapp.sample.scene.ground import Ground, lay_ground
 from webapp.sample.scene.masonry import Colour, Lintel, Material, Style
 from webapp.sample.scene.noise import fractal, jitter, tint
-from webapp.sample.scene.plan import DEPTH_M, WIDTH_M, Plan, draw_plan
+from webapp.sample.scene.plan import DEPTH_M, WIDTH_M, ParkPlan, draw_plan
 from webapp.sample.scene.raster import Quad, Texture
 from webapp.sample.scene.solids import house_quads
 
@@ -121,7 +121,7 @@ class World:
         Pictures of clumps of leaves.
     """
 
-    plan: Plan
+    plan: ParkPlan
     ground: Ground
     quads: tuple[Quad, ...]
     corners: NDArray[np.float64]

@@ -25,7 +25,7 @@ MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height",
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class UndoResult:
     """What undo or redo did.
 
     Attributes
@@ -98,12 +98,12 @@ def apply(
     return edit
 
 
-def undo(session: Session, record: MapRecord, *, account_id: int) -> Step | None:
+def undo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult | None:
     """Take back the account's last edit of the map; None when there is none."""
     return _turn(session, record, newest_done(session, record, account_id=account_id), back=True)
 
 
-def redo(session: Session, record: MapRecord, *, account_id: int) -> Step | None:
+def redo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult | None:
     """Do the account's last undone edit of the map again; None when there is none."""
     return _turn(session, record, oldest_undone(session, record, account_id=account_id), back=False)
 
@@ -122,7 +122,7 @@ def oldest_undone(session: Session, record: MapRecord, *, account_id: int) -> Ed
     return session.scalars(found.order_by(Edit.id).limit(1)).first()
 
 
-def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> Step | None:
+def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> UndoResult | None:
     if edit is None:
         return None
     now_there, wanted = ("after", "before") if back else ("before", "after")
@@ -131,13 +131,13 @@ def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool)
         if there != change[now_there]:
             edit.state = "closed"
             revision = _revision(session, record, change["target"])
-            return Step(edit, _who_changed(session, record, target=change["target"], revision=revision))
+            return UndoResult(edit, _who_changed(session, record, target=change["target"], revision=revision))
     _next_revision(record)
     for change in edit.changes:
         _set(session, record, target=change["target"], fields=change[wanted])
     edit.state = "undone" if back else "done"
     edit.turn = record.revision
-    return Step(edit, None)
+    return UndoResult(edit, None)
 
 
 def _next_revision(record: MapRecord) -> None:

@@ -33,7 +33,7 @@ Reader = Callable[[sqlite3.Connection], PartContents]
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
+class SnapshotContents:
     """What a database holds, and which files it needs.
 
     Attributes
@@ -55,7 +55,7 @@ class Contents:
     parts: dict[str, PartContents]
 
 
-def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) -> Contents:
+def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
     """Copy a database to a file.
 
     Parameters
@@ -67,7 +67,7 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
     Returns
     -------
-    Contents
+    SnapshotContents
         Of the copy.
 
     Raises
@@ -91,7 +91,7 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
         raise _told(error, target) from error
 
 
-def check(path: Path, *, readers: Mapping[str, Reader]) -> Contents:
+def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
     """Look through a database file for damage.
 
     Parameters
@@ -114,14 +114,14 @@ def check(path: Path, *, readers: Mapping[str, Reader]) -> Contents:
         raise _told(error, path) from error
 
 
-def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> Contents:
+def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> SnapshotContents:
     maps: dict[int, str] = dict(database.execute("SELECT id, slug FROM map"))
     photos = database.execute("SELECT map.slug, path FROM photo JOIN map ON map.id = map_id").fetchall()
     images = database.execute("SELECT slug, satellite_path FROM map WHERE satellite_path IS NOT NULL")
     queries = database.execute("SELECT map_id, file FROM query")
     files = frozenset([*photos, *images])
     parts = {name: read(database) for name, read in readers.items()}
-    return Contents(maps, len(photos), files, frozenset(queries), parts)
+    return SnapshotContents(maps, len(photos), files, frozenset(queries), parts)
 
 
 def _told(error: sqlite3.Error, path: Path) -> StorageError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from webapp.files.exchange.kml import Pictures, format_kml
-from webapp.files.exchange.zip_stream import Member, stream_zip
+from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.exchange.export_source import Download, Source
@@ -46,7 +46,7 @@ def run_kmz(source: Source, *, settings: Settings, progress: Progress | None = N
     return Download(f"{source.name}.kmz", "application/vnd.google-earth.kmz", pieces)
 
 
-def _members(source: Source, *, settings: Settings, progress: Progress) -> Iterator[Member]:
+def _members(source: Source, *, settings: Settings, progress: Progress) -> Iterator[ZipMember]:
     """Give the pictures, then the KML: it names those that could be made."""
     there: dict[int, str] = {}
     progress.size(len(source.map.experiences))
@@ -55,11 +55,11 @@ def _members(source: Source, *, settings: Settings, progress: Progress) -> Itera
         jpeg = thumbnail(source, e, side=PHOTO_SIDE, limits=settings.photo)
         if jpeg is not None:
             there[e.id] = f"files/{e.id}.jpg"
-            yield Member(there[e.id], jpeg)
+            yield ZipMember(there[e.id], jpeg)
         progress.advance()
     image = satellite_picture(source.cfg, source.map.satellite.path, side=GROUND_SIDE, settings=settings)
     ground = None if image is None else "files/satellite.jpg"
     if image is not None and ground is not None:
-        yield Member(ground, encoded(image))
+        yield ZipMember(ground, encoded(image))
     kml = format_kml(source.map, source.georeference(), title=source.title, pictures=Pictures(there, ground))
-    yield Member("doc.kml", kml)
+    yield ZipMember("doc.kml", kml)

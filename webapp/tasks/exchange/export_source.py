@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from webapp.core.blur import Box
+from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.mapmodel.model import Map
 from webapp.errors import NotFound, UsageError
@@ -34,7 +34,7 @@ class Source:
         For people.
     name : str
         Of the downloads, without their ending: ASCII letters, digits, `-` and `_`.
-    blurred : mapping of int to list of Box
+    blurred : mapping of int to list of BlurBox
         What is blurred in pictures of photos, by id; those without are not in it.
     unplaced : tuple of str
         Paths of the photos without a place: those in the tray.
@@ -44,7 +44,7 @@ class Source:
     cfg: Path
     title: str
     name: str
-    blurred: Mapping[int, list[Box]] = field(default_factory=dict)
+    blurred: Mapping[int, list[BlurBox]] = field(default_factory=dict)
     unplaced: tuple[str, ...] = ()
 
     def georeference(self) -> Georeference:

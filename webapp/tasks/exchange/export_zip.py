@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from webapp.errors import MapError
-from webapp.files.exchange.zip_stream import Member, stream_zip
+from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.folder import json_path, photo_path, placement_path
 from webapp.progress import Progress
@@ -52,9 +52,9 @@ def _zip(source: Source, texts: Mapping[str, bytes], progress: Progress) -> Down
     return Download(f"{source.name}.zip", "application/zip", stream_zip(_members(source, texts, progress)))
 
 
-def _members(source: Source, texts: Mapping[str, bytes], progress: Progress) -> Iterator[Member]:
+def _members(source: Source, texts: Mapping[str, bytes], progress: Progress) -> Iterator[ZipMember]:
     for name, text in texts.items():
-        yield Member(name, text)
+        yield ZipMember(name, text)
     names = dict.fromkeys([source.map.satellite.path, *(e.photo for e in source.map.experiences)])
     members = [*((name, name) for name in names), *_unplaced(source, taken=set(names))]
     progress.size(len(members))
@@ -62,7 +62,7 @@ def _members(source: Source, texts: Mapping[str, bytes], progress: Progress) -> 
         progress.check()
         path = _path(source.cfg, name)
         if path is not None:
-            yield Member(member, path)
+            yield ZipMember(member, path)
         progress.advance()
 
 

@@ -123,7 +123,7 @@ _BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedMap:
     """The new map.
 
     Attributes
@@ -162,7 +162,7 @@ def import_map(
     name: str,
     settings: Settings,
     progress: Progress | None = None,
-) -> Imported:
+) -> ImportedMap:
     """Import a map; it appears whole or not at all.
 
     Parameters
@@ -189,7 +189,7 @@ def import_map(
     name = maps.checked_name(name)
     with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
         map_id, slug = _register(library, found, name=name, account_id=account_id)
-        return Imported(map_id, slug, found.findings, found.left_out)
+        return ImportedMap(map_id, slug, found.findings, found.left_out)
 
 
 def run_into(
@@ -200,7 +200,7 @@ def run_into(
     settings: Settings,
     progress: Progress | None = None,
     writes: Writes | None = None,
-) -> Imported:
+) -> ImportedMap:
     """Import a map into one that is empty; repeated, it does nothing the second time.
 
     Parameters and errors are those of `run`, and:
@@ -231,13 +231,13 @@ def run_into(
                 session.flush()
                 _move_into(found.cfg.parent, library.map_folder(record.slug))
             slug = record.slug
-        return Imported(map_id, slug, found.findings, found.left_out)
+        return ImportedMap(map_id, slug, found.findings, found.left_out)
 
 
 @dataclass(frozen=True, slots=True)
 class _Found:
     cfg: Path
-    contents: adopt_map.Contents
+    contents: adopt_map.FolderContents
     findings: tuple[Finding, ...]
     left_out: tuple[str, ...]
 

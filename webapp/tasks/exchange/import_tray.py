@@ -15,7 +15,7 @@ from webapp.settings import PhotoLimits
 from webapp.store.schema import Photo
 from webapp.tasks.exchange.export_zip import UNPLACED
 from webapp.tasks.maps import adopt_map
-from webapp.tasks.maps.adopt_map import Contents
+from webapp.tasks.maps.adopt_map import FolderContents
 from webapp.tasks.maps.check_map import orphan_photos
 
 
@@ -56,8 +56,8 @@ def set_aside(cfg: Path, folder: Path) -> Tray:
 
 
 def take_back(
-    contents: Contents, tray: Tray, *, cfg: Path, limits: PhotoLimits, progress: Progress
-) -> tuple[Contents, tuple[str, ...]]:
+    contents: FolderContents, tray: Tray, *, cfg: Path, limits: PhotoLimits, progress: Progress
+) -> tuple[FolderContents, tuple[str, ...]]:
     """Move photos into the folder of their map and add their records to its contents.
 
     Those that the map has already are left out.

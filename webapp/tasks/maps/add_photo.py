@@ -21,7 +21,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.place_photos import place
 from webapp.tasks.maps.placing import image_of
-from webapp.tasks.maps.survey_photos import State, Surveyed
+from webapp.tasks.maps.survey_photos import FileState, Surveyed
 
 PHOTOS = "photos"
 """Folder of a map that its photos are in."""
@@ -186,7 +186,7 @@ def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:
     if image is None or image.georeference is None or row.gps_lat is None or row.gps_lon is None:
         return None
     verdict = place(Surveyed(row.name, facts, LatLon(row.gps_lat, row.gps_lon)), image, photo=row.path)
-    if verdict.state is not State.PLACED or verdict.experience is None:
+    if verdict.state is not FileState.PLACED or verdict.experience is None:
         return verdict.reason
     row.x_px, row.y_px = verdict.experience.position
     return None

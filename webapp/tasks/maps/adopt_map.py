@@ -32,7 +32,7 @@ _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
+class FolderContents:
     """What a map folder holds, ready to be registered.
 
     Attributes
@@ -114,7 +114,7 @@ def adopt_map(
         return record.id
 
 
-def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> Contents:
+def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContents:
     """Read a map folder and look at each of its photos.
 
     Raises
@@ -139,10 +139,10 @@ def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> Contents:
         photos.append(row)
         problems += [problem] if problem else []
         progress.advance()
-    return Contents(map_, sha256, tuple(photos), tuple(problems))
+    return FolderContents(map_, sha256, tuple(photos), tuple(problems))
 
 
-def fill(session: Session, record: MapRecord, contents: Contents) -> None:
+def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     """Give a record without photos the contents of its folder; the files count as written by us.
 
     Parameters

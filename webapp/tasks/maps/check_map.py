@@ -130,7 +130,7 @@ def _image(pieces: Scan) -> tuple[object, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class CheckReport:
     """What the check of a map found.
 
     Attributes
@@ -158,7 +158,7 @@ class Report:
 
 def check_map(
     cfg_path: Path, *, settings: Settings, progress: Progress, content: bytes | None = None
-) -> Report:
+) -> CheckReport:
     """Check a map file, the files beside it and the photos it names.
 
     Parameters
@@ -184,7 +184,7 @@ def check_map(
     facts = _folder_facts(judge, pieces, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
-    return Report(cfg_path, len(pieces.photos), tuple(findings))
+    return CheckReport(cfg_path, len(pieces.photos), tuple(findings))
 
 
 @dataclass(frozen=True, slots=True)

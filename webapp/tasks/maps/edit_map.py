@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound, UsageError
 from webapp.store.library import Library
 from webapp.store.maps import edits
-from webapp.store.maps.edits import Step
+from webapp.store.maps.edits import UndoResult
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import placements
 
@@ -21,7 +21,7 @@ KINDS = ("place", "move", "turn", "unplace", "remove")
 
 
 @dataclass(frozen=True, slots=True)
-class Edit:
+class RequestedEdit:
     """What shall change.
 
     Attributes
@@ -43,7 +43,7 @@ class Edit:
     seen: int | None = None
 
 
-def edit_map(library: Library, map_id: int, *, edit: Edit, account_id: int) -> int | None:
+def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: int) -> int | None:
     """Make an edit.
 
     Returns
@@ -75,7 +75,9 @@ def edit_map(library: Library, map_id: int, *, edit: Edit, account_id: int) -> i
     return None if done is None else done.turn
 
 
-def turn(library: Library, map_id: int, *, way: Literal["undo", "redo"], account_id: int) -> Step | None:
+def turn(
+    library: Library, map_id: int, *, way: Literal["undo", "redo"], account_id: int
+) -> UndoResult | None:
     """Undo or redo the account's last edit; None when there is none."""
     step_back_or_on = edits.undo if way == "undo" else edits.redo
     with library.changing(map_id) as change:

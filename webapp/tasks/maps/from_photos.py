@@ -17,7 +17,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.maps.new_folder import NewMapFolder
 from webapp.tasks.maps.place_photos import FileResult, MapImage, place, unplaced, with_ids
-from webapp.tasks.maps.survey_photos import State, Surveyed, survey
+from webapp.tasks.maps.survey_photos import FileState, Surveyed, survey
 from webapp.tasks.satellite import georeference_image
 from webapp.tasks.satellite.georeference_image import GeoSource
 
@@ -25,7 +25,7 @@ _FAR_M = 50_000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class PlaceOptions:
     """What the user asks for.
 
     Attributes
@@ -53,7 +53,7 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class PlaceReport:
     """Every file of the folder, and how the image was georeferenced.
 
     Attributes
@@ -71,12 +71,14 @@ class Report:
     residuals_m: tuple[float, ...] = ()
     warnings: tuple[str, ...] = ()
 
-    def count(self, state: State) -> int:
+    def count(self, state: FileState) -> int:
         """Count the files that became `state`."""
         return sum(file.state is state for file in self.files)
 
 
-def map_from_photos(folder: Path, *, options: Options, settings: Settings, progress: Progress) -> Report:
+def map_from_photos(
+    folder: Path, *, options: PlaceOptions, settings: Settings, progress: Progress
+) -> PlaceReport:
     """Make a map from the photos of a folder.
 
     Parameters
@@ -88,7 +90,7 @@ def map_from_photos(folder: Path, *, options: Options, settings: Settings, progr
 
     Returns
     -------
-    Report
+    PlaceReport
         Lists every file, placed or not.
 
     Raises
@@ -120,7 +122,7 @@ def map_from_photos(folder: Path, *, options: Options, settings: Settings, progr
     if image is None:
         latlon = [s.position for s in seen if isinstance(s.position, LatLon)]
         if not latlon:
-            return Report(options.cfg, False, None, tuple(unplaced(s) for s in seen))
+            return PlaceReport(options.cfg, False, None, tuple(unplaced(s) for s in seen))
         plan = plan_around(latlon)
         image = MapImage(plan.width, plan.height, plan.georeference, warnings=_far_apart(plan))
     placed = [place(s, image, photo=target.photo_name(s.name)) for s in seen]
@@ -133,10 +135,10 @@ def map_from_photos(folder: Path, *, options: Options, settings: Settings, progr
         originals = {f.experience.photo: f.name for f in files if f.experience is not None}
         target.write(map_, originals=originals, satellite=options.satellite, plan=plan)
     written = bool(experiences)
-    return Report(options.cfg, written, satellite, tuple(files), image.residuals_m, image.warnings)
+    return PlaceReport(options.cfg, written, satellite, tuple(files), image.residuals_m, image.warnings)
 
 
-def _check_sources(options: Options, positions: Positions | None) -> None:
+def _check_sources(options: PlaceOptions, positions: Positions | None) -> None:
     pixels = positions is not None and positions.in_pixels
     if options.satellite is None and pixels:
         hint = "give the image with --satellite, or positions as name;lat;lon"
@@ -174,7 +176,7 @@ def _check_same_image(positions: Positions | None, image: MapImage | None) -> No
 
 
 def _own_file(surveyed: Surveyed) -> Surveyed:
-    return Surveyed(surveyed.name, state=State.NOT_A_PHOTO, reason="it is the map's own image")
+    return Surveyed(surveyed.name, state=FileState.NOT_A_PHOTO, reason="it is the map's own image")
 
 
 def _far_apart(plan: BlankPlan) -> tuple[str, ...]:

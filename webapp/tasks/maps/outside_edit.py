@@ -14,7 +14,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps import export
 from webapp.tasks.maps.export import changed_outside, file_sha256
 from webapp.tasks.maps.new_rows import PhotoFiles, add_removed
-from webapp.tasks.maps.outside_plan import Plan, plan
+from webapp.tasks.maps.outside_plan import TakeOverPlan, plan
 from webapp.tasks.told_below import below, told_below
 
 KIND = "outside"
@@ -61,7 +61,7 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
         try:
             found = plan(session, record, cfg, files=PhotoFiles(cfg, settings.photo))
         except (MapError, UsageError) as error:
-            return {"sha256": sha256, "problem": below(str(error), cfg.parent), **_told(Plan())}
+            return {"sha256": sha256, "problem": below(str(error), cfg.parent), **_told(TakeOverPlan())}
     return {"sha256": sha256, "problem": None, **_told(found)}
 
 
@@ -133,7 +133,7 @@ def _record(found: MapRecord | None) -> MapRecord:
     return found
 
 
-def _told(found: Plan) -> dict[str, Any]:
+def _told(found: TakeOverPlan) -> dict[str, Any]:
     return {
         "moved": found.moved,
         "turned": found.turned,

@@ -25,7 +25,7 @@ Change = Mapping[str, Any] | None
 
 
 @dataclass(slots=True)
-class Plan:
+class TakeOverPlan:
     """What to do to have the records say what the file says.
 
     Attributes
@@ -60,7 +60,7 @@ class Plan:
     georeference: bool = False
 
 
-def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -> Plan:
+def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -> TakeOverPlan:
     """Compare the file with the records.
 
     Parameters
@@ -98,13 +98,13 @@ class _Planner:
     """Collects a plan photo by photo."""
 
     def __init__(self, record: MapRecord, files: PhotoFiles, *, rows: Iterable[Photo]) -> None:
-        self.plan = Plan()
+        self.plan = TakeOverPlan()
         self._record, self._files = record, files
         self._rows = {row.id: row for row in rows}
         self._next_id = record.next_id
 
     def take_photos(self, experiences: Iterable[Experience]) -> dict[int, int]:
-        """Plan for all photos; gives the id in the records of each id in the file."""
+        """TakeOverPlan for all photos; gives the id in the records of each id in the file."""
         found, rest = self._matched(list(experiences))
         for e, row in found:
             self._changed(e, row)
@@ -123,7 +123,7 @@ class _Planner:
         return ids
 
     def take_placements(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
-        """Plan for the further placements."""
+        """TakeOverPlan for the further placements."""
         there = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == self._record.id))
         before = {(row.placement, row.photo_id): (row.x_px, row.y_px) for row in there}
         after = {
@@ -185,7 +185,7 @@ class _Planner:
             self.plan.turned.append(_named(row))
 
     def _new(self, e: Experience, *, taken: set[int]) -> int | None:
-        """Plan for a line whose photo no record has; gives its id, None where it is left out."""
+        """TakeOverPlan for a line whose photo no record has; gives its id, None where it is left out."""
         row, problem = self._files.row(e)
         if problem is not None:
             self.plan.left_out.append(problem)

@@ -13,12 +13,12 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.match import ClockOffset, Match, NoMatch, estimate_offset, match
-from webapp.core.trajectory.track import Track
+from webapp.core.trajectory.track import FixTrack
 from webapp.errors import UsageError
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.placing import Placing, Spot, Wanted, find_spots, needed_image, place_spots
+from webapp.tasks.maps.placing import PhotoSpot, Placing, Wanted, find_spots, needed_image, place_spots
 
 _OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
 _EPOCH = datetime(1970, 1, 1)
@@ -76,7 +76,7 @@ class Unmatched:
 class Found:
     """Where a photo in the tray comes by the track."""
 
-    spot: Spot
+    spot: PhotoSpot
     latlon: LatLon
     gap_s: float
 
@@ -116,7 +116,7 @@ def parse_zone(text: str) -> tzinfo:
         raise UsageError(f"{text[:60]!r} is not a time zone", where="time_zone", hint=hint) from error
 
 
-def preview(library: Library, map_id: int, *, track: Track, clock: Clock) -> Preview:
+def preview(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> Preview:
     """Say where the photos in the tray would come; nothing is changed.
 
     Raises
@@ -129,7 +129,7 @@ def preview(library: Library, map_id: int, *, track: Track, clock: Clock) -> Pre
 
 
 def place_by_track(
-    library: Library, map_id: int, *, track: Track, clock: Clock, account_id: int
+    library: Library, map_id: int, *, track: FixTrack, clock: Clock, account_id: int
 ) -> tuple[Placing, Preview]:
     """Place the photos in the tray that the track knows, as one edit.
 
@@ -156,7 +156,7 @@ def place_by_track(
     return replace(placing, job=change.job), seen
 
 
-def _match(session: Session, record: MapRecord, *, track: Track, clock: Clock) -> Preview:
+def _match(session: Session, record: MapRecord, *, track: FixTrack, clock: Clock) -> Preview:
     image = needed_image(record, with_georeference=True)
     photos = [photo for photo in maps.photos(session, record) if not photo.removed]
     tray = [photo for photo in photos if photo.x_px is None]
@@ -175,7 +175,7 @@ def _match(session: Session, record: MapRecord, *, track: Track, clock: Clock) -
     return Preview(found, tuple(unmatched), _suggested(photos, track, clock))
 
 
-def _suggested(photos: Sequence[Photo], track: Track, clock: Clock) -> ClockOffset | NoMatch:
+def _suggested(photos: Sequence[Photo], track: FixTrack, clock: Clock) -> ClockOffset | NoMatch:
     known = [
         (clock.seconds(p.taken_at), LatLon(p.gps_lat, p.gps_lon))
         for p in photos

@@ -12,7 +12,7 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.paths import name_problem
 from webapp.core.mapmodel.positions import inside
-from webapp.tasks.maps.survey_photos import State, Surveyed
+from webapp.tasks.maps.survey_photos import FileState, Surveyed
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class FileResult:
     """
 
     name: str
-    state: State
+    state: FileState
     reason: str | None = None
     experience: Experience | None = None
     latlon: LatLon | None = None
@@ -89,7 +89,7 @@ def place(s: Surveyed, image: MapImage, *, photo: str) -> FileResult:
         return unplaced(s)
     problem = name_problem(photo)
     if problem:
-        return FileResult(s.name, State.UNREADABLE, f"{problem.message}; rename it", notes=s.facts.notes)
+        return FileResult(s.name, FileState.UNREADABLE, f"{problem.message}; rename it", notes=s.facts.notes)
     georeference = image.georeference
     if isinstance(s.position, MapPixel):
         pixel = s.position
@@ -99,7 +99,7 @@ def place(s: Surveyed, image: MapImage, *, photo: str) -> FileResult:
         pixel, latlon = georeference.pixel_of(s.position), s.position
     if not inside(pixel, width=image.width, height=image.height):
         reason = how_far(pixel, image)
-        return FileResult(s.name, State.OUTSIDE, reason, latlon=latlon, notes=s.facts.notes)
+        return FileResult(s.name, FileState.OUTSIDE, reason, latlon=latlon, notes=s.facts.notes)
     heading, notes = s.facts.heading, s.facts.notes
     if heading is not None and heading.reference != "T":
         notes = (*notes, "its heading is from magnetic or unknown north; the declination is not corrected")
@@ -112,7 +112,7 @@ def place(s: Surveyed, image: MapImage, *, photo: str) -> FileResult:
         gps_accuracy_m=s.gps.accuracy_m if s.gps else None,
         taken_at=s.facts.taken_at,
     )
-    return FileResult(s.name, State.PLACED, experience=experience, latlon=latlon, notes=notes)
+    return FileResult(s.name, FileState.PLACED, experience=experience, latlon=latlon, notes=notes)
 
 
 def with_ids(placed: Sequence[FileResult], before: Map | None) -> tuple[list[FileResult], int]:

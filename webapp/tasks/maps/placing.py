@@ -27,7 +27,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class PhotoSpot:
     """Where a photo comes on the image.
 
     Attributes
@@ -93,7 +93,7 @@ def needed_image(record: MapRecord, *, with_georeference: bool) -> MapImage:
     return image
 
 
-def find_spots(image: MapImage, wanted: Iterable[Wanted]) -> list[Spot]:
+def find_spots(image: MapImage, wanted: Iterable[Wanted]) -> list[PhotoSpot]:
     """Compute where photos come on an image, which has a georeference where positions are in degrees."""
     spots = []
     for one in wanted:
@@ -102,12 +102,12 @@ def find_spots(image: MapImage, wanted: Iterable[Wanted]) -> list[Spot]:
             assert image.georeference is not None
             pixel = image.georeference.pixel_of(pixel)
         on_it = inside(pixel, width=image.width, height=image.height)
-        spots.append(Spot(one.photo, pixel, None if on_it else how_far(pixel, image), one.heading_deg))
+        spots.append(PhotoSpot(one.photo, pixel, None if on_it else how_far(pixel, image), one.heading_deg))
     return spots
 
 
 def place_spots(
-    session: Session, record: MapRecord, *, spots: Iterable[Spot], kind: str, account_id: int
+    session: Session, record: MapRecord, *, spots: Iterable[PhotoSpot], kind: str, account_id: int
 ) -> Placing:
     """Place the photos that come on the image, as one edit.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from webapp.core.blur import Box
+from webapp.core.blur import BlurBox
 from webapp.errors import NotFound
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import told_as
@@ -33,9 +33,9 @@ def original(library: Library, slug: str, *, photo: Photo) -> Path:
     return path
 
 
-def boxes_of(photo: Photo) -> list[Box]:
+def boxes_of(photo: Photo) -> list[BlurBox]:
     """List what is blurred in the pictures of a photo."""
-    return [Box(**box) for box in photo.blurred or ()]
+    return [BlurBox(**box) for box in photo.blurred or ()]
 
 
 def look_of(photo: Photo) -> str | None:

@@ -18,7 +18,7 @@ from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 
 
-class State(StrEnum):
+class FileState(StrEnum):
     """What became of a file."""
 
     PLACED = "placed"
@@ -38,7 +38,7 @@ class Surveyed:
         Relative to the folder, forward slashes.
     facts : PhotoFacts or None
         None when it is no readable photo.
-    state : State or None
+    state : FileState or None
         Why it cannot be placed; None when it has a position.
     reason : str or None
         The same as a sentence.
@@ -47,7 +47,7 @@ class Surveyed:
     name: str
     facts: PhotoFacts | None = None
     position: LatLon | MapPixel | None = None
-    state: State | None = None
+    state: FileState | None = None
     reason: str | None = None
 
     @property
@@ -85,7 +85,7 @@ def survey(
         progress.check()
         if _leads_out(folder / name, folder):
             reason = "it is a link that leads out of the folder; replace it by a copy"
-            found.append(Surveyed(name, state=State.UNREADABLE, reason=reason))
+            found.append(Surveyed(name, state=FileState.UNREADABLE, reason=reason))
         else:
             found.append(_look(folder / name, name, positions=positions, limits=limits))
         progress.advance()
@@ -103,15 +103,17 @@ def _look(path: Path, name: str, *, positions: Positions | None, limits: PhotoLi
     except PhotoError as error:
         photo_like = path.suffix.lower() in PHOTO_SUFFIXES
         return Surveyed(
-            name, state=State.UNREADABLE if photo_like else State.NOT_A_PHOTO, reason=error.message
+            name, state=FileState.UNREADABLE if photo_like else FileState.NOT_A_PHOTO, reason=error.message
         )
     if positions is None:
         if not isinstance(facts.gps, Gps):
-            return Surveyed(name, facts, state=State.NO_POSITION, reason=facts.gps.reason)
+            return Surveyed(name, facts, state=FileState.NO_POSITION, reason=facts.gps.reason)
         return Surveyed(name, facts, LatLon(facts.gps.lat, facts.gps.lon))
     position = positions.find(name)
     if position is None:
-        return Surveyed(name, facts, state=State.NO_POSITION, reason="the list of positions does not name it")
+        return Surveyed(
+            name, facts, state=FileState.NO_POSITION, reason="the list of positions does not name it"
+        )
     heading = positions.heading_of(name)
     if heading is not None:
         facts = replace(facts, heading=Heading(heading, "T"))

@@ -23,7 +23,7 @@ from webapp.store.clock import now
 from webapp.store.library import DATABASE, Library
 from webapp.store.localize import queries
 from webapp.store.operate import snapshot
-from webapp.store.operate.snapshot import Contents
+from webapp.store.operate.snapshot import SnapshotContents
 from webapp.tasks.maps import export
 from webapp.tasks.operate.parts import LibraryPart, readers
 
@@ -60,7 +60,7 @@ class BackupReport:
 class _Moment:
     """The library at one moment."""
 
-    contents: Contents
+    contents: SnapshotContents
     replaced: dict[str, bytes]
     """The files that change under their names."""
 
@@ -149,7 +149,7 @@ class _Copying:
                 return self._moment()
             return _Moment(contents, dict(self._replaced(contents)))
 
-    def _replaced(self, contents: Contents) -> Iterator[tuple[str, bytes]]:
+    def _replaced(self, contents: SnapshotContents) -> Iterator[tuple[str, bytes]]:
         """Read the files that change under their names, each with its name in the backup."""
         for slug in contents.maps.values():
             for path in _exported(self._library, slug):
@@ -177,7 +177,7 @@ class _Copying:
             progress.advance()
         return {name for name in needed if name not in self._archive.files}
 
-    def _files(self, contents: Contents) -> Iterator[tuple[str, Path]]:
+    def _files(self, contents: SnapshotContents) -> Iterator[tuple[str, Path]]:
         library = self._library
         for slug in contents.maps.values():
             folder = library.map_folder(slug)
@@ -230,7 +230,7 @@ def _exported(library: Library, slug: str) -> list[Path]:
     ]
 
 
-def _belongs(name: str, contents: Contents) -> bool:
+def _belongs(name: str, contents: SnapshotContents) -> bool:
     """Return whether a file is not one of a record that was deleted while it was copied."""
     kind, _, rest = name.partition("/")
     owner = rest.partition("/")[0]

@@ -22,7 +22,7 @@ from webapp.store.clock import now
 from webapp.store.library import DATABASE, INNER, open_library
 from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs, snapshot
-from webapp.store.operate.snapshot import Contents
+from webapp.store.operate.snapshot import SnapshotContents
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.operate.backup import MAPS, QUERIES
 from webapp.tasks.operate.parts import LibraryPart, readers
@@ -146,7 +146,7 @@ def _unpack(archive: Path, stage: Path, parts: Sequence[LibraryPart], *, progres
     return len(files)
 
 
-def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> Contents:
+def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> SnapshotContents:
     """Look through the database, bring it up to date, and have the first worker build the indexes."""
     contents = snapshot.check(stage / INNER / DATABASE, readers=readers(parts))
     library = open_library(stage)

@@ -47,7 +47,7 @@ class NewImage:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class ImageChoice:
     """Who gives a map an image, and what becomes of positions that would not lie on it.
 
     Attributes
@@ -85,7 +85,7 @@ class Applied:
     from_tray: int
 
 
-def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: Choice) -> Applied:
+def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageChoice) -> Applied:
     """Give a map an image.
 
     Photos in the tray that have a GPS position are placed when the map had no georeference before. The same
@@ -117,7 +117,7 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: Choice)
 
 
 def set_georeference(
-    changing: Changing, map_id: int, *, georeference: Georeference | None, choice: Choice
+    changing: Changing, map_id: int, *, georeference: Georeference | None, choice: ImageChoice
 ) -> Applied:
     """Say where the present image is on the Earth; None takes that away.
 
@@ -138,7 +138,12 @@ def set_georeference(
 
 
 def _apply(
-    session: Session, record: MapRecord, change: ImageChange, *, fields: Mapping[str, Any], choice: Choice
+    session: Session,
+    record: MapRecord,
+    change: ImageChange,
+    *,
+    fields: Mapping[str, Any],
+    choice: ImageChoice,
 ) -> Applied:
     if choice.seen is not None and record.satellite_revision > choice.seen:
         raise Conflict("somebody has changed the satellite image in the meantime", hint="reload the page")

@@ -14,7 +14,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
-from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, Applied, Choice, NewImage, set_image
+from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, Applied, ImageChoice, NewImage, set_image
 from webapp.tasks.satellite.files import keep_pixels
 from webapp.tasks.satellite.unused import taken_back_if_refused
 
@@ -29,7 +29,7 @@ class Sheet:
     height: int
 
 
-def make_blank(library: Library, map_id: int, *, sheet: Sheet | None, choice: Choice) -> Applied:
+def make_blank(library: Library, map_id: int, *, sheet: Sheet | None, choice: ImageChoice) -> Applied:
     """Draw a blank plan and give it to the map as one edit.
 
     Parameters

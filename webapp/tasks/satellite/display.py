@@ -40,7 +40,7 @@ _MIME = (
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class DisplayFile:
     """A file to send.
 
     Attributes
@@ -68,7 +68,7 @@ def has_tiles(library: Library, record: MapRecord) -> bool:
     return key is not None and _tiles(library.map_folder(record.slug), key).is_dir()
 
 
-def whole(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
+def whole(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
     """Give the image for display: itself, or a smaller copy of a large or unusual one.
 
     Raises
@@ -81,21 +81,21 @@ def whole(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
     original = _original(library, record)
     mime = _mime(original.path)
     if mime is not None and max(record.satellite_width or 0, record.satellite_height or 0) <= DISPLAY_SIDE_PX:
-        return Shown(original.path, mime, original.key)
+        return DisplayFile(original.path, mime, original.key)
     return _small(library, record, original, name="preview", settings=settings)
 
 
-def copy(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
+def copy(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
     """Give a copy without anything that the file says besides its pixels; see `whole`."""
     return _small(library, record, _original(library, record), name="preview", settings=settings)
 
 
-def thumbnail(library: Library, record: MapRecord, *, settings: Settings) -> Shown:
+def thumbnail(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
     """Give a small copy for lists; see `whole`."""
     return _small(library, record, _original(library, record), name="thumbnail", settings=settings)
 
 
-def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> Shown:
+def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> DisplayFile:
     """Give a tile.
 
     Raises
@@ -109,7 +109,7 @@ def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> Show
         for suffix, mime in ((".jpg", "image/jpeg"), (".webp", "image/webp")):
             path = folder / f"{x}_{y}{suffix}"
             if path.is_file():
-                return Shown(path, mime, key)
+                return DisplayFile(path, mime, key)
     raise NotFound("there is no such tile")
 
 
@@ -172,14 +172,16 @@ def forget(folder: Path, name: str) -> None:
         path.unlink()
 
 
-def _small(library: Library, record: MapRecord, original: Shown, *, name: str, settings: Settings) -> Shown:
+def _small(
+    library: Library, record: MapRecord, original: DisplayFile, *, name: str, settings: Settings
+) -> DisplayFile:
     folder = library.map_folder(record.slug)
     path = _derived(folder, original.key) / f"{name}.jpg"
     if not path.is_file():
         pixels = _read_small(original.path, settings=settings)
         assert record.satellite_path is not None
         write_small(folder, record.satellite_path, small=pixels, large=name == "preview")
-    return Shown(path, "image/jpeg", original.key)
+    return DisplayFile(path, "image/jpeg", original.key)
 
 
 def _read_small(path: Path, *, settings: Settings) -> NDArray[np.uint8]:
@@ -192,11 +194,11 @@ def _read_small(path: Path, *, settings: Settings) -> NDArray[np.uint8]:
         return decode(image, "RGB")
 
 
-def _original(library: Library, record: MapRecord) -> Shown:
+def _original(library: Library, record: MapRecord) -> DisplayFile:
     key = key_of(library, record)
     if key is None or record.satellite_path is None:
         raise NotFound("the map has no satellite image", where=record.slug, hint="add one on its page Image")
-    return Shown(photo_path(library.cfg(record.slug), record.satellite_path), "", key)
+    return DisplayFile(photo_path(library.cfg(record.slug), record.satellite_path), "", key)
 
 
 def _key(path: Path, name: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from webapp.core.geo.controlpoints import ControlPoint, Model, from_control_points
 from webapp.core.geo.corners import Corners, from_corners
-from webapp.core.geo.fit import Fit
+from webapp.core.geo.fit import GeoreferenceFit
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.errors import UsageError
@@ -44,7 +44,7 @@ class GeoWish:
     crs: str | None = None
 
 
-def fit(wish: GeoWish, *, width: int, height: int) -> Fit:
+def fit(wish: GeoWish, *, width: int, height: int) -> GeoreferenceFit:
     """Make the georeference that a person describes.
 
     Raises
@@ -69,7 +69,7 @@ def fit(wish: GeoWish, *, width: int, height: int) -> Fit:
     return from_control_points(wish.points, width=width, height=height, model=wish.model)
 
 
-def preview(found: Fit, wish: GeoWish, *, width: int, height: int) -> dict[str, Any]:
+def preview(found: GeoreferenceFit, wish: GeoWish, *, width: int, height: int) -> dict[str, Any]:
     """Describe a georeference, for somebody to judge it.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Literal
 
 from webapp.core.geo.controlpoints import Model, from_control_points
 from webapp.core.geo.corners import from_corners
-from webapp.core.geo.fit import Fit
+from webapp.core.geo.fit import GeoreferenceFit
 from webapp.errors import GeoreferenceError, UsageError
 from webapp.files.satellite.georeference_files import (
     find_worldfile,
@@ -40,7 +40,7 @@ class GeoSource:
     model: Model | None = None
 
 
-def georeference_image(image: Path, source: GeoSource, *, width: int, height: int) -> Fit:
+def georeference_image(image: Path, source: GeoSource, *, width: int, height: int) -> GeoreferenceFit:
     """Make the georeference of an image.
 
     Parameters

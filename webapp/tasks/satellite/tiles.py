@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from webapp.core.geo.tilegrid import TILE_PX, Box, Tile, TileCut, cut_of
+from webapp.core.geo.tilegrid import TILE_PX, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import InputError, PhotoError, UsageError
 from webapp.files.decode import opened
 from webapp.net.services import TileService, named, tile_services
@@ -44,7 +44,7 @@ class TileWish:
     """
 
     service: str
-    box: Box
+    box: GeoBox
     zoom: int
 
 

@@ -15,7 +15,7 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
-from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, Applied, Choice, NewImage, set_image
+from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, Applied, ImageChoice, NewImage, set_image
 from webapp.tasks.satellite.files import as_shown, keep_file
 from webapp.tasks.satellite.georeference import GeoWish, fit
 from webapp.tasks.satellite.unused import taken_back_if_refused
@@ -41,7 +41,7 @@ def store_upload(
     *,
     file: Path,
     wish: GeoWish | None,
-    choice: Choice,
+    choice: ImageChoice,
     settings: Settings,
 ) -> Uploaded:
     """Check an image, keep it in the map's folder, and give it to the map as one edit.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from webapp.core.blur import Box
+from webapp.core.blur import BlurBox
 from webapp.errors import UsageError
 from webapp.files.part_file import told_as
 from webapp.files.photos.preview import make_previews, write_previews
@@ -23,7 +23,7 @@ _ROUNDING = 1e-6
 
 
 def blur_photo(
-    library: Library, map_id: int, *, photo_id: int, boxes: Sequence[Box], settings: Settings
+    library: Library, map_id: int, *, photo_id: int, boxes: Sequence[BlurBox], settings: Settings
 ) -> int | None:
     """Blur these parts of a photo, and no others.
 
@@ -62,7 +62,7 @@ def blur_photo(
         return record.revision
 
 
-def _checked(box: Box) -> Box:
+def _checked(box: BlurBox) -> BlurBox:
     most = 1 + _ROUNDING
     inside = all(math.isfinite(value) for value in box) and min(box.x, box.y) >= 0
     if not inside or min(box.width, box.height) <= 0 or max(box.x + box.width, box.y + box.height) > most:

@@ -48,7 +48,7 @@ def localize(slug: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ResultLine:
     """A line of the table: what, its value, and its 95 % interval where there is one."""
 
     words: str
@@ -62,7 +62,7 @@ class Part:
 
     title: str
     about: str
-    lines: list[Line]
+    lines: list[ResultLine]
     charts: list[tuple[str, Markup]]
     """Each with its title."""
 
@@ -129,7 +129,7 @@ def _part(kept: Kept, metres: float | None) -> Part:
     )
 
 
-def _lines(figures: dict[str, Any], metres: float | None) -> list[Line]:
+def _lines(figures: dict[str, Any], metres: float | None) -> list[ResultLine]:
     within = [
         _share(figures, f"within_{radius}px", _("Within %(distance)s", distance=_distance(radius, metres)))
         for radius in WITHIN_PX
@@ -137,17 +137,17 @@ def _lines(figures: dict[str, Any], metres: float | None) -> list[Line]:
     median = figures["median_px"]
     return [
         *within,
-        Line(_("Median error"), "–" if median is None else _distance(median, metres), ""),
+        ResultLine(_("Median error"), "–" if median is None else _distance(median, metres), ""),
         _share(figures, "answered_at_99_precision", _("Answered at a precision of 0.99")),
-        Line(_("Answered “not on this map”"), str(figures["abstained"]), ""),
-        Line(_("Photos evaluated"), str(figures["queries"]), ""),
+        ResultLine(_("Answered “not on this map”"), str(figures["abstained"]), ""),
+        ResultLine(_("Photos evaluated"), str(figures["queries"]), ""),
     ]
 
 
-def _share(figures: dict[str, Any], name: str, words: str) -> Line:
+def _share(figures: dict[str, Any], name: str, words: str) -> ResultLine:
     low_high = figures["intervals_95"].get(name)
     interval = "" if low_high is None else " – ".join(format_percent(value) for value in low_high)
-    return Line(words, format_percent(figures[name]), interval)
+    return ResultLine(words, format_percent(figures[name]), interval)
 
 
 def _distance(pixels: float, metres: float | None) -> str:

@@ -13,7 +13,7 @@ from webapp.errors import Conflict, UsageError
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
-from webapp.tasks.maps.edit_map import KINDS, Edit
+from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState
@@ -182,7 +182,7 @@ def edit_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     wanted: dict[int, dict[str, Any]] = {}
     for change in wish["changes"]:
         wanted.setdefault(change.pop("id"), {}).update(change)
-    edit = Edit(wish["kind"], wanted, placement=wish["placement"], seen=wish.get("seen"))
+    edit = RequestedEdit(wish["kind"], wanted, placement=wish["placement"], seen=wish.get("seen"))
     return _edited(slug, edit)
 
 
@@ -192,7 +192,7 @@ def edit_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
 def remove_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Take photos out of the map; undo brings them back."""
     gone = {id: {"removed": True} for id in wish["ids"]}
-    return _edited(slug, Edit("remove", gone, seen=wish.get("seen")))
+    return _edited(slug, RequestedEdit("remove", gone, seen=wish.get("seen")))
 
 
 @blueprint.patch("/<slug>/experiences/<int:id>")
@@ -201,14 +201,14 @@ def remove_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
 def edit_one(slug: str, id: int, wish: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn one photo; `If-Match` has the revision that you know."""
     kind = "move" if "x_px" in wish else "turn"
-    return _edited(slug, Edit(kind, {id: wish}, seen=_if_match()))
+    return _edited(slug, RequestedEdit(kind, {id: wish}, seen=_if_match()))
 
 
 @blueprint.delete("/<slug>/experiences/<int:id>")
 @blueprint.output(EditAnswer)
 def remove_one(slug: str, id: int) -> dict[str, Any]:
     """Take a photo out of the map; undo brings it back."""
-    return _edited(slug, Edit("remove", {id: {"removed": True}}, seen=_if_match()))
+    return _edited(slug, RequestedEdit("remove", {id: {"removed": True}}, seen=_if_match()))
 
 
 @blueprint.post("/<slug>/undo")
@@ -233,7 +233,7 @@ def _binned(slug: str, *, into: bool) -> dict[str, Any]:
         return state.summary(session, row, account=who)
 
 
-def _edited(slug: str, edit: Edit) -> dict[str, Any]:
+def _edited(slug: str, edit: RequestedEdit) -> dict[str, Any]:
     record = open_map(slug, "editor")
     return _answer(record, edit_map.edit_map(library(), record.id, edit=edit, account_id=account().id))
 

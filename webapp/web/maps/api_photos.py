@@ -13,7 +13,7 @@ from apiflask.validators import Length
 from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.blur import Box
+from webapp.core.blur import BlurBox
 from webapp.errors import ExpMapError, UsageError
 from webapp.files.part_file import discard, receive
 from webapp.files.photos.preview import Kind
@@ -175,7 +175,7 @@ class BlurIn(Schema):
 def blur(slug: str, id: int, wish: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
     """Blur parts of a photo in every picture of it; its file stays as it came, and visitors never get it."""
     record = open_map(slug, "editor")
-    boxes = [Box(**box) for box in wish["boxes"]]
+    boxes = [BlurBox(**box) for box in wish["boxes"]]
     revision = blur_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)

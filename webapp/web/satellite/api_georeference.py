@@ -11,14 +11,14 @@ from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf
 
 from webapp.core.geo.controlpoints import NEEDED, ControlPoint
-from webapp.core.geo.fit import Fit
+from webapp.core.geo.fit import GeoreferenceFit
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.files.satellite.georeference_files import parse_corners
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite import georeference as satellite_georeference
-from webapp.tasks.satellite.apply import Applied, Choice, set_georeference
+from webapp.tasks.satellite.apply import Applied, ImageChoice, set_georeference
 from webapp.tasks.satellite.georeference import GeoWish
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state
@@ -94,7 +94,7 @@ def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     """Say where the image is, as one step that can be undone."""
     record = open_map(slug, "editor")
     _, _, found = _fitted(record, given)
-    choice = Choice(account().id, seen=given["seen"])
+    choice = ImageChoice(account().id, seen=given["seen"])
     applied = set_georeference(library().changing, record.id, georeference=found.georeference, choice=choice)
     return answer(record, applied, warnings=found.warnings)
 
@@ -104,11 +104,13 @@ def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 def delete(slug: str) -> dict[str, Any]:
     """Take the georeference away; photos stay where they are on the image."""
     record = open_map(slug, "editor")
-    applied = set_georeference(library().changing, record.id, georeference=None, choice=Choice(account().id))
+    applied = set_georeference(
+        library().changing, record.id, georeference=None, choice=ImageChoice(account().id)
+    )
     return answer(record, applied)
 
 
-def _fitted(record: MapRecord, given: dict[str, Any]) -> tuple[MapImage, GeoWish, Fit]:
+def _fitted(record: MapRecord, given: dict[str, Any]) -> tuple[MapImage, GeoWish, GeoreferenceFit]:
     image = needed_image(record, with_georeference=False)
     corners = given["corners"]
     points = [ControlPoint(MapPixel(p["x"], p["y"]), LatLon(p["lat"], p["lon"])) for p in given["points"]]

@@ -12,7 +12,7 @@ from apiflask.validators import Length, Range
 from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.geo.tilegrid import MAX_ZOOM, Box
+from webapp.core.geo.tilegrid import MAX_ZOOM, GeoBox
 from webapp.errors import UsageError
 from webapp.files.part_file import receive, told_as
 from webapp.files.satellite.georeference_files import parse_corners
@@ -21,9 +21,9 @@ from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.satellite import blank, display, upload
 from webapp.tasks.satellite import tiles as satellite_tiles
-from webapp.tasks.satellite.apply import Choice
+from webapp.tasks.satellite.apply import ImageChoice
 from webapp.tasks.satellite.blank import Sheet
-from webapp.tasks.satellite.display import Shown
+from webapp.tasks.satellite.display import DisplayFile
 from webapp.tasks.satellite.georeference import GeoWish
 from webapp.tasks.satellite.tiles import TILES_JOB, TileWish
 from webapp.web.context import account, library, open_map, settings
@@ -171,7 +171,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     """Have an area fetched from a tile service by a job, which then gives its image to the map."""
     record, who = open_map(slug, "editor"), account()
-    box = Box(given["north"], given["south"], given["west"], given["east"])
+    box = GeoBox(given["north"], given["south"], given["west"], given["east"])
     wish = TileWish(given["service"], box, given["zoom"])
     service, cut = satellite_tiles.plan(wish, settings=settings())
     arguments = {
@@ -230,11 +230,11 @@ def _wish(given: dict[str, Any]) -> GeoWish | None:
     return GeoWish("worldfile", worldfile=text, crs=given.get("crs"))
 
 
-def _choice(given: dict[str, Any]) -> Choice:
-    return Choice(account().id, scale=given["scale"], tray=given["tray"], seen=given["seen"])
+def _choice(given: dict[str, Any]) -> ImageChoice:
+    return ImageChoice(account().id, scale=given["scale"], tray=given["tray"], seen=given["seen"])
 
 
-def _sent(shown: Shown) -> Response:
+def _sent(shown: DisplayFile) -> Response:
     """Send a file; who asks by its key may keep it for good."""
     if request.if_none_match.contains_weak(shown.key):
         response = Response(status=304)

@@ -13,7 +13,7 @@ from webapp.errors import NotFound
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.store.sharing.shares import Opened
-from webapp.tasks.satellite.display import Shown
+from webapp.tasks.satellite.display import DisplayFile
 from webapp.web.maps import state
 
 _OF_EXIF = ("fov_deg", "fov_source")
@@ -134,6 +134,6 @@ def sent(path: Path, *, etag: str, kind: str | None = None) -> Response:
     return response
 
 
-def shown(picture: Shown) -> Response:
+def shown(picture: DisplayFile) -> Response:
     """Send what is shown of a map's image."""
     return sent(picture.path, etag=picture.key, kind=picture.mime)

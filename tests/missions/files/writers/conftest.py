@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import MissionOut, ObjectOut, TrackOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
 from webapp.core.trajectory.records import make_poses
 
 HOSTILE = "<b>&amp ]]><![CDATA[ \"'\x07"
@@ -40,7 +40,7 @@ def track():
 
         (south, west), (north, east) = poses.latlon.min(0), poses.latlon.max(0)
         bounds = (south, west, north, east)
-        return TrackOut(id, source, name, len(poses), 0.25 * len(poses), bounds, parts)
+        return ExportTrack(id, source, name, len(poses), 0.25 * len(poses), bounds, parts)
 
     return make
 
@@ -54,9 +54,9 @@ def mission(poses, track):
         track(poses(1, seed=2), id=3, source="manual"),
     )
     objects = [
-        ObjectOut("car-1", "car", LatLon(50.001, 14.002), 1.7e9, 1.7e9 + 5, 201.5, 0.75, 2, "ab" * 32),
-        ObjectOut(HOSTILE, HOSTILE, LatLon(-50.5, -170.25), 1.7e9, 1.7e9, None, None, 1, None),
-        ObjectOut("v", "victim", LatLon(50.003, 14.004), 1.7e9 + 1, 1.7e9 + 9, None, 1.0, 3, None),
+        ExportObject("car-1", "car", LatLon(50.001, 14.002), 1.7e9, 1.7e9 + 5, 201.5, 0.75, 2, "ab" * 32),
+        ExportObject(HOSTILE, HOSTILE, LatLon(-50.5, -170.25), 1.7e9, 1.7e9, None, None, 1, None),
+        ExportObject("v", "victim", LatLon(50.003, 14.004), 1.7e9 + 1, 1.7e9 + 9, None, 1.0, 3, None),
     ]
     kinds = ("car", HOSTILE, "victim")
     return MissionOut(f"Search {HOSTILE}", tracks, kinds, lambda: iter(objects))

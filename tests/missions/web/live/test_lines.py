@@ -6,7 +6,7 @@ import pytest
 from webapp.core.trajectory.records import make_poses
 from webapp.missions.store import missions, tracks
 from webapp.missions.tasks import build_pieces, track_line
-from webapp.missions.tasks.track_line import View
+from webapp.missions.tasks.track_line import LineView
 from webapp.progress import Progress
 from webapp.store.operate import jobs
 
@@ -41,7 +41,7 @@ def build(library, mission):
 def line(library, mission, track):
     def read(**view):
         with library.database.read() as session:
-            return track_line.track_line(session, tracks.find(session, mission, track.id), View(**view))
+            return track_line.track_line(session, tracks.find(session, mission, track.id), LineView(**view))
 
     return read
 
