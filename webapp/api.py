@@ -23,7 +23,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.maps import from_photos
 from webapp.tasks.maps.from_photos import PlaceOptions, PlaceReport
-from webapp.tasks.satellite.georeference_image import GeoSource
+from webapp.tasks.satellite.georeference import GeoSource
 
 __all__ = [
     "Answer", "EvaluateOptions", "Evaluation", "ExpMapError", "GeoSource", "Hypothesis", "LatLon", "MapPixel",

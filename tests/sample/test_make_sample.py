@@ -18,7 +18,7 @@ from webapp.sample import make as make_sample
 from webapp.sample.make import FOV_DEG, OFF_MAP, SampleSize
 from webapp.settings import Settings
 from webapp.tasks.maps import check_map, from_photos
-from webapp.tasks.satellite.georeference_image import GeoSource
+from webapp.tasks.satellite.georeference import GeoSource
 
 SMALL = SampleSize(photos=2, queries=1, width=160, metres_per_pixel=0.5)
 METRES_PER_PIXEL = 0.12

@@ -11,12 +11,12 @@ from sqlalchemy import text
 import webapp.missions.store.schema  # noqa: F401  (its tables are part of the database)
 from webapp.errors import NotFound, StorageError
 from webapp.missions.store import shares as mission_shares
+from webapp.store import sharing
 from webapp.store.database import Database
 from webapp.store.library import Library, migrate, open_library
 from webapp.store.maps import edits
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, Base, Job, Photo
-from webapp.store.sharing import shares
 
 
 def test_the_migrations_make_the_tables(library):
@@ -63,16 +63,16 @@ def test_a_library_of_0_7_0_opens_with_all_that_is_in_it(released):
 def test_links_of_0_7_0_open_what_they_did(released):
     migrate(released)
     with released.read() as session:
-        opened = shares.opened(session, "map-secret")
+        opened = sharing.opened(session, "map-secret")
         assert (opened.map.slug, opened.query, opened.share.localize) == ("park", None, True)
-        answer = shares.opened(session, "answer-public")
+        answer = sharing.opened(session, "answer-public")
         assert answer.query is not None and (answer.share.photos, answer.share.originals) == (False, True)
-        assert [one.share.public_token for one in shares.public(session)] == ["answer-public"]
+        assert [one.share.public_token for one in sharing.public(session)] == ["answer-public"]
         mission = mission_shares.opened(session, "mission-secret")
         assert (mission.mission.name, mission.share.photos) == ("Walk", True)
         assert [one.share.public_token for one in mission_shares.public(session)] == ["mission-public"]
         with pytest.raises(NotFound):
-            shares.opened(session, "mission-secret")
+            sharing.opened(session, "mission-secret")
 
 
 def test_ids_of_its_deleted_jobs_are_not_used_again(released):

@@ -25,8 +25,8 @@ from webapp.missions.tasks import add_photo, store_batch
 from webapp.missions.tasks.add_photo import About
 from webapp.missions.tasks.store_batch import Numbered
 from webapp.settings import MissionSettings, Settings
+from webapp.store import queries
 from webapp.store.accounts import accounts, members
-from webapp.store.localize import queries
 from webapp.store.maps import uploads
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo, QueryRecord

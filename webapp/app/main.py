@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from webapp import __version__
-from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
+from webapp.cli.library import Composition
 from webapp.configuration import use_config
 from webapp.errors import ExpMapError
 from webapp.settings import let_threads_sleep
 
 if TYPE_CHECKING:
     from webapp.jobs.kinds import Duties
-    from webapp.tasks.operate.parts import LibraryPart
+    from webapp.tasks.operate.backup import LibraryPart
 
 
 def _duties() -> Duties:

@@ -23,15 +23,13 @@ from webapp.missions.web import pages as mission_pages
 from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.web import installable, make_app
+from webapp.web import installable, make_app, operate
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
-from webapp.web.exchange import api_exchange
 from webapp.web.localize import api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
-from webapp.web.maps import api_checks, api_maps, api_photos, api_placing, api_uploads
+from webapp.web.maps import api_checks, api_exchange, api_maps, api_photos, api_placing
 from webapp.web.maps import pages as maps_pages
-from webapp.web.operate import health, jobs
 from webapp.web.satellite import api_georeference, api_satellite
 from webapp.web.satellite import pages as satellite_pages
 from webapp.web.sharing import api_shared, api_shares
@@ -70,11 +68,11 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_photos.blur_api,
     api_placing.blueprint,
     api_placing.placements_api,
-    api_uploads.blueprint,
+    api_photos.uploads_api,
     maps_pages.blueprint,
-    health.blueprint,
-    jobs.blueprint,
-    jobs.jobs_pages,
+    operate.health_pages,
+    operate.blueprint,
+    operate.jobs_pages,
     api_georeference.blueprint,
     api_satellite.blueprint,
     satellite_pages.blueprint,

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
 from webapp.jobs import kinds
 from webapp.jobs.kinds import Duties
+from webapp.missions.store import missions
 from webapp.missions.tasks import delete as delete_mission
-from webapp.missions.tasks.backup_part import MissionPart
-from webapp.tasks.operate.parts import LibraryPart
-
-PARTS: tuple[LibraryPart, ...] = (MissionPart(),)
-
+from webapp.missions.tasks import fuse
+from webapp.store.library import Library
+from webapp.store.operate.snapshot import PartContents
+from webapp.tasks.operate.backup import LibraryPart
 
 _KINDS = {
     **kinds.KINDS,
@@ -26,3 +30,28 @@ DUTIES = Duties(
     kinds=_KINDS,
     sweeps=(delete_mission.sweep,),
 )
+
+
+class MissionPart:
+    """The files of missions."""
+
+    name = "missions"
+    folder = missions.FOLDER
+
+    def contents(self, database: sqlite3.Connection) -> PartContents:
+        """Read which missions there are, and their photos; a database before 0.5.0 has none."""
+        if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'mission_photo'").fetchone() is None:
+            return PartContents(frozenset(), frozenset())
+        ids = frozenset(id for (id,) in database.execute("SELECT id FROM mission"))
+        return PartContents(ids, frozenset(database.execute("SELECT mission_id, path FROM mission_photo")))
+
+    def locks(self, library: Library) -> Iterator[tuple[Path, str]]:
+        """Name the lock of the writer of fused tracks."""
+        yield library.inner / fuse.LOCK, "the fused track of a mission"
+
+    def replaced(self, library: Library, id: int) -> Iterator[Path]:
+        """Name the report on the fused track."""
+        yield missions.folder(library, id) / fuse.REPORT
+
+
+PARTS: tuple[LibraryPart, ...] = (MissionPart(),)

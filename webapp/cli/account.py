@@ -4,25 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import click
 from sqlalchemy.orm import Session
 
+from webapp.cli.library import library_option, library_settings
 from webapp.configuration import load_settings
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import open_library
 from webapp.store.schema import Account
 
 _ADDRESS = "http://127.0.0.1:8000"
-
-
-def _library_option(command: Callable[..., None]) -> Callable[..., None]:
-    return click.option(
-        "--library", type=click.Path(path_type=Path), metavar="FOLDER",
-        help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
-    )(command)  # fmt: skip
 
 
 def _url_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -40,7 +33,7 @@ def _account_option(command: Callable[..., None]) -> Callable[..., None]:
 @click.command()
 @_account_option
 @_url_option
-@_library_option
+@library_option
 def link(account: str | None, url: str, library: Path | None) -> None:
     """Print a link that signs in once.
 
@@ -56,7 +49,7 @@ def link(account: str | None, url: str, library: Path | None) -> None:
 @click.option("--name", required=True, metavar="NAME", help="Of the program that is going to use it.")
 @click.option("--replace", "again", is_flag=True, help="Revoke one of the same name first.")
 @_account_option
-@_library_option
+@library_option
 def token(name: str, again: bool, account: str | None, library: Path | None) -> None:
     """Print a token for a program: `Authorization: Bearer TOKEN`."""
     with _writing(library) as session:
@@ -73,7 +66,7 @@ def token(name: str, again: bool, account: str | None, library: Path | None) -> 
 @click.argument("name")
 @click.option("--owner", is_flag=True, help="Of the whole library: may do everything.")
 @_url_option
-@_library_option
+@library_option
 def add(name: str, owner: bool, url: str, library: Path | None) -> None:
     """Make an account, and print a link that signs in to it once."""
     settings = load_settings()
@@ -84,7 +77,7 @@ def add(name: str, owner: bool, url: str, library: Path | None) -> None:
 
 
 @click.command("list")
-@_library_option
+@library_option
 def list_accounts(library: Path | None) -> None:
     """Print all accounts: name, whether the owner of the library, and since when."""
     with _writing(library) as session:
@@ -95,10 +88,7 @@ def list_accounts(library: Path | None) -> None:
 
 @contextmanager
 def _writing(folder: Path | None) -> Iterator[Session]:
-    settings = load_settings()
-    if folder is not None:
-        settings = replace(settings, library=folder)
-    library = open_library(settings.library)
+    library = open_library(library_settings(folder).library)
     try:
         with library.database.write() as session:
             yield session

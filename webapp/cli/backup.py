@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import DONE, SOME_FAILED
+from webapp.cli.library import Composition, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.errors import NotFound
 from webapp.store.library import DATABASE, INNER, open_library
 from webapp.tasks.operate import backup as backup_library
 from webapp.tasks.operate import restore as restore_library
 
 
-def _library_option(command: Callable[..., None]) -> Callable[..., None]:
-    return click.option(
-        "--library", type=click.Path(path_type=Path), metavar="FOLDER",
-        help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
-    )(command)  # fmt: skip
-
-
 @click.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-@_library_option
+@library_option
 @click.pass_obj
 def backup(composition: Composition, file: Path, library: Path | None) -> None:
     """Put a whole library into FILE, a zip.
@@ -36,7 +26,7 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
     The library may be served and changed meanwhile. Accounts are part of it: keep FILE where only you can
     read it.
     """
-    folder = _folder(library)
+    folder = library_settings(library).library
     if not (folder / INNER / DATABASE).is_file():
         raise NotFound(
             "there is no library in this folder", where=str(folder), hint="set it: --library FOLDER"
@@ -60,7 +50,7 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
 
 @click.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-@_library_option
+@library_option
 @click.option(
     "--force", is_flag=True, help="Also where there is something; it is kept in a folder of its own."
 )
@@ -70,7 +60,7 @@ def restore(composition: Composition, file: Path, library: Path | None, force: b
 
     All of it is checked first. Indexes are built anew, by the first server or worker.
     """
-    folder = _folder(library)
+    folder = library_settings(library).library
     with terminal_progress("unpacking") as progress:
         report = restore_library.restore(
             file, folder, parts=composition.library_parts(), force=force, progress=progress
@@ -80,8 +70,3 @@ def restore(composition: Composition, file: Path, library: Path | None, force: b
     click.echo(
         f"{folder}: {report.maps} maps, {report.photos} photos, {report.files} files, as of {report.made_at}"
     )
-
-
-def _folder(given: Path | None) -> Path:
-    settings = load_settings()
-    return (replace(settings, library=given) if given is not None else settings).library

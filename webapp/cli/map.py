@@ -21,9 +21,8 @@ from webapp.tasks.exchange.write_exif import PhotoCopy
 from webapp.tasks.exchange.write_exif import write_exif as copy_photos
 from webapp.tasks.maps import check_map
 from webapp.tasks.maps import from_photos as map_from_photos
-from webapp.tasks.maps.place_photos import FileResult
-from webapp.tasks.maps.survey_photos import FileState
-from webapp.tasks.satellite.georeference_image import GeoSource
+from webapp.tasks.maps.place_photos import FileResult, FileState
+from webapp.tasks.satellite.georeference import GeoSource
 
 _SHOWN = {"error": 20, "warning": 5}
 """Findings of one kind in one file that are printed; --json has all."""

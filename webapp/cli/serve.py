@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from webapp.cli.composition import Composition
-from webapp.configuration import load_settings
+from webapp.cli.library import Composition, library_option, library_settings
 from webapp.jobs import serving
 from webapp.jobs.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
@@ -38,10 +36,7 @@ def log_option(command: Callable[..., Any]) -> Callable[..., Any]:
     metavar="N",
     help="Listen there; 0 takes any that is free.",
 )
-@click.option(
-    "--library", type=click.Path(path_type=Path), metavar="FOLDER",
-    help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
-)  # fmt: skip
+@library_option
 @click.option(
     "--workers", type=click.IntRange(1), metavar="N", help="Processes that answer requests.  [default: 3]"
 )
@@ -56,18 +51,13 @@ def serve(
     its address is printed, and a link that signs the owner in once.
     """
     log_to_stderr(log)
-    settings = load_settings()
-    if library is not None:
-        settings = replace(settings, library=library)
+    settings = library_settings(library)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, echo=click.echo)
 
 
 @click.command()
-@click.option(
-    "--library", type=click.Path(path_type=Path), metavar="FOLDER",
-    help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
-)  # fmt: skip
+@library_option
 @click.option("--once", is_flag=True, help="End when there is nothing left to do.")
 @click.option("--parent", type=int, metavar="PID", help="End when this process, which started it, has ended.")
 @log_option
@@ -81,9 +71,7 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     from webapp.jobs.worker import Worker  # loads OpenCV, which the server does not need
 
     log_to_stderr(log)
-    settings = load_settings()
-    if library is not None:
-        settings = replace(settings, library=library)
+    settings = library_settings(library)
     if parent is not None and hasattr(os, "nice"):
         os.nice(_POLITENESS)
     opened = open_library(settings.library)

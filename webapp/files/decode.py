@@ -1,8 +1,9 @@
-"""Opens image files of known formats within limits, and turns what they hold into 8-bit pixels."""
+"""Opens image files of known formats within limits: size, a check of completeness, 8-bit pixels."""
 
 from __future__ import annotations
 
 import io
+import math
 import struct
 import warnings
 from collections.abc import Iterator
@@ -25,6 +26,14 @@ DAMAGED = (SyntaxError, ValueError, TypeError, KeyError, IndexError, EOFError, R
 """What Pillow raises for damaged files and metadata, besides OSError; fuzzing found no other."""
 
 Pixels = NDArray[np.uint8]
+
+PHOTO_SUFFIXES = frozenset(
+    {".jpg", ".jpeg", ".jpe", ".png", ".heic", ".heif", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".jp2"}
+)
+"""Endings, in small letters, by which a file in a folder is taken for a photo."""
+
+_ANY_SIZE = PhotoLimits(max_mb=math.inf, max_megapixels=math.inf)
+_SMALL = (64, 64)
 
 
 @contextmanager
@@ -130,3 +139,28 @@ def _check_pixels(image: Image.Image, limits: PhotoLimits) -> None:
             f"it has {megapixels:.0f} megapixels, more than the limit of {limits.max_megapixels:g}",
             hint="scale it down, or raise the limit",
         )
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Read width and height in pixels from the header, as stored (orientation not applied).
+
+    Raises
+    ------
+    PhotoError
+        The file is missing or no image.
+    """
+    with opened(path, limits=_ANY_SIZE) as image:
+        return image.size
+
+
+def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
+    """Decode a photo, as small as its format allows, to see whether it is complete.
+
+    Raises
+    ------
+    PhotoError
+        It is missing, no image, cut off, damaged, or larger than the limits.
+    """
+    with opened(path, limits=limits) as image:
+        image.draft("L", _SMALL)
+        image.load()

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from webapp.errors import UsageError
-from webapp.files.satellite.image_probe import PHOTO_SUFFIXES
+from webapp.files.decode import PHOTO_SUFFIXES
 
 _DIGITS = re.compile(r"([0-9]+)")
 

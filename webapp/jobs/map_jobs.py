@@ -21,8 +21,8 @@ from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 from webapp.tasks.maps import export, health
 from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
+from webapp.tasks.satellite.files import taken_back_if_refused
 from webapp.tasks.satellite.tiles import TileWish
-from webapp.tasks.satellite.unused import taken_back_if_refused
 
 _NAMED = 100
 """At most so many photos or findings are named in a result."""

@@ -35,7 +35,7 @@ from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps.export import export_late_maps
 from webapp.tasks.operate import sweep_uploads
-from webapp.tasks.satellite import unused
+from webapp.tasks.satellite import files
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.25
@@ -256,7 +256,7 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
     sweeps: list[Sweep] = [*more, partial(sweep_uploads.sweep_uploads, settings=settings)]
     sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
-    sweeps += [partial(unused.sweep, map_id=id, keep=keep) for id in ids]
+    sweeps += [partial(files.sweep, map_id=id, keep=keep) for id in ids]
     for sweep in sweeps:
         try:
             sweep(library)

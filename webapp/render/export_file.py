@@ -14,7 +14,7 @@ from webapp.progress import Progress
 from webapp.render import folium_page
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.tasks.exchange import export_geojson, export_kml, export_zip
+from webapp.tasks.exchange import export_files
 from webapp.tasks.exchange.export_source import Download, Source, of_library
 
 Format = Literal["zip", "geojson", "kml", "kmz", "html"]
@@ -40,11 +40,11 @@ def run(
     """
     progress = progress or Progress()
     if form == "zip":
-        return export_zip.run(library, map_id, progress=progress)
+        return export_files.export_map_zip(library, map_id, progress=progress)
     makers: dict[str, Callable[[Source], Download]] = {
-        "geojson": export_geojson.run,
-        "kml": export_kml.run,
-        "kmz": lambda source: export_kml.run_kmz(source, settings=settings, progress=progress),
+        "geojson": export_files.export_map_geojson,
+        "kml": export_files.export_map_kml,
+        "kmz": lambda source: export_files.export_map_kmz(source, settings=settings, progress=progress),
         "html": lambda source: folium_page.run(source, settings=settings, progress=progress),
     }
     if form not in makers:

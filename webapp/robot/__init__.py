@@ -10,7 +10,6 @@
 
 from .client import RobotClient
 from .fixes import Fix, Near
-from .options import RobotOptions
-from .status import RobotStatus
+from .options import RobotOptions, RobotStatus
 
 __all__ = ["Fix", "Near", "RobotClient", "RobotOptions", "RobotStatus"]

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Self, SupportsFloat, Unpack
 from .errors import ExpMapError
 from .fixes import Fix, FixFields, request_fix
 from .motion_filter import MotionFilter
-from .options import RobotOptions
+from .options import RobotOptions, RobotStatus
 from .records import (
     ObjectFields,
     PoseFields,
@@ -26,7 +26,6 @@ from .records import (
 )
 from .schema import Identity
 from .spool import Spool
-from .status import RobotStatus
 from .uplink import Uplink
 from .uploader import Backoff, Uploader, UploadStep
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import random
 import re
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 from .database import storage_errors
-from .errors import Conflict, ExpMapError, UsageError
+from .errors import Conflict, ExpMapError, NotReady, UsageError
 from .options import RobotOptions
 from .spool import Gap, Run, Spool
 from .uplink import NoResponse, Response, Uplink
@@ -22,6 +24,7 @@ from .uplink import NoResponse, Response, Uplink
 _AT_RECORD = re.compile(r"(?:^|\.)records\.(\d+)(?:\.|$)")
 _ABOUT_INPUT = (400, 413, 422)
 _LATER = (408, 425, 429)
+_LOOK_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,3 +214,52 @@ def _classify(response: Response) -> UploadStep:
     if response.status in _LATER or response.status >= 500:
         return UploadStep("retry", reason, response.retry_after_s)
     return UploadStep("refused", reason, response.retry_after_s, response.as_error())
+
+
+def recover(
+    spool: Spool,
+    token: str,
+    *,
+    options: RobotOptions,
+    patience_s: float,
+    on_progress: Callable[[int], None],
+) -> None:
+    """Upload everything that is left.
+
+    Parameters
+    ----------
+    patience_s : float
+        Give up when the server has taken nothing for so many seconds.
+    on_progress : callable
+        Gets the number of records and photos that wait, after each step and a few times a second while it
+        waits; what it raises ends the work.
+
+    Raises
+    ------
+    NotReady
+        The network or the server is down.
+    ExpMapError
+        The server refuses: an unknown token, a deleted mission.
+    """
+    uplink = Uplink(spool.identity.url, token, timeout_s=options.timeout_s)
+    uploader = Uploader(spool, uplink, options=options)
+    backoff = Backoff(options.backoff_s, options.backoff_max_s)
+    until = time.monotonic() + patience_s
+    try:
+        while (step := uploader.step()).outcome != "idle":
+            on_progress(spool.waiting + spool.photos.count)
+            if step.error is not None:
+                raise step.error
+            if step.outcome == "progress":
+                backoff.reset()
+                until = time.monotonic() + patience_s
+                continue
+            again = time.monotonic() + backoff.next_delay(at_least_s=step.wait_s)
+            if again > until:
+                hint = "what is left stays in the spool: try again later"
+                raise NotReady(f"the server refuses everything: {step.reason}", hint=hint)
+            while time.monotonic() < again:
+                time.sleep(_LOOK_S)
+                on_progress(spool.waiting + spool.photos.count)
+    finally:
+        uplink.close()

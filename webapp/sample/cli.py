@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from webapp.cli.library import library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.sample import make
 
 
@@ -18,18 +17,13 @@ from webapp.sample import make
     "--seed", type=click.IntRange(0), default=7, show_default=True, metavar="N", help="Of the invented park."
 )
 @click.option("--force", is_flag=True, help="Make it anew where there is a sample already.")
-@click.option(
-    "--library", type=click.Path(path_type=Path), metavar="FOLDER",
-    help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
-)  # fmt: skip
+@library_option
 def sample(folder: Path | None, seed: int, force: bool, library: Path | None) -> None:
     """Make a small map of an invented park, with photos to localize.
 
     Writes to FOLDER, or to `sample` in the library, and prints the path of its map.
     """
-    settings = load_settings()
-    if library is not None:
-        settings = replace(settings, library=library)
+    settings = library_settings(library)
     with terminal_progress("photos") as progress:
         report = make.make_sample(folder, settings=settings, progress=progress, seed=seed, force=force)
     if not report.made:

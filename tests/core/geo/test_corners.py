@@ -9,8 +9,8 @@ from pyproj import Geod
 from webapp.core.geo.corners import Corners, from_corners
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError
+from webapp.files.decode import image_size
 from webapp.files.satellite.georeference_files import read_corners
-from webapp.files.satellite.image_probe import image_size
 
 NW, SE = LatLon(60.41, 22.46), LatLon(60.40, 22.48)
 SIZE = {"width": 1100, "height": 1114}

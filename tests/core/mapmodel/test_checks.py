@@ -5,9 +5,15 @@ from collections.abc import Sequence
 import pytest
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.checks import FileFacts, FolderFacts, check_folder, check_lines
+from webapp.core.mapmodel.checks import (
+    FileFacts,
+    FolderFacts,
+    ImageLine,
+    PhotoLine,
+    check_folder,
+    check_lines,
+)
 from webapp.core.mapmodel.findings import Code, Finding
-from webapp.core.mapmodel.lines import ImageLine, PhotoLine
 
 IMAGE = ImageLine("s.png", 600, 300, (1, 7, 11))
 FINE = FileFacts("ok")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from webapp.core.trajectory.profile import profile
+from webapp.core.trajectory.distance import profile
 from webapp.core.trajectory.simplify import simplified
 
 DEGREE_M = 111_195.0

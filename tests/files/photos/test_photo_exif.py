@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 
 from webapp.errors import PhotoError
-from webapp.files.photos.exif import Exif, number, orientation, text
-from webapp.files.photos.exif_camera import read_fov, read_time
+from webapp.files.photos.exif import Exif, number, orientation, read_fov, read_time, text
 from webapp.files.photos.exif_gps import METRES_PER_DOP, Gps, Heading, NoGps, read_gps, read_heading
 from webapp.files.photos.photo import read_facts
 from webapp.settings import PhotoLimits

@@ -24,7 +24,7 @@ from webapp.store.operate import snapshot
 from webapp.store.schema import Account
 from webapp.tasks.maps import adopt_map, export
 from webapp.tasks.operate import backup, restore
-from webapp.tasks.operate.parts import readers
+from webapp.tasks.operate.backup import readers
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from webapp.errors import NotFound, UsageError
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import Settings
 from webapp.store.schema import MapRecord
-from webapp.tasks.exchange import export_cfg, export_geojson, export_kml, export_zip
+from webapp.tasks.exchange import export_files
 from webapp.tasks.exchange.export_source import of_folder, of_library, plain_name
 
 TURNED = Georeference("EPSG:4326", (1e-5, 2e-6, 26.5, 2e-6, -1e-5, 60.4, 0, 0, 1), "affine")
@@ -41,7 +41,7 @@ def source(make_map, tmp_path):
 
 
 def test_geojson_has_longitude_first(source):
-    content = json.loads(whole(export_geojson.run(source)))
+    content = json.loads(whole(export_files.export_map_geojson(source)))
     assert content["name"] == "A <park> & more"
     for e, feature in zip(source.map.experiences, content["features"], strict=True):
         lon, lat = feature["geometry"]["coordinates"]
@@ -55,13 +55,13 @@ def test_a_photo_beyond_the_horizon_has_no_geometry(source):
         "EPSG:4326", (1e-5 - 26.5 / 150, 0, 26.5, -60.4 / 150, -1e-5, 60.4, -1 / 150, 0, 1), "projective"
     )
     far = replace(source, map=replace(source.map, georeference=horizon))
-    content = json.loads(whole(export_geojson.run(far)))
+    content = json.loads(whole(export_files.export_map_geojson(far)))
     assert [f["geometry"] is None for f in content["features"]] == [False, True, True]
-    assert len(ET.fromstring(whole(export_kml.run(far))).findall(f".//{KML}Placemark")) == 1
+    assert len(ET.fromstring(whole(export_files.export_map_kml(far))).findall(f".//{KML}Placemark")) == 1
 
 
 def test_kml_reads_back(source):
-    marks = ET.fromstring(whole(export_kml.run(source))).findall(f".//{KML}Placemark")
+    marks = ET.fromstring(whole(export_files.export_map_kml(source))).findall(f".//{KML}Placemark")
     for e, mark in zip(source.map.experiences, marks, strict=True):
         lon, lat = map(float, mark.find(f"{KML}Point/{KML}coordinates").text.split(","))
         assert TURNED.pixel_of(LatLon(lat, lon)) == pytest.approx(e.position, abs=1e-3)
@@ -74,7 +74,7 @@ def test_kml_reads_back(source):
 
 def test_kml_replaces_what_xml_cannot_hold(source):
     named = replace(source, title="bell \x07 \ufffe")
-    root = ET.fromstring(whole(export_kml.run(named)))
+    root = ET.fromstring(whole(export_files.export_map_kml(named)))
     assert root.find(f"{KML}Document/{KML}name").text == "bell ? ?"
 
 
@@ -85,7 +85,7 @@ def test_kmz_has_pictures_without_exif(source):
     with Image.open(photo) as with_exif:
         assert with_exif.getexif()
     (source.cfg.parent / "photos" / "2.jpg").unlink()
-    with zipfile.ZipFile(io.BytesIO(whole(export_kml.run_kmz(source, settings=Settings())))) as kmz:
+    with zipfile.ZipFile(io.BytesIO(whole(export_files.export_map_kmz(source, settings=Settings())))) as kmz:
         assert set(kmz.namelist()) == {"doc.kml", "files/0.jpg", "files/1.jpg", "files/satellite.jpg"}
         picture = Image.open(io.BytesIO(kmz.read("files/0.jpg")))
         assert not picture.getexif() and "exif" not in picture.info
@@ -101,7 +101,7 @@ def test_kmz_has_pictures_without_exif(source):
     assert (lat, lon) == pytest.approx((60.4, 26.5))
 
 
-@pytest.mark.parametrize("export", [export_geojson.run, export_kml.run])
+@pytest.mark.parametrize("export", [export_files.export_map_geojson, export_files.export_map_kml])
 def test_without_georeference_it_says_what_to_do(source, export):
     plain = replace(source, map=replace(source.map, georeference=None))
     with pytest.raises(UsageError) as caught:
@@ -112,7 +112,7 @@ def test_without_georeference_it_says_what_to_do(source, export):
 def test_kmz_without_georeference_fails_before_it_begins(source):
     plain = replace(source, map=replace(source.map, georeference=None))
     with pytest.raises(UsageError):
-        export_kml.run_kmz(plain, settings=Settings())
+        export_files.export_map_kmz(plain, settings=Settings())
 
 
 @pytest.mark.parametrize("name", ["../../etc", "a\r\nSet-Cookie: x", "Парк", "", "x" * 300, "a/b\\c"])
@@ -125,7 +125,7 @@ def test_names_of_downloads_are_plain(name):
 
 def test_the_zip_of_a_map_is_the_map(adopt, library, tmp_path):
     map_id = adopt()
-    with zipfile.ZipFile(io.BytesIO(whole(export_zip.run(library, map_id)))) as archive:
+    with zipfile.ZipFile(io.BytesIO(whole(export_files.export_map_zip(library, map_id)))) as archive:
         assert archive.testzip() is None
         archive.extractall(tmp_path / "out")
     assert read_map(tmp_path / "out" / "map.cfg") == read_map(library.cfg("park"))
@@ -136,39 +136,39 @@ def test_the_zip_of_a_map_is_the_map(adopt, library, tmp_path):
 def test_a_zip_goes_out_in_pieces(adopt, library):
     map_id = adopt()
     (library.map_folder("park") / "photos" / "1.jpg").write_bytes(bytes(5_000_000))
-    pieces = list(export_zip.run(library, map_id).pieces)
+    pieces = list(export_files.export_map_zip(library, map_id).pieces)
     assert max(map(len, pieces)) < 2_500_000
 
 
 def test_the_cfg_is_the_file_on_the_disk(adopt, library):
     unusual = "\ufeffplan.png;400;200\r\n 2;photos/2.jpg;07;8\r\n0;photos/0.jpg;1;2"
     map_id = adopt(change=lambda cfg: cfg.write_bytes(unusual.encode()))
-    download = export_cfg.run(library, map_id)
+    download = export_files.export_map_cfg(library, map_id)
     assert (download.name, whole(download)) == ("park.cfg", unusual.encode())
 
 
 def test_the_cfg_holds_the_newest_edit(adopt, library, edit):
     map_id = adopt()
     edit(map_id, {"photo/1": {"x_px": 5.0, "y_px": 6.0}})
-    assert b"1;photos/1.jpg;5;6\n" in whole(export_cfg.run(library, map_id))
+    assert b"1;photos/1.jpg;5;6\n" in whole(export_files.export_map_cfg(library, map_id))
 
 
 def test_a_cfg_that_somebody_changed_is_left_alone(adopt, library, edit):
     map_id = adopt()
     library.cfg("park").write_text("plan.png;400;200\n")
     edit(map_id, {"photo/1": {"x_px": 5.0, "y_px": 6.0}})
-    assert b"1;photos/1.jpg;5;6\n" in whole(export_cfg.run(library, map_id))
+    assert b"1;photos/1.jpg;5;6\n" in whole(export_files.export_map_cfg(library, map_id))
     assert library.cfg("park").read_text() == "plan.png;400;200\n"
 
 
 def test_the_cfg_of_a_placement(adopt, library, edit):
     map_id = adopt()
     edit(map_id, {"placed/clusters/1": {"x_px": 7.0, "y_px": 8.0}})
-    download = export_cfg.run(library, map_id, placement="clusters")
+    download = export_files.export_map_cfg(library, map_id, placement="clusters")
     assert whole(download) == b"plan.png;400;200\n1;photos/1.jpg;7;8\n"
     assert download.name == "park-clusters.cfg"
     with pytest.raises(NotFound):
-        export_cfg.run(library, map_id, placement="../map")
+        export_files.export_map_cfg(library, map_id, placement="../map")
 
 
 def test_a_map_without_image_has_nothing_to_export(library, owner):

@@ -11,7 +11,7 @@ from webapp.errors import Conflict, NotFound, UsageError
 from webapp.settings import Settings
 from webapp.store.maps import edits
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps import export, findings, fix_findings
+from webapp.tasks.maps import export, findings
 
 SETTINGS = Settings()
 NORTH_UP = {
@@ -32,7 +32,7 @@ def found(library):
 @pytest.fixture
 def fix(library, owner):
     def run(map_id, what, ids=()):
-        fix_findings.fix_findings(library, map_id, fix=what, ids=ids, account_id=owner, settings=SETTINGS)
+        findings.fix_findings(library, map_id, fix=what, ids=ids, account_id=owner, settings=SETTINGS)
 
     return run
 

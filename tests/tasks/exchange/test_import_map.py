@@ -14,7 +14,7 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import ImportLimits, Settings
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks.exchange import export_zip, import_map
+from webapp.tasks.exchange import export_files, import_map
 from webapp.tasks.maps import export
 
 
@@ -60,7 +60,9 @@ def test_what_was_exported_comes_back_as_it_was(adopt, library, bring, edit, tmp
     map_id = adopt()
     edit(map_id, {"photo/1": {"x_px": 50.25, "y_px": 60.5, "heading_deg": 12.5}})
     edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}})
-    with zipfile.ZipFile(io.BytesIO(b"".join(export_zip.run(library, map_id).pieces))) as archive:
+    with zipfile.ZipFile(
+        io.BytesIO(b"".join(export_files.export_map_zip(library, map_id).pieces))
+    ) as archive:
         files = {name: archive.read(name) for name in archive.namelist()}
     done = bring(files, name="Park again")
     assert (done.slug, done.findings, done.left_out) == ("park-again", (), ())

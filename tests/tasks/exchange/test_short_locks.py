@@ -4,12 +4,12 @@ import sqlite3
 
 import pytest
 
-from webapp.files.satellite.image_probe import check_decodes
+from webapp.files.decode import check_decodes
 from webapp.settings import Settings
 from webapp.store.library import DATABASE
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange import duplicate_map
-from webapp.tasks.maps import adopt_map, export, fix_findings, outside_edit
+from webapp.tasks.maps import adopt_map, export, findings, outside_edit
 
 SETTINGS = Settings()
 
@@ -47,7 +47,7 @@ def test_photos_of_the_folder_are_read_before(adopt, library, owner, save_photo,
     for number in (7, 8):
         save_photo(library.map_folder("park") / "photos" / f"new{number}.jpg", number)
     watched_photos.clear()
-    fix_findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
+    findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
     assert len(watched_photos) == 2
     assert [row.name for row in rows(map_id).values() if row.x_px is None] == ["new7.jpg", "new8.jpg"]
 
@@ -83,21 +83,19 @@ def test_what_came_into_the_map_meanwhile_is_not_adopted_twice(
 ):
     map_id = adopt()
     save_photo(library.map_folder("park") / "photos" / "new.jpg", 7)
-    read = fix_findings._strangers
+    read = findings._strangers
     again = []
 
     def strangers(*arguments, **named):
         found = read(*arguments, **named)
         if not again:
             again.append(1)
-            fix_findings.fix_findings(
-                library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS
-            )
+            findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
         return found
 
-    monkeypatch.setattr(fix_findings, "_strangers", strangers)
-    with pytest.raises(fix_findings.Conflict, match="nothing left to fix"):
-        fix_findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
+    monkeypatch.setattr(findings, "_strangers", strangers)
+    with pytest.raises(findings.Conflict, match="nothing left to fix"):
+        findings.fix_findings(library, map_id, fix="adopt", ids=(), account_id=owner, settings=SETTINGS)
     assert [row.name for row in rows(map_id).values()].count("new.jpg") == 1
 
 

@@ -11,7 +11,7 @@ from webapp.files.maps.folder import read_map
 from webapp.settings import Settings
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks.exchange import export_zip, import_map
+from webapp.tasks.exchange import export_files, import_map
 from webapp.tasks.maps import export
 
 
@@ -36,7 +36,9 @@ def exported(library):
     """Export a map; gives its files by name."""
 
     def run(map_id):
-        with zipfile.ZipFile(io.BytesIO(b"".join(export_zip.run(library, map_id).pieces))) as archive:
+        with zipfile.ZipFile(
+            io.BytesIO(b"".join(export_files.export_map_zip(library, map_id).pieces))
+        ) as archive:
             names = archive.namelist()
             assert len(names) == len(set(names))
             return {name: archive.read(name) for name in names}

@@ -24,7 +24,7 @@ from webapp.settings import PhotoLimits, Settings, UploadLimits
 from webapp.store.library import open_library
 from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Photo
-from webapp.tasks.maps import add_photo, place_by_gps
+from webapp.tasks.maps import add_photo, placing
 from webapp.tasks.operate import sweep_uploads
 
 HERE = LatLon(50.08, 14.42)
@@ -304,12 +304,12 @@ def test_the_tray_is_placed_once_the_georeference_is_known(desk):
     inside, _, _ = (desk.give(jpeg(n, exif=at(x, 0.0))) for n, x in enumerate((5.0, 900.0, 0.0)))
     desk.give(jpeg(3))
     with pytest.raises(ExpMapError, match="no satellite image"):
-        place_by_gps.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
+        placing.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
     desk.georeference()
-    result = place_by_gps.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
+    result = placing.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
     assert result.placed == (inside.id, 2)
     assert [(o.id, "beyond" in o.reason) for o in result.outside] == [(1, True)]
-    again = place_by_gps.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
+    again = placing.place_by_gps(desk.library, desk.map_id, account_id=desk.account_id)
     assert again.placed == ()
 
 

@@ -15,8 +15,8 @@ from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.maps import check_map, from_photos
 from webapp.tasks.maps.from_photos import PlaceOptions
-from webapp.tasks.maps.survey_photos import FileState
-from webapp.tasks.satellite.georeference_image import GeoSource
+from webapp.tasks.maps.place_photos import FileState
+from webapp.tasks.satellite.georeference import GeoSource
 
 CORNERS = '{"top_left": {"lat": 50.001, "lon": 14.0}, "bottom_right": {"lat": 50.0, "lon": 14.002}}'
 """Of an image of 400 x 310 pixels: 0.36 m each."""

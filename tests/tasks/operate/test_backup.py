@@ -14,13 +14,13 @@ from sqlalchemy import select
 
 from webapp.app.wings import PARTS
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
-from webapp.files.operate import backup
-from webapp.files.operate.backup import MANIFEST
+from webapp.files import backup
+from webapp.files.backup import MANIFEST
 from webapp.jobs.worker import ProcessLock
 from webapp.progress import Progress
+from webapp.store import queries
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
-from webapp.store.localize import queries
 from webapp.store.maps import edits, maps
 from webapp.store.schema import Base, Job, MapRecord, QueryRecord
 from webapp.tasks.maps import adopt_map, delete_map, export

@@ -12,7 +12,7 @@ from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import adopt_map
-from webapp.web.exchange import api_exchange
+from webapp.web.maps import api_exchange
 
 GEO = {
     "format": "experience-map",

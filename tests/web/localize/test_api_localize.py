@@ -11,8 +11,8 @@ import pytest
 from sqlalchemy import func, select, update
 
 from webapp.files.localize.calibration import FORMAT
+from webapp.store import queries as stored
 from webapp.store.accounts import members
-from webapp.store.localize import queries as stored
 from webapp.store.schema import Job, MapRecord, QueryRecord
 from webapp.tasks.localize import upload
 from webapp.tasks.localize.map_cache import MethodChoice

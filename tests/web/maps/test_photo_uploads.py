@@ -14,7 +14,7 @@ from webapp.store.accounts import members
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Upload
 from webapp.tasks.maps import add_photo
-from webapp.web.maps import api_uploads
+from webapp.web.maps import api_photos
 
 FORM = "multipart/form-data"
 
@@ -329,7 +329,7 @@ def test_killed_after_the_commit_the_file_sent_again_is_the_same_photo(sender, m
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(api_uploads, "_give_up", killed)
+        patch.setattr(api_photos, "_give_up", killed)
         with pytest.raises(KeyboardInterrupt):
             sender.piece(id, data, offset=0)
     begun = sender.begin(data).json
@@ -346,10 +346,10 @@ def test_a_full_disk_leaves_nothing(sender, monkeypatch, library):
     data = jpeg()
     begun = sender.begin(data).json
     sender.piece(begun["id"], data[:100], offset=0)
-    monkeypatch.setattr(api_uploads, "append", full)
+    monkeypatch.setattr(api_photos, "append", full)
     assert sender.piece(begun["id"], data[100:200], offset=100).status_code == 507
     assert (left(library), records(library)) == ([], 0)
-    monkeypatch.setattr(api_uploads, "check_space", full)
+    monkeypatch.setattr(api_photos, "check_space", full)
     assert sender.begin(data).status_code == 507
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from webapp.app import main as program
 from webapp.app.web import create_app
+from webapp.store import queries
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
-from webapp.store.localize import queries
 from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.maps import adopt_map
 

@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 
 from tests.web.satellite.images import png
-from webapp.tasks.satellite import unused
+from webapp.tasks.satellite import files
 
 
 @pytest.fixture
@@ -55,6 +55,6 @@ def test_what_a_killed_upload_has_left_is_swept_after_a_while(library, put, reco
     for path in (left, *(library.map_folder(park) / name for name in known)):
         path.write_bytes(path.read_bytes() if path.exists() else b"left")
         os.utime(path, (time.time() - 7200,) * 2)
-    assert unused.sweep(library, record().id, keep=timedelta(hours=3)) == 0
-    assert unused.sweep(library, record().id, keep=timedelta(hours=1)) == 1
+    assert files.sweep(library, record().id, keep=timedelta(hours=3)) == 0
+    assert files.sweep(library, record().id, keep=timedelta(hours=1)) == 1
     assert images()[0] == known

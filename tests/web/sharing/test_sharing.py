@@ -9,10 +9,9 @@ import pytest
 from PIL import Image
 
 from webapp.errors import NotFound
-from webapp.store.localize import queries
+from webapp.store import queries, sharing
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, QueryRecord, Share
-from webapp.store.sharing import shares
 from webapp.tasks.localize import upload
 from webapp.tasks.localize.upload import LocalizeResult
 
@@ -336,7 +335,7 @@ def test_a_shared_answer_answers_nothing_else(stranger, share, answer, asked):
 def test_shares_are_found_by_their_token_alone(library, full, owner):
     with library.database.write() as session:
         record = maps.find(session, full, account=owner)
-        made, token = shares.create(session, record, allows=shares.Allows(), account_id=owner.id)
-        assert shares.opened(session, token).map.id == record.id
+        made, token = sharing.create(session, record, allows=sharing.Allows(), account_id=owner.id)
+        assert sharing.opened(session, token).map.id == record.id
         with pytest.raises(NotFound):
-            shares.opened(session, made.token_hash)
+            sharing.opened(session, made.token_hash)

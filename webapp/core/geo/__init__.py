@@ -6,8 +6,8 @@ Map pixels
     Floats inside the program; whole numbers, rounded half up, in a `.cfg`.
 
 Half a pixel
-    Keypoints (OpenCV) and world files count from the centre of the first pixel. `pixelgrid` is the only
-    module that adds or takes away the half; GeoTIFFs as GDAL reads them count from the outer corner too.
+    Keypoints (OpenCV) and world files count from the centre of the first pixel: their reader adds
+    the half. GeoTIFFs as GDAL reads them count from the outer corner too.
 
 Latitude and longitude
     Degrees north and degrees east on WGS 84. `LatLon` and every (n, 2) array called `latlon` have the

@@ -93,10 +93,6 @@ class Georeference:
         """Metres east and north of the frame's origin, (n, 2) float64, of map pixels (n, 2)."""
         return frame.enu_from_latlon(self.latlon_from_pixel(pixels))
 
-    def pixel_from_enu(self, enu: ArrayLike, frame: LocalFrame) -> NDArray[np.float64]:
-        """Map pixels, (n, 2) float64, of metres east and north of the frame's origin (n, 2)."""
-        return self.pixel_from_latlon(frame.latlon_from_enu(enu))
-
     def latlon_of(self, pixel: MapPixel) -> LatLon:
         """Latitude and longitude of one map pixel."""
         lat, lon = self.latlon_from_pixel([pixel])[0]

@@ -111,11 +111,6 @@ class RobotFrame:
         offsets = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2) - (self.anchor.x_m, self.anchor.y_m)
         return LocalFrame(self.start.position).latlon_from_enu(offsets @ self._enu_from_xy.T)
 
-    def xy_from_latlon(self, latlon: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Bring positions on the Earth, (n, 2) degrees, into the frame: (n, 2) float64, metres."""
-        enu = LocalFrame(self.start.position).enu_from_latlon(latlon)
-        return enu @ self._enu_from_xy + (self.anchor.x_m, self.anchor.y_m)
-
     def heading_from_yaw(self, yaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Turn yaws (n,), radians, into headings (n,), 0 <= degrees clockwise from north < 360."""
         degrees: NDArray[np.float64] = np.degrees(yaw_rad - self.anchor.yaw_rad)

@@ -21,8 +21,8 @@ from webapp.core.mapmodel.findings import quoted
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import InputError, StorageError
 from webapp.files.atomic import storage_error
+from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.listing import folded
-from webapp.files.satellite.image_probe import PHOTO_SUFFIXES
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
 

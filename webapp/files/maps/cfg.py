@@ -11,7 +11,6 @@ from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.core.mapmodel.paths import name_problem
 from webapp.core.mapmodel.positions import inside, whole_pixel
 from webapp.errors import CfgError, MapError
-from webapp.files.atomic import write_bytes
 from webapp.files.maps.cfg_scan import BOM, Scan, scan
 
 MAX_BYTES = 100_000_000
@@ -138,19 +137,6 @@ def format_cfg(map_: Map, *, like: CfgDocument | None = None) -> bytes:
     ends[-1] = like.ends[-1]
     body = "".join(line + end for line, end in zip(text, ends, strict=True)) + like.tail
     return (BOM if like.bom else b"") + body.encode("utf-8")
-
-
-def write_cfg(path: Path, map_: Map, *, like: CfgDocument | None = None) -> None:
-    """Replace a `.cfg` file by what `format_cfg` gives, whole or not at all.
-
-    Raises
-    ------
-    MapError
-        What `format_cfg` raises.
-    StorageError
-        The disk refused.
-    """
-    write_bytes(path, format_cfg(map_, like=like))
 
 
 def _map(result: Scan) -> Map:

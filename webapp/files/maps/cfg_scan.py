@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TypeVar
 
-from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.checks import MAX_NUMBER, ImageLine, PhotoLine
 from webapp.core.mapmodel.findings import Code, Finding, quoted
-from webapp.core.mapmodel.lines import ImageLine, PhotoLine
 from webapp.core.mapmodel.paths import name_problem
 from webapp.core.mapmodel.positions import round_half_up
 

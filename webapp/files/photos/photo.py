@@ -12,8 +12,7 @@ from PIL import Image
 
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, opened
-from webapp.files.photos.exif import orientation, read_exif, text
-from webapp.files.photos.exif_camera import Fov, read_fov, read_time
+from webapp.files.photos.exif import Fov, orientation, read_exif, read_fov, read_time, text
 from webapp.files.photos.exif_gps import Gps, Heading, NoGps, read_gps, read_heading
 from webapp.settings import PhotoLimits
 

@@ -20,7 +20,6 @@ from webapp.core.geo.corners import Corners
 from webapp.core.geo.crs import WGS84, crs_name, latlon_from_plane
 from webapp.core.geo.fit import GeoreferenceFit, check_on_image, check_positions
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.pixelgrid import homography_for_corners
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError, MapJsonError, TableError
 from webapp.extras import extra
@@ -35,6 +34,9 @@ _EXAMPLE = '{"top_left": {"lat": 60.4055, "lon": 22.4676}, "bottom_right": {"lat
 
 HEADER = "x;y;lat;lon"
 _HINT = "a world file has six lines: x size, rotation, rotation, -y size, x and y of the first pixel's centre"
+_CENTRE_FROM_CORNER = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
+"""World files count from the centre of the first pixel, maps from its outer corner."""
+
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF"}
 """Only the file itself is read: nothing beside it, nothing from the network."""
 
@@ -180,7 +182,7 @@ def parse_worldfile(
     """
     a, d, b, e, c, f = _six_numbers(text, where)
     centres = np.array([[a, b, c], [d, e, f], [0.0, 0.0, 1.0]])
-    matrix = homography_for_corners(centres)
+    matrix = centres @ _CENTRE_FROM_CORNER
     plane = crs_name(crs) if crs else None
     if plane is None:
         _check_degrees(matrix, where, width=width, height=height)

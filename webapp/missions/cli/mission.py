@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from webapp.cli.exitcodes import DONE, SOME_FAILED
+from webapp.cli.library import library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.core.geo.types import LatLon
@@ -19,7 +20,6 @@ from webapp.core.trajectory.records import SOURCES
 from webapp.core.trajectory.robotframe import Start
 from webapp.errors import InputError, NotFound, UsageError
 from webapp.files.atomic import write_pieces
-from webapp.missions.store import listing as mission_list
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export as export_mission
@@ -30,13 +30,6 @@ from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
 from webapp.store.maps import maps
 from webapp.store.schema import Account
-
-
-def _library_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    return click.option(
-        "--library", type=click.Path(path_type=Path), metavar="FOLDER",
-        help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
-    )(command)  # fmt: skip
 
 
 def _start_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -60,13 +53,13 @@ def _start(_context: click.Context, _option: click.Parameter, text: str | None) 
 
 @click.command("list")
 @click.option("--map", "slug", metavar="SLUG", help="Only those on that map.")
-@_library_option
+@library_option
 def list_missions(slug: str | None, library: Path | None) -> None:
     """Print all missions: number, name, poses, objects, and when they last changed."""
     with _opened(library) as place, place.database.read() as session:
         owner = _owner(place)
         on = None if slug is None else maps.find(session, slug, account=owner).id
-        for entry in mission_list.listed(session, owner, map_id=on):
+        for entry in missions.listed(session, owner, map_id=on):
             mission = entry.mission
             given = (mission.id, mission.name, entry.poses, entry.objects)
             click.echo("\t".join(map(str, [*given, f"{mission.changed_at:%Y-%m-%d %H:%M}"])))
@@ -77,7 +70,7 @@ def list_missions(slug: str | None, library: Path | None) -> None:
 @click.option("--map", "slug", metavar="SLUG", help="On that map.  [default: on the globe]")
 @_start_option
 @click.option("--note", default="", metavar="TEXT", help="For people.")
-@_library_option
+@library_option
 def new(name: str, slug: str | None, start: Start | None, note: str, library: Path | None) -> None:
     """Make a mission and print its number."""
     with _opened(library) as place:
@@ -111,7 +104,7 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
     help="Leave out what moved less: 0.5m, 0.00001deg, or 0.  [default: 0.00001deg]",
 )  # fmt: skip
 @_start_option
-@_library_option
+@library_option
 def import_files(
     mission: int, files: tuple[Path, ...], listing: bool, library: Path | None, **given: Any
 ) -> int:
@@ -145,7 +138,7 @@ def import_files(
 @click.argument("mission", type=int)
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
 @click.option("--format", "form", type=click.Choice(FORMATS), help="[default: by the name of FILE]")
-@_library_option
+@library_option
 def export(mission: int, file: Path, form: str | None, library: Path | None) -> None:
     """Write MISSION, a number, to FILE; `-` is standard output."""
     form = form or _form_of(file)
@@ -198,7 +191,7 @@ def _print_import(path: Path, done: TrackImport) -> None:
 
 @contextmanager
 def _opened(folder: Path | None) -> Iterator[Library]:
-    library = open_library(folder or load_settings().library)
+    library = open_library(library_settings(folder).library)
     try:
         yield library
     finally:

@@ -18,9 +18,9 @@ from webapp.errors import InputError, UsageError
 from webapp.robot.client import RobotClient
 from webapp.robot.content import SpoolContent, has_spool, read_content
 from webapp.robot.options import RobotOptions
-from webapp.robot.recover import recover as send_all
 from webapp.robot.spool import Spool
 from webapp.robot.uplink import NoResponse, Uplink
+from webapp.robot.uploader import recover as send_all
 
 _URL = "http://127.0.0.1:8000"
 _PATIENCE_S = 60.0

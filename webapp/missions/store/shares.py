@@ -8,7 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.missions.store.schema import Mission, MissionShare
-from webapp.store.sharing import links
+from webapp.store import sharing
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +41,12 @@ def create(
         End of its address. Of a secret one it is kept nowhere, only its hash.
     """
     share = MissionShare(mission_id=mission.id, account_id=account_id, photos=photos)
-    return share, links.open_link(session, share, public=public)
+    return share, sharing.open_link(session, share, public=public)
 
 
 def listed(session: Session, mission: Mission) -> list[MissionShare]:
     """List the shares of a mission, the newest first."""
-    return links.listed(session, MissionShare, where=MissionShare.mission_id == mission.id)
+    return sharing.shares_of(session, MissionShare, where=MissionShare.mission_id == mission.id)
 
 
 def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
@@ -56,7 +56,7 @@ def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
     ------
     NotFound
     """
-    return links.find(session, MissionShare, id=id, where=MissionShare.mission_id == mission.id)
+    return sharing.find_share(session, MissionShare, id=id, where=MissionShare.mission_id == mission.id)
 
 
 def opened(session: Session, token: str) -> OpenedMission:
@@ -67,10 +67,10 @@ def opened(session: Session, token: str) -> OpenedMission:
     NotFound
         It opens nothing, or the mission is in the bin.
     """
-    share = links.by_token(session, MissionShare, token=token)
+    share = sharing.share_by_token(session, MissionShare, token=token)
     mission = None if share is None else session.get_one(Mission, share.mission_id)
     if share is None or mission is None or mission.binned_at is not None:
-        raise links.not_valid()
+        raise sharing.link_not_valid()
     return OpenedMission(share, mission)
 
 

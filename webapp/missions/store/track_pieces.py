@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from webapp.core.trajectory.profile import COLUMNS
+from webapp.core.trajectory.distance import COLUMNS
 from webapp.missions.store.schema import Track, TrackPiece, TrackProfile
 
 POINT = 5

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
-from webapp.core.trajectory.profile import profile
+from webapp.core.trajectory.distance import profile
 from webapp.core.trajectory.records import Poses
 from webapp.core.trajectory.simplify import simplified
 from webapp.missions.store import track_pieces, tracks

@@ -14,11 +14,10 @@ from webapp.errors import UsageError
 from webapp.missions.store.batches import FILE, OutOfOrder
 from webapp.missions.tasks import store_batch
 from webapp.missions.tasks.store_batch import Numbered
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import ConcurrencyLimit, open_mission
 from webapp.robot.fields import record_schema
 from webapp.web.context import library, settings
 from webapp.web.errors import as_json
-from webapp.web.turns import Turns
 
 blueprint = APIBlueprint("api_batches", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
@@ -31,7 +30,7 @@ _NAME = [
 ]
 _SHARE = 0.75
 
-_turns = Turns("batches", share=_SHARE)
+_turns = ConcurrencyLimit("batches", share=_SHARE)
 blueprint.record(_turns.set_up)
 
 

@@ -21,12 +21,11 @@ from webapp.missions.store.schema import Mission, Track
 from webapp.missions.tasks.build_pieces import table_of
 from webapp.missions.web.api_objects import object_json
 from webapp.missions.web.api_tracks import points_json
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import ConcurrencyLimit, open_mission
 from webapp.missions.web.state import cursor, read_cursor, track_json
 from webapp.store.database import Database
 from webapp.web.context import library, settings
 from webapp.web.openapi import file_answer
-from webapp.web.turns import Turns
 
 blueprint = APIBlueprint("api_mission_events", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
@@ -43,7 +42,7 @@ _MOST_OBJECTS = 2000
 _AGAIN = 200
 """Without a cursor, so many of the last poses are sent: they may have come since the page was made."""
 
-_turns = Turns("events", share=_SHARE)
+_turns = ConcurrencyLimit("events", share=_SHARE)
 blueprint.record(_turns.set_up)
 
 

@@ -19,13 +19,12 @@ from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
 from webapp.missions.tasks import query as query_mission
 from webapp.missions.tasks.export import LIVE_POSES, export_network_link
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import ConcurrencyLimit, open_mission
 from webapp.tasks.exchange.export_source import Download
 from webapp.web.context import library, settings
 from webapp.web.openapi import Responses, file_answer
-from webapp.web.turns import Turns
 
-turns = Turns("mission exports", share=0.5)
+turns = ConcurrencyLimit("mission exports", share=0.5)
 """Who takes a large file away slowly keeps a thread busy: others are left for everybody else."""
 
 _WAIT_S = 5

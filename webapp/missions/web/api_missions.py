@@ -9,7 +9,7 @@ from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Range, Regexp
 
 from webapp.core.trajectory.records import SOURCES
-from webapp.missions.store import listing, missions, shares
+from webapp.missions.store import missions, shares
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import delete
 from webapp.missions.web import state
@@ -179,7 +179,7 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
         "limit": None if limit is None else limit + 1,  # the one more shows whether any follow
     }
     with library().database.read() as session:
-        found = listing.listed(session, who, **wanted)
+        found = missions.listed(session, who, **wanted)
         shown = found[:limit]
         follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
         return {"missions": [state.entry_json(entry) for entry in shown], "next": follow}

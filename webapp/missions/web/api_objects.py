@@ -13,8 +13,8 @@ from webapp.missions.store import objects as mission_objects
 from webapp.missions.store.missions import MOST_SIGHTINGS
 from webapp.missions.store.objects import SORTS, Page
 from webapp.missions.store.schema import MissionObject, ObjectSighting
+from webapp.missions.web import context
 from webapp.missions.web.context import open_mission
-from webapp.web import converters
 from webapp.web.context import library
 
 blueprint = APIBlueprint(
@@ -23,7 +23,7 @@ blueprint = APIBlueprint(
     url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/objects",
     tag="Missions",
 )
-blueprint.record(converters.set_up)
+blueprint.record(context.allow_any_text)
 
 _MOST = 10_000
 

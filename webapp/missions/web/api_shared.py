@@ -13,7 +13,7 @@ from webapp.errors import NotFound
 from webapp.files.photos.preview import Kind
 from webapp.missions.store import missions, reading, shares, tracks
 from webapp.missions.tasks import add_photo
-from webapp.missions.web import state
+from webapp.missions.web import context, state
 from webapp.missions.web.api_missions import MissionSatelliteOut, TrackOut
 from webapp.missions.web.api_objects import ObjectHistory, ObjectOut
 from webapp.missions.web.api_tracks import (
@@ -26,7 +26,6 @@ from webapp.missions.web.api_tracks import (
 )
 from webapp.store.schema import MapRecord
 from webapp.tasks.satellite import display
-from webapp.web import converters
 from webapp.web.context import library, public, settings
 from webapp.web.openapi import file_answer
 from webapp.web.sharing.shared_state import sent, shown
@@ -34,7 +33,7 @@ from webapp.web.sharing.shared_state import sent, shown
 blueprint = APIBlueprint(
     "api_shared_missions", __name__, url_prefix="/api/v1/shared-missions/<token>", tag="Shared"
 )
-blueprint.record(converters.set_up)
+blueprint.record(context.allow_any_text)
 
 _TRACK = "<int(max=2147483647):track_id>"
 _SHA = "<string(length=64):sha256>"

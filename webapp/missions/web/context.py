@@ -1,15 +1,23 @@
-"""The mission that a request is about; what addresses of missions are made of, for OpenAPI."""
+"""What requests about missions share: the mission, parts of addresses, a limit of how many run at once."""
 
 from __future__ import annotations
 
-from typing import Any
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, cast
 
-from webapp.errors import NotFound
+from flask import current_app
+from flask.blueprints import BlueprintSetupState
+from werkzeug.routing import BaseConverter
+
+from webapp.errors import NotFound, TooMany
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.store.maps.maps import Role
 from webapp.web.context import account, library
+from webapp.web.state import KEY, AppState
 
 PATH_PARAMETERS: dict[str, dict[str, Any]] = {
     "mission_id": {"description": "Id of the mission."},
@@ -18,21 +26,12 @@ PATH_PARAMETERS: dict[str, dict[str, Any]] = {
     "ending": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
 }
 
+_EXTENSION = "expmap_turns"
+_WAIT_S = 1
+
 
 def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mission:
-    """Find a mission that who asks may use in a role.
-
-    Parameters
-    ----------
-    role : str
-        That is needed: `viewer`, `editor` or `owner`.
-    binned : bool
-        Whether a mission in the bin counts.
-
-    Returns
-    -------
-    Mission
-        Of a session that is closed: for reading its fields.
+    """Find a mission that who asks may use in a role, as `open_map` finds maps.
 
     Raises
     ------
@@ -46,3 +45,58 @@ def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mis
             "this mission is in the bin", where=f"mission {id}", hint="restore it from the bin first"
         )
     return mission
+
+
+class AnyText(BaseConverter):
+    """Any text at the end of an address, with slashes too; of rules with `merge_slashes=False`."""
+
+    regex = ".+"
+    part_isolating = False
+
+
+def allow_any_text(setup: BlueprintSetupState) -> None:
+    """Let the addresses of a blueprint use these; for `blueprint.record`, before its first address."""
+    setup.app.url_map.converters["text"] = AnyText
+
+
+class ConcurrencyLimit:
+    """Lets a part of the server's threads do one kind of request, so that others are answered too.
+
+    Parameters
+    ----------
+    name : str
+        Of the kind.
+    share : float
+        Of the threads.
+    """
+
+    def __init__(self, name: str, *, share: float) -> None:
+        self._name = name
+        self._share = share
+
+    def set_up(self, setup: BlueprintSetupState) -> None:
+        """Count from now on; for `blueprint.record`."""
+        state = cast(AppState, setup.app.extensions[KEY])
+        most = max(1, int(state.settings.serve.threads * self._share))
+        setup.app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)
+
+    def free(self) -> threading.BoundedSemaphore:
+        """Give what holds one permit for each request more that may begin now."""
+        return cast(threading.BoundedSemaphore, current_app.extensions[_EXTENSION][self._name])
+
+    @contextmanager
+    def one(self) -> Iterator[None]:
+        """Take a turn for as long as the block lasts.
+
+        Raises
+        ------
+        TooMany
+            None is free.
+        """
+        free = self.free()
+        if not free.acquire(blocking=False):
+            raise TooMany("the server is busy", wait_s=_WAIT_S, hint="repeat the request a little later")
+        try:
+            yield
+        finally:
+            free.release()

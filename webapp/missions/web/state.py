@@ -12,8 +12,8 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.drift import Closing, closing
 from webapp.core.trajectory.records import Poses
 from webapp.errors import NotFound
-from webapp.missions.store import listing, missions, tracks
-from webapp.missions.store.listing import Entry, ListCursor
+from webapp.missions.store import missions, tracks
+from webapp.missions.store.missions import Entry, ListCursor
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.web.api_objects import object_json
@@ -33,7 +33,7 @@ _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
 
 def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
     """Return the summary of a mission; the fields of `MissionSummary`."""
-    return entry_json(listing.one(session, mission, account=account))
+    return entry_json(missions.entry(session, mission, account=account))
 
 
 def entry_json(entry: Entry) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def entry_json(entry: Entry) -> dict[str, Any]:
 
 def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
     """Get all of a mission but its poses, objects and photos themselves; the fields of `MissionState`."""
-    entry = listing.one(session, mission, account=account)
+    entry = missions.entry(session, mission, account=account)
     return {
         **entry_json(entry),
         "note": mission.note,

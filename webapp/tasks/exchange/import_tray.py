@@ -13,7 +13,7 @@ from webapp.files.maps.cfg_scan import scan
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.store.schema import Photo
-from webapp.tasks.exchange.export_zip import UNPLACED
+from webapp.tasks.exchange.export_files import UNPLACED
 from webapp.tasks.maps import adopt_map
 from webapp.tasks.maps.adopt_map import FolderContents
 from webapp.tasks.maps.check_map import orphan_photos

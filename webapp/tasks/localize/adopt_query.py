@@ -15,8 +15,8 @@ from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.atomic import storage_error
 from webapp.files.part_file import discard
 from webapp.settings import Settings
+from webapp.store import queries
 from webapp.store.library import Library
-from webapp.store.localize import queries
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.localize import show_query

@@ -10,8 +10,8 @@ from webapp.files.atomic import write_bytes
 from webapp.files.part_file import discard, told_as
 from webapp.files.photos.preview import SIDES, Kind, make_previews
 from webapp.settings import Settings
+from webapp.store import queries
 from webapp.store.library import Library
-from webapp.store.localize import queries
 from webapp.store.schema import QueryRecord
 
 

@@ -16,8 +16,8 @@ from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import move_in, told_as
 from webapp.files.photos.photo import read_facts
 from webapp.settings import Settings
+from webapp.store import queries
 from webapp.store.library import Library
-from webapp.store.localize import queries
 from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.localize import sequence_state, show_query, spot
 from webapp.tasks.localize.map_cache import MapCache, MethodChoice, OpenedMap

@@ -19,9 +19,8 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.place_photos import place
+from webapp.tasks.maps.place_photos import FileState, Surveyed, place
 from webapp.tasks.maps.placing import image_of
-from webapp.tasks.maps.survey_photos import FileState, Surveyed
 
 PHOTOS = "photos"
 """Folder of a map that its photos are in."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +13,11 @@ from sqlalchemy.orm import Session
 
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
+from webapp.files.decode import check_decodes
 from webapp.files.maps.folder import photo_path, read_map
 from webapp.files.maps.map_json import georeference_fields
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_file
-from webapp.files.satellite.image_probe import check_decodes
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
@@ -258,3 +258,41 @@ def _placed(map_id: int, map_: Map) -> Iterator[PlacedElsewhere]:
     for placement in map_.placements:
         for id, at in placement.positions.items():
             yield PlacedElsewhere(map_id=map_id, placement=placement.name, photo_id=id, x_px=at.x, y_px=at.y)
+
+
+class PhotoFiles:
+    """Photos of a map's folder, each read once: the second time it takes no time, and no lock waits for it.
+
+    Parameters
+    ----------
+    cfg : Path
+        Of the map.
+    """
+
+    def __init__(self, cfg: Path, limits: PhotoLimits) -> None:
+        self._cfg, self._limits = cfg, limits
+        self._read: dict[Experience, tuple[Photo, str | None]] = {}
+
+    def row(self, experience: Experience) -> tuple[Photo, str | None]:
+        """Make a new record of an experience's photo, as `adopt_map.photo_row` does."""
+        if experience not in self._read:
+            self._read[experience] = photo_row(self._cfg, experience, limits=self._limits)
+        row, problem = self._read[experience]
+        return Photo(**{column.key: getattr(row, column.key) for column in Photo.__table__.columns}), problem
+
+
+def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> None:
+    """Add records of photos as if they had been removed: the edit that brings them back can be undone.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    rows : iterable of Photo
+        With ids from `next_id` on, not yet of any map, removed.
+    """
+    for row in rows:
+        row.map_id, row.revision = record.id, record.revision
+        record.next_id = max(record.next_id, row.id + 1)
+        session.add(row)
+    session.flush()

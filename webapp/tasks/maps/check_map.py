@@ -9,11 +9,11 @@ from pathlib import Path
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon
-from webapp.core.mapmodel.checks import FileFacts, FolderFacts, check_folder, check_lines, free_id
+from webapp.core.mapmodel.checks import FileFacts, FolderFacts, PhotoLine, check_folder, check_lines, free_id
 from webapp.core.mapmodel.findings import Code, Finding, quoted
-from webapp.core.mapmodel.lines import PhotoLine
 from webapp.core.mapmodel.positions import whole_pixel
 from webapp.errors import MapError, PhotoError
+from webapp.files.decode import check_decodes, image_size
 from webapp.files.listing import Spelling, list_photos, normal_name
 from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import Scan, scan
@@ -21,7 +21,6 @@ from webapp.files.maps.folder import json_path, photo_path, placement_path, read
 from webapp.files.maps.map_json import MapJson
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts
-from webapp.files.satellite.image_probe import check_decodes, image_size
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 

@@ -6,8 +6,8 @@ import secrets
 import shutil
 
 from webapp.errors import Conflict, NotFound, StorageError
+from webapp.store import queries
 from webapp.store.library import Library
-from webapp.store.localize import queries
 from webapp.store.schema import MapRecord
 
 

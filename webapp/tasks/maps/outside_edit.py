@@ -1,24 +1,34 @@
-"""A `map.cfg` that somebody changed outside of the library: shown, and taken over or written anew."""
+"""A `map.cfg` that was changed outside of the library: compared, shown, and taken over or written anew."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.positions import whole_pixel
 from webapp.errors import Conflict, MapError, NotFound, UsageError
+from webapp.files.maps.folder import read_map
+from webapp.files.maps.map_json import georeference_fields
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.store.maps import edits
-from webapp.store.schema import MapRecord
+from webapp.store.maps import edits, maps
+from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps import export
+from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, salted
 from webapp.tasks.maps.export import changed_outside, file_sha256
-from webapp.tasks.maps.new_rows import PhotoFiles, add_removed
-from webapp.tasks.maps.outside_plan import TakeOverPlan, plan
 from webapp.tasks.told_below import below, told_below
 
 KIND = "outside"
 """Of the edit that takes a file over."""
+
+Change = Mapping[str, Any] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +154,202 @@ def _told(found: TakeOverPlan) -> dict[str, Any]:
         "placements": found.placements,
         "georeference": found.georeference,
     }
+
+
+@dataclass(slots=True)
+class TakeOverPlan:
+    """What to do to have the records say what the file says.
+
+    Attributes
+    ----------
+    changes : dict of str to mapping or None
+        As `store.edits.apply` takes them.
+    new : list of Photo
+        Records to add first, removed and without a place; `changes` brings them in.
+    renamed : dict of int to str
+        New paths of photos whose files were renamed.
+    moved, turned, added, removed, kept : list of dict
+        For people: photos with `id` and `name`; `kept` ones were changed in the library since the file was
+        written, and stay as they are there.
+    left_out : list of str
+        Sentences about photos of the file that cannot be read.
+    placements : list of str
+        Names of further placements that change.
+    georeference : bool
+        Whether it changes.
+    """
+
+    changes: dict[str, Change] = field(default_factory=dict)
+    new: list[Photo] = field(default_factory=list)
+    renamed: dict[int, str] = field(default_factory=dict)
+    moved: list[dict[str, Any]] = field(default_factory=list)
+    turned: list[dict[str, Any]] = field(default_factory=list)
+    added: list[dict[str, Any]] = field(default_factory=list)
+    removed: list[dict[str, Any]] = field(default_factory=list)
+    kept: list[dict[str, Any]] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    placements: list[str] = field(default_factory=list)
+    georeference: bool = False
+
+
+def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -> TakeOverPlan:
+    """Compare the file with the records.
+
+    Parameters
+    ----------
+    files : PhotoFiles
+        Reads the photos that no record knows.
+
+    Raises
+    ------
+    MapError
+        The file cannot be read as a map.
+    UsageError
+        It is about another satellite image.
+    """
+    map_ = read_map(cfg)
+    image = map_.satellite
+    there = (record.satellite_path, record.satellite_width, record.satellite_height)
+    if there != (image.path, image.width, image.height):
+        raise UsageError(
+            f"the changed file has another satellite image: {image.path}, {image.width} x {image.height}",
+            hint="import its folder as a new map, or export the file again from the library",
+        )
+    rows = maps.photos(session, record)
+    made = _Planner(record, files, rows=rows)
+    ids = made.take_photos(map_.experiences)
+    made.take_placements(session, map_, ids)
+    fields = georeference_fields(map_.georeference)
+    if fields != record.georeference and record.satellite_revision <= record.exported_revision:
+        made.plan.changes["map"] = {"georeference": fields}
+        made.plan.georeference = True
+    return made.plan
+
+
+class _Planner:
+    """Collects a plan photo by photo."""
+
+    def __init__(self, record: MapRecord, files: PhotoFiles, *, rows: Iterable[Photo]) -> None:
+        self.plan = TakeOverPlan()
+        self._record, self._files = record, files
+        self._rows = {row.id: row for row in rows}
+        self._next_id = record.next_id
+
+    def take_photos(self, experiences: Iterable[Experience]) -> dict[int, int]:
+        """TakeOverPlan for all photos; gives the id in the records of each id in the file."""
+        found, rest = self._matched(list(experiences))
+        for e, row in found:
+            self._changed(e, row)
+        ids = {e.id: row.id for e, row in found}
+        for e in rest:
+            id = self._new(e, taken=set(ids.values()))
+            if id is not None:
+                ids[e.id] = id
+        for row in self._rows.values():
+            gone = row.id not in ids.values() and row.x_px is not None and not row.removed
+            if gone and self._ours_is_newer(row):
+                self.plan.kept.append(_named(row))
+            elif gone:
+                self.plan.removed.append(_named(row))
+                self.plan.changes[f"photo/{row.id}"] = {"removed": True}
+        return ids
+
+    def take_placements(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
+        """TakeOverPlan for the further placements."""
+        there = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == self._record.id))
+        before = {(row.placement, row.photo_id): (row.x_px, row.y_px) for row in there}
+        after = {
+            (p.name, ids[id]): (at.x, at.y)
+            for p in map_.placements
+            for id, at in p.positions.items()
+            if id in ids
+        }
+        shown = set(ids.values())
+        for key in sorted(before.keys() | after.keys()):
+            name, id = key
+            row = self._rows.get(id)
+            if before.get(key) == after.get(key) or id not in shown or (row and self._ours_is_newer(row)):
+                continue
+            at = after.get(key)
+            self.plan.changes[f"placed/{name}/{id}"] = None if at is None else {"x_px": at[0], "y_px": at[1]}
+            if name not in self.plan.placements:
+                self.plan.placements.append(name)
+
+    def _matched(
+        self, experiences: list[Experience]
+    ) -> tuple[list[tuple[Experience, Photo]], list[Experience]]:
+        """Find the record of each line: by id and photo, else by the photo alone."""
+        found, rest = [], []
+        for e in experiences:
+            row = self._rows.get(e.id)
+            if row is not None and row.path == e.photo:
+                found.append((e, row))
+            else:
+                rest.append(e)
+        taken = {row.id for _, row in found}
+        by_path = {row.path: row for row in self._rows.values() if row.id not in taken}
+        unknown = []
+        for e in rest:
+            row = by_path.pop(e.photo, None)
+            if row is None:
+                unknown.append(e)
+            else:
+                found.append((e, row))
+        return found, unknown
+
+    def _ours_is_newer(self, row: Photo) -> bool:
+        return row.revision > self._record.exported_revision
+
+    def _changed(self, e: Experience, row: Photo) -> None:
+        differs = _differences(e, row)
+        if not differs:
+            return
+        if self._ours_is_newer(row):
+            self.plan.kept.append(_named(row))
+            return
+        self.plan.changes[f"photo/{row.id}"] = differs
+        if row.removed or row.x_px is None:
+            self.plan.added.append(_named(row))
+        elif "x_px" in differs:
+            move = {"from": [row.x_px, row.y_px], "to": [e.position.x, e.position.y]}
+            self.plan.moved.append({**_named(row), **move})
+        else:
+            self.plan.turned.append(_named(row))
+
+    def _new(self, e: Experience, *, taken: set[int]) -> int | None:
+        """TakeOverPlan for a line whose photo no record has; gives its id, None where it is left out."""
+        row, problem = self._files.row(e)
+        if problem is not None:
+            self.plan.left_out.append(problem)
+            return None
+        same = next((r for r in self._rows.values() if r.sha256 == row.sha256), None)
+        if same is not None and same.id not in taken and same.id not in self.plan.renamed:
+            self.plan.renamed[same.id] = e.photo
+            self._changed(e, same)
+            return same.id
+        row.id = max(e.id, self._next_id)
+        self._next_id = row.id + 1
+        if same is not None or any(other.sha256 == row.sha256 for other in self.plan.new):
+            row.sha256 = salted(row.sha256, row.id)
+        wanted = {"x_px": row.x_px, "y_px": row.y_px, "heading_deg": row.heading_deg, "removed": False}
+        row.x_px = row.y_px = row.heading_deg = None
+        row.removed = True
+        self.plan.new.append(row)
+        self.plan.changes[f"photo/{row.id}"] = wanted
+        self.plan.added.append(_named(row))
+        return row.id
+
+
+def _named(row: Photo) -> dict[str, Any]:
+    return {"id": row.id, "name": row.name}
+
+
+def _differences(e: Experience, row: Photo) -> dict[str, Any]:
+    """Give the fields that the file says otherwise; what a `.cfg` cannot hold it does not say otherwise."""
+    differs: dict[str, Any] = {"removed": False} if row.removed else {}
+    at = None if row.x_px is None or row.y_px is None else MapPixel(row.x_px, row.y_px)
+    if at is None or whole_pixel(at) != whole_pixel(e.position):
+        differs |= {"x_px": e.position.x, "y_px": e.position.y}
+    if e.heading_deg is not None and e.heading_deg != row.heading_deg:
+        differs["heading_deg"] = e.heading_deg
+    return differs

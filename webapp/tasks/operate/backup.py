@@ -8,24 +8,25 @@ from a later moment.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from filelock import FileLock, Timeout
 
 from webapp import __version__
 from webapp.errors import StorageError, UsageError
-from webapp.files.operate.backup import Archive, new_backup
+from webapp.files.backup import Archive, new_backup
 from webapp.progress import Progress
+from webapp.store import queries
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, Library
-from webapp.store.localize import queries
 from webapp.store.operate import snapshot
-from webapp.store.operate.snapshot import SnapshotContents
+from webapp.store.operate.snapshot import PartContents, Reader, SnapshotContents
 from webapp.tasks.maps import export
-from webapp.tasks.operate.parts import LibraryPart, readers
 
 MAPS = "maps"
 QUERIES = "queries"
@@ -35,6 +36,32 @@ _DERIVED = "derived"
 _EXPORTED = frozenset({".cfg", ".json"})
 _WAIT_S = 60
 _TRIES = 5
+
+
+class LibraryPart(Protocol):
+    """Files of one kind of record, in `FOLDER/ID/...` of the library and `NAME/ID/...` of a backup."""
+
+    @property
+    def name(self) -> str:
+        """First part of its files' names in a backup."""
+
+    @property
+    def folder(self) -> str:
+        """Folder of the library, relative to it."""
+
+    def contents(self, database: sqlite3.Connection) -> PartContents:
+        """Read which records there are, and which files they need."""
+
+    def locks(self, library: Library) -> Iterable[tuple[Path, str]]:
+        """Name the lock files of writers that replace files, each with what it protects."""
+
+    def replaced(self, library: Library, id: int) -> Iterable[Path]:
+        """Name the files of a record that change under their names; they need not exist."""
+
+
+def readers(parts: Iterable[LibraryPart]) -> Mapping[str, Reader]:
+    """Give what reads each part's contents from a copy of the database."""
+    return {part.name: part.contents for part in parts}
 
 
 @dataclass(frozen=True, slots=True)

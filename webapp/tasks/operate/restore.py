@@ -15,8 +15,8 @@ from sqlalchemy import select
 
 from webapp.errors import Conflict, InputError, UsageError
 from webapp.files.atomic import storage_error, sync_folder
+from webapp.files.backup import read_manifest, unpack
 from webapp.files.lock import any_alive
-from webapp.files.operate.backup import read_manifest, unpack
 from webapp.progress import Progress
 from webapp.store.clock import now
 from webapp.store.library import DATABASE, INNER, open_library
@@ -24,8 +24,7 @@ from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs, snapshot
 from webapp.store.operate.snapshot import SnapshotContents
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.operate.backup import MAPS, QUERIES
-from webapp.tasks.operate.parts import LibraryPart, readers
+from webapp.tasks.operate.backup import MAPS, QUERIES, LibraryPart, readers
 
 _STAGE = ".restoring"
 _BEFORE = ".before-restore-"

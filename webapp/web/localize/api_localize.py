@@ -23,7 +23,7 @@ from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.errors import UsageError
 from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
-from webapp.store.localize import queries
+from webapp.store import queries
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize import readiness, sequence_state, show_query, upload
 from webapp.tasks.localize.adopt_query import link_or_copy

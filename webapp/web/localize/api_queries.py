@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from webapp.core.geo.types import MapPixel
 from webapp.errors import NotAllowed, UsageError
 from webapp.files.photos.preview import Kind
-from webapp.store.localize import queries
+from webapp.store import queries
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.localize import adopt_query, show_query

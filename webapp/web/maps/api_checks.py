@@ -15,7 +15,7 @@ from webapp.errors import Conflict
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
-from webapp.tasks.maps import findings, fix_findings, health, outside_edit
+from webapp.tasks.maps import findings, health, outside_edit
 from webapp.tasks.maps.findings import Fix
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.maps import state as map_state
@@ -139,7 +139,7 @@ def show_findings(slug: str) -> dict[str, Any]:
 def fix(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Put something right; undo takes it back."""
     record, who = open_map(slug, "editor"), account()
-    revision = fix_findings.fix_findings(
+    revision = findings.fix_findings(
         library(), record.id, fix=wish["code"], ids=wish["ids"], account_id=who.id, settings=settings()
     )
     return _answer(record, revision)

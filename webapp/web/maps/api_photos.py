@@ -1,4 +1,9 @@
-"""Photos through the API: several in a request, each one back as a picture or file, what is blurred."""
+"""Photos through the API: added, uploaded in pieces, given back as a picture or file, blurred.
+
+An upload in pieces is begun, sent, and taken in when the last piece is there. A piece that was answered is
+on the disk. Who lost the answer asks for the offset and goes on from there; who lost everything begins again
+with the same fingerprint and finds what has arrived.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +14,18 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, File, Integer, List, Nested, String
-from apiflask.validators import Length
-from flask import Response, request, send_file
+from apiflask.validators import Length, Range
+from flask import Response, jsonify, request, send_file
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.blur import BlurBox
-from webapp.errors import ExpMapError, UsageError
-from webapp.files.part_file import discard, receive
+from webapp.errors import DiskFull, ExpMapError, InputError, PhotoError, UsageError
+from webapp.files.part_file import WrongOffset, append, arrived, check_space, discard, one_at_a_time, receive
 from webapp.files.photos.preview import Kind
-from webapp.store.maps import maps
-from webapp.store.schema import MapRecord, Photo
+from webapp.store.maps import maps, uploads
+from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import Intake
-from webapp.tasks.sharing import blur_photo
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
@@ -34,6 +38,10 @@ _OTHER_PARTS = 20
 """Fields of a form beside its files."""
 
 blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
+
+uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
+_HEADER = "Upload-Offset"
+_JSON_BYTES = 10_000
 
 
 class ErrorOut(Schema):
@@ -166,7 +174,7 @@ def _lasting(path: Path, *, etag: str) -> Response:
 class BlurIn(Schema):
     """All that is to be blurred; nothing for the photo as it is."""
 
-    boxes = List(Nested(BoxOut), required=True, validate=Length(max=blur_photo.MOST_BOXES))
+    boxes = List(Nested(BoxOut), required=True, validate=Length(max=show_photo.MOST_BOXES))
 
 
 @blur_api.put("/<int(max=2147483647):id>/blur")
@@ -176,7 +184,163 @@ def blur(slug: str, id: int, wish: dict[str, list[dict[str, float]]]) -> dict[st
     """Blur parts of a photo in every picture of it; its file stays as it came, and visitors never get it."""
     record = open_map(slug, "editor")
     boxes = [BlurBox(**box) for box in wish["boxes"]]
-    revision = blur_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
+    revision = show_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         return state.edited(session, row, account=account(), revision=revision)
+
+
+class UploadIn(Schema):
+    """A file that is going to be sent."""
+
+    name = String(required=True, validate=Length(max=2000))
+    size_bytes = Integer(required=True, strict=True, validate=Range(min=0))
+    fingerprint = String(
+        required=True,
+        validate=Length(min=1, max=500),
+        metadata={"description": "the same for the same file: made of name, size and time, say"},
+    )
+
+
+class UploadOut(Schema):
+    """How far an upload is."""
+
+    id = String()
+    offset = Integer(metadata={"description": "bytes that have arrived: where to go on"})
+    size_bytes = Integer()
+    chunk_bytes = Integer(metadata={"description": "largest piece"})
+
+
+class PieceOut(IntakeOut):
+    """How far an upload is; with the last piece also what became of the file."""
+
+    offset = Integer()
+
+
+@uploads_api.before_request
+def limit_bytes() -> None:
+    """Refuse pieces that are too large while they are read."""
+    request.max_content_length = _chunk_bytes() if request.method == "PATCH" else _JSON_BYTES
+
+
+@uploads_api.errorhandler(WrongOffset)
+def tell_offset(error: WrongOffset) -> Response:
+    """Return the offset at which to go on."""
+    response = jsonify(error=as_json(error), offset=error.offset)
+    response.status_code = 409
+    response.headers[_HEADER] = str(error.offset)
+    return response
+
+
+@uploads_api.post("")
+@uploads_api.input(UploadIn, arg_name="given")
+@uploads_api.output(UploadOut, status_code=201)
+def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Begin to send a photo, or find how far it has come."""
+    record, who = open_map(slug, "editor"), account()
+    _check_size(given["name"], given["size_bytes"])
+    with library().database.write() as session:
+        upload = uploads.begin(session, map_id=record.id, account_id=who.id, **given)
+        most = settings().upload.open_per_account
+        if uploads.count_open(session, account_id=who.id) > most:
+            raise UsageError(f"{most} uploads are unfinished", hint="finish or cancel some of them first")
+    return _state(upload)
+
+
+@uploads_api.get("/<id>")
+@uploads_api.output(UploadOut)
+def look(slug: str, id: str) -> dict[str, Any]:
+    """Ask how far an upload is."""
+    return _state(_find_upload(open_map(slug, "editor"), id))
+
+
+@uploads_api.patch("/<id>")
+@uploads_api.output(PieceOut)
+@uploads_api.doc(
+    description="The body is the piece, its place the header `Upload-Offset`. A piece that does not fit is "
+    "answered by 409 with the right `offset`. The last piece is answered by what became of the file; where "
+    "all bytes have arrived and that answer did not come, an empty piece at the end asks for it."
+)
+def send(slug: str, id: str) -> dict[str, Any]:
+    """Send the next piece."""
+    record = open_map(slug, "editor")
+    upload = _find_upload(record, id)
+    offset, data, part = _offset(), request.get_data(cache=False), _part(upload)
+    with one_at_a_time(part):
+        try:
+            there = append(part, data, offset=offset, size=upload.size_bytes)
+            if there < upload.size_bytes:
+                return {"offset": there}
+            intake = add_photo.add_photo(
+                library(), record.id, source=part, name=upload.name, settings=settings()
+            )
+        except (InputError, DiskFull):
+            _give_up(upload)
+            raise
+        _give_up(upload)
+    return {"offset": there, **intake_json(intake)}
+
+
+@uploads_api.delete("/<id>")
+@uploads_api.output({}, status_code=204)
+def give_up(slug: str, id: str) -> str:
+    """Give an upload up: what has arrived is deleted."""
+    upload = _find_upload(open_map(slug, "editor"), id)
+    with one_at_a_time(_part(upload)):
+        _give_up(upload)
+    return ""
+
+
+def _find_upload(record: MapRecord, id: str) -> Upload:
+    with library().database.read() as session:
+        return uploads.find(session, id, map_id=record.id, account_id=account().id)
+
+
+def _part(upload: Upload) -> Path:
+    """Name the file of what has arrived, by the id that the server chose."""
+    return library().uploads / f"{upload.id}.part"
+
+
+def _state(upload: Upload) -> dict[str, Any]:
+    return {
+        "id": upload.id,
+        "offset": arrived(_part(upload)),
+        "size_bytes": upload.size_bytes,
+        "chunk_bytes": _chunk_bytes(),
+    }
+
+
+def _chunk_bytes() -> int:
+    return int(settings().upload.chunk_mb * 1e6)
+
+
+def _offset() -> int:
+    given = request.headers.get(_HEADER, "")
+    if not (given.isascii() and given.isdecimal() and len(given) < 16):
+        raise UsageError(
+            "the header with the offset of the chunk is missing",
+            where=_HEADER,
+            hint="send the number of bytes before the chunk",
+        )
+    return int(given)
+
+
+def _check_size(name: str, size_bytes: int) -> None:
+    """Refuse at once what would be refused at the end."""
+    where, most = add_photo.tidy_name(name), settings().photo.max_mb
+    if size_bytes == 0:
+        raise PhotoError("it is empty", where=where, hint="copy it from the camera again")
+    if size_bytes > most * 1e6:
+        raise PhotoError(
+            f"it has {size_bytes / 1e6:.0f} MB, more than the limit of {most:g}",
+            where=where,
+            hint="scale it down",
+        )
+    check_space(library().uploads, size_bytes, reserve_mb=settings().upload.reserve_mb)
+
+
+def _give_up(upload: Upload) -> None:
+    """Delete the record, then what is left of the bytes."""
+    with library().database.write() as session:
+        uploads.finish(session, upload.id)
+    discard(_part(upload))

@@ -18,10 +18,10 @@ from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, told_as
 from webapp.files.text_file import MAX_BYTES
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps import place_by_file, place_by_gps, place_by_track, placements
+from webapp.tasks.maps import place_by_track, placements
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
-from webapp.tasks.maps.placing import Placing
+from webapp.tasks.maps.placing import Placing, place_by_file, place_by_gps
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
@@ -127,7 +127,7 @@ def limit_bytes() -> None:
 def by_gps(slug: str) -> dict[str, Any]:
     """Place the photos in the tray that know where they were taken."""
     record = open_map(slug, "editor")
-    placing = place_by_gps.place_by_gps(library(), record.id, account_id=account().id)
+    placing = place_by_gps(library(), record.id, account_id=account().id)
     return _placing_json(placing)
 
 
@@ -142,9 +142,7 @@ def by_file(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     part = library().uploads / f"{secrets.token_hex(16)}.{kind}"
     try:
         receive(part, file.stream, max_bytes=MAX_BYTES)
-        listed = place_by_file.place_by_file(
-            library(), record.id, source=part, name=name, account_id=account().id
-        )
+        listed = place_by_file(library(), record.id, source=part, name=name, account_id=account().id)
     finally:
         discard(part)
     return {

@@ -19,12 +19,12 @@ from webapp.files.satellite.georeference_files import parse_corners
 from webapp.net.services import tile_services
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
-from webapp.tasks.satellite import blank, display, upload
+from webapp.tasks.satellite import display, new_image
 from webapp.tasks.satellite import tiles as satellite_tiles
 from webapp.tasks.satellite.apply import ImageChoice
-from webapp.tasks.satellite.blank import Sheet
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.tasks.satellite.georeference import GeoWish
+from webapp.tasks.satellite.new_image import Sheet
 from webapp.tasks.satellite.tiles import TILES_JOB, TileWish
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.openapi import file_answer
@@ -145,7 +145,7 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     part = library().uploads / f"{secrets.token_hex(16)}.image"
     with told_as(tidy_name(file.filename or ""), part):
         receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
-        uploaded = upload.store_upload(
+        uploaded = new_image.store_upload(
             library(), record.id, file=part, wish=wish, choice=_choice(given), settings=settings()
         )
     return answer(record, uploaded.applied, warnings=uploaded.warnings)
@@ -161,7 +161,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     if (width is None) != (height is None):
         raise UsageError("width and height are needed together", hint="give both, or neither")
     sheet = None if width is None else Sheet(width, height)
-    applied = blank.make_blank(library(), record.id, sheet=sheet, choice=_choice(given))
+    applied = new_image.make_blank(library(), record.id, sheet=sheet, choice=_choice(given))
     return answer(record, applied)
 
 

@@ -16,8 +16,8 @@ from werkzeug.datastructures import FileStorage
 
 from webapp.errors import IndexDamaged, NotFound, NotReady, TooMany
 from webapp.files.photos.preview import Kind
-from webapp.store.sharing import shares
-from webapp.store.sharing.shares import Opened
+from webapp.store import sharing
+from webapp.store.sharing import Opened
 from webapp.tasks.localize import show_query, upload
 from webapp.tasks.localize.upload import LocalizeRequest
 from webapp.tasks.maps import show_photo
@@ -80,7 +80,7 @@ def limit_bytes() -> None:
 def show(token: str) -> dict[str, Any]:
     """Get everything about a shared map or answer."""
     with library().database.read() as session:
-        return shared_state.whole(session, shares.opened(session, token), token=token)
+        return shared_state.whole(session, sharing.opened(session, token), token=token)
 
 
 @blueprint.get("/satellite")
@@ -193,7 +193,7 @@ def _count_visit(opened: Opened) -> None:
 
 def _opened(token: str, *, originals: bool = False) -> Opened:
     with library().database.read() as session:
-        opened = shares.opened(session, token)
+        opened = sharing.opened(session, token)
     if originals and not opened.share.originals:
         raise NotFound("original files are not shared here")
     return opened

@@ -11,11 +11,11 @@ from flask import url_for
 from markupsafe import escape
 
 from webapp.errors import NotFound
+from webapp.store import sharing
 from webapp.store.accounts import accounts, members
 from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Share
-from webapp.store.sharing import shares
-from webapp.store.sharing.shares import Allows
+from webapp.store.sharing import Allows
 from webapp.web.context import account, library, open_map
 
 blueprint = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
@@ -76,7 +76,7 @@ def list_shares(slug: str) -> dict[str, Any]:
     """List what is shared of a map."""
     record = open_map(slug, "owner")
     with library().database.read() as session:
-        return {"shares": [_told(record, share) for share in shares.listed(session, record)]}
+        return {"shares": [_told(record, share) for share in sharing.listed(session, record)]}
 
 
 @blueprint.post("")
@@ -86,7 +86,7 @@ def create(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Share the map or one answer; the address of a secret link is in this answer and nowhere else."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
-        share, token = shares.create(
+        share, token = sharing.create(
             session,
             record,
             allows=_allows(wish),
@@ -104,8 +104,8 @@ def change(slug: str, id: int, wish: dict[str, bool]) -> dict[str, Any]:
     """Let a share give more, or less; its address stays."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
-        share = shares.find(session, record, id)
-        shares.change(share, _allows(wish))
+        share = sharing.find(session, record, id)
+        sharing.change(share, _allows(wish))
         return _told(record, share)
 
 
@@ -115,7 +115,7 @@ def revoke(slug: str, id: int) -> str:
     """Take a share back: its address leads to nothing from now on."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
-        session.delete(shares.find(session, record, id))
+        session.delete(sharing.find(session, record, id))
     return ""
 
 

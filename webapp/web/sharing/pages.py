@@ -5,7 +5,7 @@ from __future__ import annotations
 from flask import Blueprint, render_template
 
 from webapp.errors import NotFound
-from webapp.store.sharing import shares
+from webapp.store import sharing
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library, public
@@ -24,7 +24,7 @@ def index() -> str:
     """List what is open to everybody."""
     with library().database.read() as session:
         more = {name: read(session) for name, read in parts().public_lists.items()}
-        return render_template("sharing/public_maps.html", opened=shares.public(session), **more)
+        return render_template("sharing/public_maps.html", opened=sharing.public(session), **more)
 
 
 @blueprint.get("/s/<token>")
@@ -45,7 +45,7 @@ def embed(token: str) -> tuple[str, int, dict[str, str]]:
 def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
     try:
         with library().database.read() as session:
-            opened = shares.opened(session, token)
+            opened = sharing.opened(session, token)
             state = shared_state.whole(session, opened, token=token)
     except NotFound as error:
         gone = render_template("sharing/gone.html", error=error, framed=framed)

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
-from webapp.store.sharing.shares import Opened
+from webapp.store.sharing import Opened
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.web.maps import state
 

@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import event
 
-from webapp.missions.store import listing
+from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.store.schema import Account
 
@@ -129,14 +129,14 @@ def test_a_mission_that_changes_between_two_statements_keeps_its_tracks(library,
     try:
         with library.database.write() as session:
             account = session.query(Account).filter_by(is_owner=True).one()
-            page = listing.listed(session, account, limit=2)
+            page = missions.listed(session, account, limit=2)
     finally:
         event.remove(library.database.engine, "before_cursor_execute", batch)
     assert [(entry.mission.id, entry.poses) for entry in page] == [(ids[2], 3), (ids[1], 3)]
 
 
 def test_tracks_of_more_missions_than_a_statement_takes_values(new_mission, send, walk, client, monkeypatch):
-    monkeypatch.setattr(listing, "_MOST_PARAMETERS", 2)
+    monkeypatch.setattr(missions, "_MOST_PARAMETERS", 2)
     for number in range(5):
         send(walk(number + 1), id=new_mission(name=str(number)))
     assert [m["poses"] for m in client.get("/api/v1/missions").json["missions"]][:5] == [5, 4, 3, 2, 1]

@@ -1,15 +1,22 @@
-"""Views of maps and answers that are open without a sign-in: to whoever has a link, or to everybody."""
+"""Views that are open without a sign-in: maps and answers, and the links that every kind of share has.
+
+One system for all kinds of shares, each a table of `ShareColumns`: maps and answers here, missions in their
+own wing.
+"""
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import dataclass
+from typing import TypeVar
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session
 
-from webapp.store.localize import queries
-from webapp.store.schema import MapRecord, QueryRecord, Share
-from webapp.store.sharing import links
+from webapp.errors import NotFound
+from webapp.store import queries
+from webapp.store.accounts.accounts import hashed
+from webapp.store.schema import MapRecord, QueryRecord, Share, ShareColumns
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +89,7 @@ def create(
         queries.find(session, record, query_id)
     share = Share(map_id=record.id, query_id=query_id, account_id=account_id)
     change(share, allows)
-    return share, links.open_link(session, share, public=public)
+    return share, open_link(session, share, public=public)
 
 
 def change(share: Share, allows: Allows) -> None:
@@ -94,7 +101,7 @@ def change(share: Share, allows: Allows) -> None:
 
 def listed(session: Session, record: MapRecord) -> list[Share]:
     """List the shares of a map and of its answers, the newest first."""
-    return links.listed(session, Share, where=Share.map_id == record.id)
+    return shares_of(session, Share, where=Share.map_id == record.id)
 
 
 def find(session: Session, record: MapRecord, id: int) -> Share:
@@ -104,7 +111,7 @@ def find(session: Session, record: MapRecord, id: int) -> Share:
     ------
     NotFound
     """
-    return links.find(session, Share, id=id, where=Share.map_id == record.id)
+    return find_share(session, Share, id=id, where=Share.map_id == record.id)
 
 
 def opened(session: Session, token: str) -> Opened:
@@ -115,10 +122,10 @@ def opened(session: Session, token: str) -> Opened:
     NotFound
         It opens nothing, or the map is in the bin.
     """
-    share = links.by_token(session, Share, token=token)
+    share = share_by_token(session, Share, token=token)
     record = None if share is None else session.get_one(MapRecord, share.map_id)
     if share is None or record is None or record.binned_at is not None:
-        raise links.not_valid()
+        raise link_not_valid()
     query = None if share.query_id is None else session.get_one(QueryRecord, share.query_id)
     return Opened(share, record, query)
 
@@ -133,3 +140,65 @@ def public(session: Session) -> list[Opened]:
         .order_by(Share.id.desc())
     )
     return [Opened(*row) for row in session.execute(found)]
+
+
+Kind = TypeVar("Kind", bound=ShareColumns)
+
+
+def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
+    """Store a new share under a token of its own.
+
+    Parameters
+    ----------
+    session : Session
+        That writes.
+    share : ShareColumns
+        Knows what it shows and allows; not yet in the session.
+    public : bool
+        Whether it is listed for everybody.
+
+    Returns
+    -------
+    str
+        End of its address. Of a secret one it is kept nowhere, only its hash.
+    """
+    token = secrets.token_urlsafe(24)
+    share.token_hash = hashed(token)
+    share.public_token = token if public else None
+    session.add(share)
+    session.flush()
+    return token
+
+
+def shares_of(session: Session, kind: type[Kind], *, where: ColumnElement[bool]) -> list[Kind]:
+    """List the shares of a kind that fulfil a condition, the newest first."""
+    return list(session.scalars(select(kind).where(where).order_by(kind.id.desc())))
+
+
+def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bool]) -> Kind:
+    """Find a share of a kind by its id.
+
+    Raises
+    ------
+    NotFound
+        There is none, or it does not fulfil the condition.
+    """
+    share = session.scalars(select(kind).where(kind.id == id, where)).first()
+    if share is None:
+        raise NotFound("there is no such link", hint="it may have been revoked: reload the page")
+    return share
+
+
+def share_by_token(session: Session, kind: type[Kind], *, token: str) -> Kind | None:
+    """Find the share that the end of an address opens."""
+    return session.scalars(select(kind).where(kind.token_hash == hashed(token))).first()
+
+
+def link_not_valid() -> NotFound:
+    """Make the error of a link that opens nothing: it never did, was revoked, or its target is in the bin.
+
+    Visitors do not learn which.
+    """
+    return NotFound(
+        "this link is not valid, or no longer valid", hint="ask the person who sent it for a new one"
+    )

@@ -19,7 +19,7 @@ from webapp.render.export_file import FORMATS
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
-from webapp.tasks.exchange import duplicate_map, export_cfg, import_map
+from webapp.tasks.exchange import duplicate_map, export_files, import_map
 from webapp.tasks.exchange.export_source import Download
 from webapp.tasks.exchange.import_map import MapRefused
 from webapp.tasks.maps.add_photo import tidy_name
@@ -81,14 +81,14 @@ class JobOut(Schema):
 @blueprint.doc(responses=file_answer("The map file.", "*/*"))
 def cfg(slug: str) -> Response:
     """Take the map file away, as it is on the disk."""
-    return _sent(export_cfg.run(library(), open_map(slug).id))
+    return _sent(export_files.export_map_cfg(library(), open_map(slug).id))
 
 
 @blueprint.get("/<slug>/placements/<name>.cfg")
 @blueprint.doc(responses=file_answer("The map file of the placement.", "*/*"))
 def placement_cfg(slug: str, name: str) -> Response:
     """Take the map file of a further placement away."""
-    return _sent(export_cfg.run(library(), open_map(slug).id, placement=name))
+    return _sent(export_files.export_map_cfg(library(), open_map(slug).id, placement=name))
 
 
 @blueprint.get("/<slug>/export.<string(maxlength=8):form>")

@@ -1,25 +1,31 @@
-"""Jobs: the API, and the page with those of a map."""
+"""What keeps a server going: jobs, by the API and on the page of a map, and a check of its health."""
 
 from __future__ import annotations
 
+import shutil
+from http import HTTPStatus
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import List, Nested, String
 from flask import Blueprint, render_template
+from sqlalchemy import text
 from sqlalchemy.orm import Session
 
-from webapp.errors import NotFound
+from webapp.errors import NotFound, StorageError
+from webapp.files.lock import any_alive
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.operate import jobs
 from webapp.store.schema import Job, MapRecord
-from webapp.web.context import account, library, open_map
+from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.maps.schemas import JobSchema
 
 blueprint = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
 
 jobs_pages = Blueprint("jobs_page", __name__)
+
+health_pages = Blueprint("health", __name__)
 
 
 class JobQuery(Schema):
@@ -95,3 +101,35 @@ def show_jobs(slug: str) -> str:
     with library().database.read() as session:
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
     return render_template("operate/jobs.html", map=record, tab="jobs", can_edit=can_edit)
+
+
+@health_pages.get("/healthz")
+@public
+def healthz() -> tuple[dict[str, Any], HTTPStatus]:
+    """Answer 200 when all is well, 503 when something is not; needs no sign-in."""
+    parts = {
+        "database": _database_answers(),
+        "disk": _disk_has_room(),
+        "worker": any_alive(library().inner / "workers"),
+    }
+    states = {name: "ok" if well else "failing" for name, well in parts.items()}
+    well = all(parts.values())
+    status = HTTPStatus.OK if well else HTTPStatus.SERVICE_UNAVAILABLE
+    return {"status": "ok" if well else "failing", **states}, status
+
+
+def _database_answers() -> bool:
+    try:
+        with library().database.read() as session:
+            session.execute(text("SELECT 1 FROM map LIMIT 1"))
+    except StorageError:
+        return False
+    return True
+
+
+def _disk_has_room() -> bool:
+    """Return whether photos are still taken in."""
+    try:
+        return shutil.disk_usage(library().folder).free >= settings().upload.reserve_mb * 1e6
+    except OSError:
+        return False

@@ -1,0 +1,52 @@
+"""What commands on a library share: the option that chooses it, and what the application gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import click
+
+from webapp.configuration import load_settings
+from webapp.settings import Settings
+
+if TYPE_CHECKING:
+    from webapp.jobs.kinds import Duties
+    from webapp.tasks.operate.backup import LibraryPart
+
+Command = TypeVar("Command", bound=Callable[..., object])
+
+
+@dataclass(frozen=True, slots=True)
+class Composition:
+    """The object of the root command's context.
+
+    Attributes
+    ----------
+    web_app : str
+        "module:function" that makes the web application, in the processes that answer requests.
+    duties : callable
+        Gives what a worker does.
+    library_parts : callable
+        Gives what a library keeps besides maps.
+    """
+
+    web_app: str
+    duties: Callable[[], Duties]
+    library_parts: Callable[[], Sequence[LibraryPart]]
+
+
+def library_option(command: Command) -> Command:
+    """Add the folder of the maps."""
+    return click.option(
+        "--library", type=click.Path(path_type=Path), metavar="FOLDER",
+        help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
+    )(command)  # fmt: skip
+
+
+def library_settings(folder: Path | None) -> Settings:
+    """Load the settings, with the library that was chosen."""
+    settings = load_settings()
+    return settings if folder is None else replace(settings, library=folder)

@@ -1,1 +1,0 @@
-"""Views that are open without a sign-in."""

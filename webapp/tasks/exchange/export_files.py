@@ -1,0 +1,198 @@
+"""Downloads of a map: `.cfg`, GeoJSON, KML, KMZ, and all of it as a zip that can be imported again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from filelock import FileLock
+
+from webapp.core.mapmodel.model import Map
+from webapp.errors import MapError, NotFound
+from webapp.files.exchange.geojson import format_geojson
+from webapp.files.exchange.kml import Pictures, format_kml
+from webapp.files.exchange.zip_stream import ZipMember, stream_zip
+from webapp.files.maps.cfg import format_cfg, read_bytes
+from webapp.files.maps.folder import json_path, photo_path, placed_map, placement_path
+from webapp.files.maps.map_json import format_map_json
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.tasks.exchange.export_source import Download, Source, of_library
+from webapp.tasks.maps import export
+from webapp.tasks.maps.thumbnails import encoded, satellite_picture, thumbnail
+
+UNPLACED = "unplaced"
+"""Folder of the zip with the photos in the tray, below it where they are in the map's folder."""
+
+MEDIA_TYPE = "text/plain; charset=utf-8"
+
+PHOTO_SIDE = 640
+GROUND_SIDE = 2048
+"""Pixels of the longer side; a larger texture is scaled down by many devices anyway."""
+
+
+def export_map_zip(library: Library, map_id: int, *, progress: Progress | None = None) -> Download:
+    """Give a map of the library as a zip, made while it is taken.
+
+    Photos that are missing on the disk are missing in it too: the linter reports them after an import.
+
+    Parameters
+    ----------
+    progress : Progress, optional
+        One step a photo.
+
+    Raises
+    ------
+    NotFound, UsageError
+        There is no such map, or it has no satellite image yet.
+    """
+    source = of_library(library, map_id)
+    texts = map_files(library, map_id, source=source)
+    pieces = stream_zip(_members(source, texts, progress or Progress()))
+    return Download(f"{source.name}.zip", "application/zip", pieces)
+
+
+def _members(source: Source, texts: Mapping[str, bytes], progress: Progress) -> Iterator[ZipMember]:
+    for name, text in texts.items():
+        yield ZipMember(name, text)
+    names = dict.fromkeys([source.map.satellite.path, *(e.photo for e in source.map.experiences)])
+    members = [*((name, name) for name in names), *_unplaced(source, taken=set(names))]
+    progress.size(len(members))
+    for member, name in members:
+        progress.check()
+        path = _path(source.cfg, name)
+        if path is not None:
+            yield ZipMember(member, path)
+        progress.advance()
+
+
+def _unplaced(source: Source, *, taken: set[str]) -> Iterator[tuple[str, str]]:
+    """Name the photos in the tray: in the zip, and in the map's folder."""
+    for name in dict.fromkeys(source.unplaced):
+        member = f"{UNPLACED}/{name}"
+        while member in taken:  # the map has a folder of that name
+            member = f"{UNPLACED}/{member}"
+        if name not in taken:
+            yield member, name
+
+
+def _path(cfg: Path, name: str) -> Path | None:
+    """Find a file of the map; None where it is missing or a link leads out of the folder."""
+    try:
+        path = photo_path(cfg, name)
+    except MapError:
+        return None
+    return path if path.is_file() else None
+
+
+def export_map_cfg(library: Library, map_id: int, *, placement: str | None = None) -> Download:
+    """Give a map file.
+
+    Parameters
+    ----------
+    placement : str or None
+        That of a further placement.
+
+    Raises
+    ------
+    NotFound
+        There is no such map or placement.
+    UsageError
+        The map has no satellite image yet.
+    """
+    source = of_library(library, map_id)
+    name = "map.cfg" if placement is None else f"{placement}.cfg"
+    texts = map_files(library, map_id, source=source)
+    if name not in texts:
+        raise NotFound(f"the map has no placement {placement!r}", hint="reload the page")
+    own = source.name if placement is None else f"{source.name}-{placement}"
+    return Download(f"{own}.cfg", MEDIA_TYPE, iter([texts[name]]))
+
+
+def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, bytes]:
+    """Give the text files of a map, all of one state.
+
+    As they are on the disk; where somebody has changed the `.cfg` there, as the database has them.
+
+    Returns
+    -------
+    dict of str to bytes
+        By name: `map.cfg`, `map.json` where the map needs one, `NAME.cfg`.
+    """
+    if not export.export_map(library, map_id):
+        return texts_of(source.map)
+    with FileLock(source.cfg.parent / "derived" / export.LOCK):
+        paths = [source.cfg, json_path(source.cfg)]
+        paths += [placement_path(source.cfg, p.name) for p in source.map.placements]
+        return {path.name: read_bytes(path) for path in paths if path.exists()}
+
+
+def texts_of(map_: Map) -> dict[str, bytes]:
+    """Write the text files of a map as values."""
+    texts: Mapping[str, bytes] = {
+        "map.cfg": format_cfg(map_),
+        "map.json": format_map_json(map_),
+    }
+    return {**texts, **{f"{p.name}.cfg": format_cfg(placed_map(map_, p)) for p in map_.placements}}
+
+
+def export_map_kml(source: Source) -> Download:
+    """Give the photos of a map as KML.
+
+    Raises
+    ------
+    UsageError
+        The map has no georeference.
+    """
+    data = format_kml(source.map, source.georeference(), title=source.title)
+    return Download(f"{source.name}.kml", "application/vnd.google-earth.kml+xml", data)
+
+
+def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
+    """Give the photos of a map as KMZ, made while it is taken.
+
+    Parameters
+    ----------
+    progress : Progress, optional
+        One step a photo.
+
+    Raises
+    ------
+    UsageError
+        The map has no georeference.
+    """
+    source.georeference()
+    pieces = stream_zip(_kmz_members(source, settings=settings, progress=progress or Progress()))
+    return Download(f"{source.name}.kmz", "application/vnd.google-earth.kmz", pieces)
+
+
+def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> Iterator[ZipMember]:
+    """Give the pictures, then the KML: it names those that could be made."""
+    there: dict[int, str] = {}
+    progress.size(len(source.map.experiences))
+    for e in source.map.experiences:
+        progress.check()
+        jpeg = thumbnail(source, e, side=PHOTO_SIDE, limits=settings.photo)
+        if jpeg is not None:
+            there[e.id] = f"files/{e.id}.jpg"
+            yield ZipMember(there[e.id], jpeg)
+        progress.advance()
+    image = satellite_picture(source.cfg, source.map.satellite.path, side=GROUND_SIDE, settings=settings)
+    ground = None if image is None else "files/satellite.jpg"
+    if image is not None and ground is not None:
+        yield ZipMember(ground, encoded(image))
+    kml = format_kml(source.map, source.georeference(), title=source.title, pictures=Pictures(there, ground))
+    yield ZipMember("doc.kml", kml)
+
+
+def export_map_geojson(source: Source) -> Download:
+    """Give the photos of a map as points on the Earth.
+
+    Raises
+    ------
+    UsageError
+        The map has no georeference.
+    """
+    data = format_geojson(source.map, source.georeference(), title=source.title)
+    return Download(f"{source.name}.geojson", "application/geo+json", data)

@@ -1,1 +1,0 @@
-"""What is prepared before a map is shown to others."""

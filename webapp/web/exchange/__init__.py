@@ -1,1 +1,0 @@
-"""Maps in and out through the API."""
