@@ -22,8 +22,6 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
 
     Parameters
     ----------
-    session : Session
-        That writes.
     row : QueryRecord
         Without map and id.
     most : int

@@ -66,8 +66,6 @@ def create(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     account_id : int
         Who shares it.
     query_id : int or None
@@ -150,8 +148,6 @@ def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
 
     Parameters
     ----------
-    session : Session
-        That writes.
     share : ShareColumns
         Knows what it shows and allows; not yet in the session.
     public : bool

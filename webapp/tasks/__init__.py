@@ -1,1 +1,1 @@
-"""The use-cases, one a file: `run(..., settings, progress) -> report`, called by every front end."""
+"""The use cases: functions that take settings and a `Progress` and return a report, for every front end."""

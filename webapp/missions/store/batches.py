@@ -61,8 +61,6 @@ def advance(session: Session, mission_id: int, sender: str, *, first: int, count
 
     Parameters
     ----------
-    session : Session
-        That writes.
     first : int
         Number of the first record.
 
@@ -103,8 +101,6 @@ def remember(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     keep : timedelta or None
         What clients were answered longer ago is forgotten; what became of files, whose keys begin with
         `FILE`, never is: somebody may find them again at any time.
@@ -116,13 +112,7 @@ def remember(
 
 
 def store(session: Session, mission: Mission, batch: Batch) -> None:
-    """Store what a batch holds; it is one change of the mission.
-
-    Parameters
-    ----------
-    session : Session
-        That writes.
-    """
+    """Store what a batch holds; it is one change of the mission."""
     missions.changed(mission)
     for (source, name), part in batch.tracks.items():
         track = tracks.get_or_create(session, mission.id, source=source, name=name)
@@ -138,11 +128,6 @@ def add_sightings(session: Session, mission: Mission, seen: Sequence[Sighting]) 
     """Add sightings of new and known objects; an object is where it was seen at the latest time.
 
     Who calls it counts the change with `missions.changed` before.
-
-    Parameters
-    ----------
-    session : Session
-        That writes.
     """
     known = _known(session, mission.id, sorted({sighting.object_id for sighting in seen}))
     rows = []

@@ -56,8 +56,6 @@ def create(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     account_id : int
         Who makes it.
     map_id : int or None

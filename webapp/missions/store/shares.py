@@ -26,8 +26,6 @@ def create(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     photos : bool
         Whether photos are shown.
     account_id : int

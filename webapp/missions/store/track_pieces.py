@@ -44,8 +44,6 @@ def add(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     count : int
         Poses that it stands for.
     points : (m, 5) float64

@@ -48,8 +48,6 @@ def get_or_create(session: Session, mission_id: int, *, source: str, name: str =
 
     Parameters
     ----------
-    session : Session
-        That writes.
     source : str
         As in `webapp.core.trajectory.records.SOURCES`.
     name : str
@@ -73,8 +71,6 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
 
     Parameters
     ----------
-    session : Session
-        That writes.
     poses : Poses
         Where `travelled_m` is NaN, it is measured from the pose before.
     skipped : int

@@ -30,8 +30,6 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
 
     Parameters
     ----------
-    session : Session
-        That writes.
     is_owner : bool
         Of the whole library.
 

@@ -21,11 +21,6 @@ def listed(session: Session, record: MapRecord) -> list[tuple[Account, Role]]:
 def set_role(session: Session, record: MapRecord, *, account: Account, role: str) -> None:
     """Share a map with an account, or change what it may do.
 
-    Parameters
-    ----------
-    session : Session
-        That writes.
-
     Raises
     ------
     UsageError

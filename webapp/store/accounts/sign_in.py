@@ -61,11 +61,6 @@ def link_account(session: Session, token: str) -> Account:
 def redeem_link(session: Session, token: str) -> Account:
     """Use a link up.
 
-    Parameters
-    ----------
-    session : Session
-        That writes.
-
     Raises
     ------
     NotSignedIn

@@ -21,8 +21,6 @@ class MapChange:
 
     Attributes
     ----------
-    session : Session
-        That writes.
     record : MapRecord
         Of this session.
     job : int or None

@@ -52,8 +52,6 @@ def apply(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     changes : mapping of str to mapping or None
         New values of fields by target; None takes a position in another placement away.
     kind : str

@@ -28,8 +28,6 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
 
     Parameters
     ----------
-    session : Session
-        That writes.
     folders : collection of str
         That are in the library already; the map's slug is none of them.
 
@@ -132,8 +130,6 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
 
     Parameters
     ----------
-    session : Session
-        That writes.
     row : Photo
         Without map, id and revision.
 

@@ -19,8 +19,6 @@ def begin(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     name : str
         As the sender calls the file.
     size_bytes : int

@@ -167,8 +167,6 @@ def lease(
 
     Parameters
     ----------
-    session : Session
-        That writes.
     who : str
         Name of the worker.
     is_gone : callable
@@ -198,8 +196,6 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
 
     Parameters
     ----------
-    session : Session
-        That writes.
     seconds : float
         The lease lasts so much longer from now on.
     progress : (int, int, str)
