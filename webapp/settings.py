@@ -154,8 +154,8 @@ class JobSettings:
     stop_s: float = 4.0
     """A job has so many seconds to come to a good place when its worker has to stop."""
 
-    sweep_s: float = 0.5
-    """Seconds between two looks for maps whose files are older than their records."""
+    export_s: float = 0.5
+    """Seconds between two exports of maps whose files are older than their records."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,7 +98,7 @@ def test_what_a_program_took_is_measured():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such figures of a process on Windows")
-def test_a_program_that_fails_is_told_with_its_messages():
+def test_a_program_that_fails_is_reported_with_its_messages():
     fails = [
         sys.executable,
         "-c",

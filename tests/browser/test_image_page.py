@@ -134,7 +134,7 @@ def test_corners_and_taking_them_away(image_page, context):
     assert state()["georeference"] is None
 
 
-def test_a_wrong_world_file_is_told_and_a_file_that_is_no_image(image_page, context):
+def test_a_wrong_world_file_is_reported_and_a_file_that_is_no_image(image_page, context):
     page, state = image_page
     context.watch.expect(422)
     by_id(page, "image-file").set_input_files(

@@ -246,7 +246,7 @@ def test_a_track_without_times_shows_no_speed(page, tmp_path):
         wait_for_pixels(page, lambda count: count >= 300)
 
 
-def test_a_file_that_is_no_track_is_told(page, context, tmp_path):
+def test_a_file_that_is_no_track_is_reported(page, context, tmp_path):
     context.watch.expect(422)
     track = tmp_path / "walk.gpx"
     track.write_text("no track", encoding="utf-8")

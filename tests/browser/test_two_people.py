@@ -15,7 +15,7 @@ def test_what_one_does_the_other_sees(make_page, context):
     expect(two.unplaced).to_have_text("2")
 
 
-def test_a_conflict_is_told_and_nothing_is_overwritten(make_page, context, api):
+def test_a_conflict_is_reported_and_nothing_is_overwritten(make_page, context, api):
     one = make_page(2, placed=True)
     two = EditPage(context.new_page(), one.slug).open()
     context.watch.expect(409, 412)

@@ -54,7 +54,7 @@ def test_the_memory_that_there_is_decides_how_the_map_is_searched(expmap, cfg, m
     assert "EXPMAP_MEMORY_MB: 'much' is not allowed (write a number of at least 0, for example 500)" in err
 
 
-def test_photos_that_cannot_be_used_are_told_and_end_with_1(expmap, cfg):
+def test_photos_that_cannot_be_used_are_reported_and_end_with_1(expmap, cfg):
     (cfg.parent / "photos" / "2.jpg").unlink()
     (cfg.parent / "photos" / "3.jpg").write_bytes(b"x")
     code, out, err = expmap("build", cfg, "--method", "vote", "--json")

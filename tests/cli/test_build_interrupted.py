@@ -170,7 +170,7 @@ def test_killed_while_joining_it_ends_with_the_same_index(slow_map, undisturbed,
     assert lasting(tmp_path) == lasting(undisturbed)
 
 
-def test_a_second_build_meanwhile_is_told(slow_map, tmp_path):
+def test_a_second_build_meanwhile_is_reported(slow_map, tmp_path):
     with start(slow_map, tmp_path) as build:
         wait_for(lambda: len(finished_photos(tmp_path)) >= 1)
         with start(slow_map, tmp_path) as second:
@@ -180,7 +180,7 @@ def test_a_second_build_meanwhile_is_told(slow_map, tmp_path):
     assert "another process is building this index" in err
 
 
-def test_a_killed_worker_is_told_and_costs_nothing_that_is_finished(slow_map, undisturbed, tmp_path):
+def test_a_killed_worker_is_reported_and_costs_nothing_that_is_finished(slow_map, undisturbed, tmp_path):
     with start(slow_map, tmp_path) as build:
         wait_for(lambda: len(finished_photos(tmp_path)) >= 2)
         os.kill(workers(build.pid)[0], signal.SIGKILL)

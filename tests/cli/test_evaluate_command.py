@@ -45,7 +45,7 @@ def test_text_goes_to_standard_output_and_progress_does_not(expmap, cfg):
     assert "..." not in out
 
 
-def test_failed_queries_are_told_and_end_with_1(expmap, cfg, tmp_path):
+def test_failed_queries_are_reported_and_end_with_1(expmap, cfg, tmp_path):
     queries = tmp_path / "queries.csv"
     queries.write_text(f"path;x;y\n{cfg.parent}/photos/1.jpg;200;100\nnone.jpg;1;1\n")
     code, out, err = expmap("evaluate", cfg, queries, "--method", "vote", "--json")

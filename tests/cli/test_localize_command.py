@@ -105,7 +105,7 @@ def test_text_for_several_photos(expmap, cfg, photos):
     assert first.splitlines()[2].split()[0] == "1"
 
 
-def test_a_guessed_field_of_view_is_told_on_standard_error(expmap, cfg, photos):
+def test_a_guessed_field_of_view_is_reported_on_standard_error(expmap, cfg, photos):
     code, out, err = expmap("localize", cfg, photos / "1.jpg")
     assert code == 0
     assert "not on this map" in out
@@ -177,7 +177,7 @@ def test_an_answer_stands_when_its_picture_cannot_be_drawn(expmap, make_map, tmp
     assert "plan.png" in err
 
 
-def test_map_photos_that_cannot_be_used_are_told_when_the_index_is_built(expmap, make_map, tmp_path):
+def test_map_photos_that_cannot_be_used_are_reported_when_the_index_is_built(expmap, make_map, tmp_path):
     cfg = make_map(tmp_path / "map", 4)
     (cfg.parent / "photos" / "0.jpg").unlink()
     photo = cfg.parent / "photos" / "1.jpg"

@@ -79,7 +79,7 @@ def test_usage_names_every_argument(commands, chapters):
         assert f"{words} {usage}" in chapters[f"`{words}`"], words
 
 
-def test_defaults_are_told(commands, chapters):
+def test_defaults_are_reported(commands, chapters):
     for words, command in commands.items():
         table = {row[0]: row[1] for row in rows(chapters[f"`{words}`"] + chapters[SHARED], "option")}
         for option in command.params:

@@ -66,6 +66,6 @@ def test_killed_before_the_rename_leaves_the_old_file(
     assert path.read_bytes() == b"old"
 
 
-def test_missing_folder_is_told(tmp_path: Path) -> None:
+def test_missing_folder_is_reported(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="create the folder"):
         atomic.write_bytes(tmp_path / "none" / "map.cfg", b"x")

@@ -18,7 +18,7 @@ from webapp.files.part_file import (
     move_in,
     one_at_a_time,
     receive,
-    told_as,
+    show_file_as,
 )
 
 
@@ -30,7 +30,7 @@ def test_pieces_in_order(tmp_path):
     with pytest.raises(WrongOffset) as caught:
         append(part, b"x", offset=2, size=5)
     assert caught.value.offset == 3
-    with pytest.raises(InputError, match="behind the 5 bytes"):
+    with pytest.raises(InputError, match="after the 5 bytes"):
         append(part, b"def", offset=3, size=5)
     assert append(part, b"de", offset=3, size=5) == 5
     assert part.read_bytes() == b"abcde"
@@ -64,7 +64,7 @@ def test_a_stream_is_there_whole_or_not_at_all(tmp_path, monkeypatch):
         assert not (tmp_path / "b.part").exists()
 
 
-def test_a_folder_that_is_gone_is_told(tmp_path):
+def test_a_folder_that_is_gone_is_reported(tmp_path):
     with pytest.raises(StorageError):
         append(tmp_path / "gone" / "a.part", b"x", offset=0, size=1)
 
@@ -106,7 +106,7 @@ def test_one_works_on_an_upload_at_a_time(tmp_path):
     assert (max(most), arrived(part)) == (1, 8)
 
 
-def test_a_busy_upload_is_told(tmp_path, monkeypatch):
+def test_a_busy_upload_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(part_file, "_WAIT_S", 0.01)
     with one_at_a_time(tmp_path / "ab.part"), pytest.raises(part_file.Conflict, match="busy"):  # noqa: SIM117
         with one_at_a_time(tmp_path / "ab.part"):
@@ -116,9 +116,9 @@ def test_a_busy_upload_is_told(tmp_path, monkeypatch):
 def test_errors_name_a_file_as_its_sender_does(tmp_path):
     path = tmp_path / "0123.csv"
     for where, result in ((f"{path}:3", "list.csv:3"), (None, "list.csv"), (str(path), "list.csv")):
-        with pytest.raises(TableError) as caught, told_as("list.csv", path):
+        with pytest.raises(TableError) as caught, show_file_as("list.csv", path):
             raise TableError(f"{path} is bad", where=where)
         assert (caught.value.where, caught.value.message) == (result, "list.csv is bad")
-    with pytest.raises(TableError) as caught, told_as("list.csv"):
+    with pytest.raises(TableError) as caught, show_file_as("list.csv"):
         raise TableError("bad")
     assert caught.value.where == "list.csv"

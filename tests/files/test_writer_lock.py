@@ -19,7 +19,7 @@ with writer_lock(Path(sys.argv[1])):
 """
 
 
-def test_a_second_writer_is_told_and_a_killed_one_leaves_no_lock(tmp_path):
+def test_a_second_writer_is_reported_and_a_killed_one_leaves_no_lock(tmp_path):
     folder = tmp_path / "index"
     with subprocess.Popen(
         [sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True

@@ -33,7 +33,7 @@ def library(tmp_path):
 @pytest.fixture
 def settings(library):
     """Settings with short times."""
-    limits = JobSettings(lease_s=60.0, stop_s=0.5, sweep_s=0.2)
+    limits = JobSettings(lease_s=60.0, stop_s=0.5, export_s=0.2)
     return replace(Settings(), library=library.folder, jobs=limits)
 
 

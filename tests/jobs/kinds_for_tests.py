@@ -73,7 +73,7 @@ if __name__ == "__main__":
     logging.basicConfig(level=logging.INFO)
     duties = Duties({name: f"kinds_for_tests:{name}" for name in ("count", "stubborn", "write")})
     folder = Path(sys.argv[1])
-    limits = JobSettings(lease_s=float(sys.argv[2]), stop_s=0.5, sweep_s=0.2)
+    limits = JobSettings(lease_s=float(sys.argv[2]), stop_s=0.5, export_s=0.2)
     settings = replace(Settings(), library=folder, jobs=limits)
     working = Worker(open_library(folder), settings, duties=duties)
     working.stop_on_signals()

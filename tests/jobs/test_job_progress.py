@@ -30,7 +30,7 @@ def test_a_stage_without_a_plan_is_added():
     assert progress.state()[:2] == (4, 5)
 
 
-def test_it_stops_when_told():
+def test_it_stops_when_asked():
     progress = JobProgress()
     progress.check()
     progress.stop()

@@ -76,7 +76,7 @@ def test_many_quick_edits_cost_few_exports(library, settings, late, monkeypatch)
     assert exports == [change.record.revision]
 
 
-def test_what_cannot_be_written_is_told_and_stops_nothing(library, settings, late, monkeypatch, caplog):
+def test_what_cannot_be_written_is_reported_and_stops_nothing(library, settings, late, monkeypatch, caplog):
     def refuse(_library, _id):
         raise StorageError("the disk is full")
 

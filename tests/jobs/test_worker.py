@@ -98,7 +98,7 @@ def test_two_workers_do_each_step_once(library, start, queue, seen, wait_for):
         assert [jobs.find(session, id).attempts for id in ids] == [1] * 6
 
 
-def test_told_to_stop_it_gives_the_job_back(library, start, queue, seen, wait_for):
+def test_stopped_it_gives_the_job_back(library, start, queue, seen, wait_for):
     id = queue("count", arguments={"steps": 2000, "seconds": 0.02})
     worker = start()
     wait_for(lambda: steps(library) >= 2)
@@ -110,7 +110,7 @@ def test_told_to_stop_it_gives_the_job_back(library, start, queue, seen, wait_fo
     assert not list((library.inner / "workers").iterdir())
 
 
-def test_told_to_stop_in_a_long_step_it_ends_all_the_same(library, start, queue, seen, wait_for):
+def test_stopped_in_a_long_step_it_ends_all_the_same(library, start, queue, seen, wait_for):
     id = queue("stubborn", arguments={"seconds": 600})
     worker = start()
     wait_for((library.inner / "begun").exists)

@@ -129,7 +129,7 @@ def agreeing(first, second):
     return 0 if inlier is None else int(inlier.sum())
 
 
-def test_places_can_be_told_apart(sample_folder):
+def test_places_look_different(sample_folder):
     map_ = read_map(sample_folder / "map.cfg")
     photos = [describe(sample_folder / e.photo) for e in map_.experiences]
     owner = np.concatenate([np.full(len(d), number) for number, (_, d) in enumerate(photos)])
@@ -185,7 +185,7 @@ def test_another_seed_needs_force(small):
         make(small, size=SMALL, seed=8)
 
 
-def test_a_damaged_record_is_told(tmp_path):
+def test_a_damaged_record_is_reported(tmp_path):
     (tmp_path / "sample.json").write_text('{"recipe":')
     with pytest.raises(UsageError, match="damaged"):
         make(tmp_path, size=SMALL)

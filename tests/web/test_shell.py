@@ -113,14 +113,14 @@ def test_json_without_the_token_is_refused(client, owner):
     assert shape(answer)["code"] == "csrf"
 
 
-def test_unknown_addresses_are_told_in_the_way_of_who_asks(client):
+def test_unknown_addresses_are_answered_as_html_or_json(client):
     assert shape(client.get("/api/v1/nothing"))["code"] == "not_found"
     page = client.get("/nothing")
     assert page.status_code == 404
     assert 'data-testid="error-message"' in page.text
 
 
-def test_a_wrong_method_is_told_in_json_too(client):
+def test_a_wrong_method_is_answered_in_json_too(client):
     answer = client.delete("/api/v1/jobs/1")
     assert answer.status_code == 405
     assert shape(answer)["code"] == "method_not_allowed"
@@ -133,7 +133,7 @@ def test_a_field_that_is_missing_is_named(client):
     assert shape(answer)["where"] == "query.map"
 
 
-def test_an_unexpected_exception_is_logged_and_told(app, client, caplog):
+def test_an_unexpected_exception_is_logged_and_reported(app, client, caplog):
     app.add_url_rule("/api/v1/broken", view_func=lambda: 1 // 0)
     app.testing = False
     answer = client.get("/api/v1/broken")
@@ -190,7 +190,7 @@ def test_the_secret_key_is_made_once_and_for_nobody_else(library):
     assert stat.S_IMODE((library.inner / "secret-key").stat().st_mode) == 0o600
 
 
-def test_a_damaged_secret_key_is_told(library):
+def test_a_damaged_secret_key_is_reported(library):
     secret_key(library.inner)
     (library.inner / "secret-key").write_text("short")
     with pytest.raises(own_errors.StorageError, match="not a valid secret key"):

@@ -84,7 +84,7 @@ def test_pages_are_in_the_language_that_is_asked_for(client, stranger):
     assert "<h1>Přihlásit se</h1>" in stranger.get("/sign-in", headers={"Accept-Language": "cs"}).text
 
 
-def test_errors_are_told_in_the_language_too(client):
+def test_errors_are_translated_too(client):
     result = client.get("/api/v1/jobs?map=none", headers={"Accept-Language": "cs"}).json["error"]
     assert result["message"] == "taková mapa neexistuje, nebo s vámi není sdílena"
 

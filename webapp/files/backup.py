@@ -216,12 +216,12 @@ def read_manifest(path: Path) -> dict[str, Any]:
         It is no backup.
     StorageError
     """
-    with _told(path), zipfile.ZipFile(path) as opened:
+    with _zip_errors(path), zipfile.ZipFile(path) as opened:
         return _manifest(opened)[0]
 
 
 def _read(path: Path, progress: Progress, target: Callable[[str], Any]) -> Files:
-    with _told(path), zipfile.ZipFile(path) as opened:
+    with _zip_errors(path), zipfile.ZipFile(path) as opened:
         files = _manifest(opened)[1]
         progress.size(len(files))
         for name, kept in files.items():
@@ -268,7 +268,7 @@ def _nowhere() -> Iterator[Callable[[bytes], object]]:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _zip_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except _BROKEN as error:

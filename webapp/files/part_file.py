@@ -186,13 +186,13 @@ def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
 
 
 @contextmanager
-def told_as(name: str, path: Path | None = None) -> Iterator[None]:
-    """Let errors name a file as its sender does, not as it is called here.
+def show_file_as(name: str, path: Path | None = None) -> Iterator[None]:
+    """Show a file in errors by its sender's name for it, not by its path on the server.
 
     Parameters
     ----------
     path : Path, optional
-        What it is called here; None for bytes without a name.
+        On the server; None for bytes without a file.
     """
     try:
         yield
@@ -201,6 +201,9 @@ def told_as(name: str, path: Path | None = None) -> Iterator[None]:
         error.message = error.message.replace(here, name)
         error.where = error.where.replace(here, name) if error.where else name
         raise
+
+
+told_as = show_file_as  # for `tasks/localize`, until it uses the new name
 
 
 @contextmanager

@@ -158,7 +158,7 @@ class _Start:
         self._library = library
         host, port = listener.getsockname()[:2]
         self._address = (_HERE.get(host, host), port)
-        self._told = False
+        self._announced = False
         with library.database.write() as session:
             owner = accounts.ensure_owner(session)
             self._token = sign_in.new_link(session, owner, hours=settings.web.link_hours)
@@ -175,7 +175,7 @@ class _Start:
         ExpMapError
             It ends again and again instead.
         """
-        if self._told:
+        if self._announced:
             return
         if web.failures >= _MOST_FAILURES:
             raise ExpMapError("the web server does not start", hint="the messages above say why")
@@ -184,7 +184,7 @@ class _Start:
             url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
             echo(f"listening on {url}")
             echo(f"sign in: {url}/sign-in/{self._token}")
-            self._told = True
+            self._announced = True
 
     def _sample_is_made(self) -> bool:
         if self._sample is None:

@@ -122,7 +122,7 @@ class Worker:
     def _export(self) -> None:
         """Keep the maps' files current while jobs are done, also long ones; a full disk gets a pause."""
         written = True
-        while not self._ended.wait(self._settings.jobs.sweep_s if written else _EXPORT_PAUSE_S):
+        while not self._ended.wait(self._settings.jobs.export_s if written else _EXPORT_PAUSE_S):
             try:
                 written = export_late_maps(self._library)
             except Exception:  # noqa: BLE001 - the thread must outlive a mistake in one export
@@ -190,7 +190,7 @@ class Worker:
                 _log.warning("job %d (%s): %s", job.id, job.kind, error)
                 ended, kept = "given back", jobs.let_go(session, lease)
             else:
-                ended, kept = "failed", jobs.fail(session, lease, error=_told(error, job))
+                ended, kept = "failed", jobs.fail(session, lease, error=_error_json(error, job))
         return ended if kept else "taken over by another worker"
 
     def _log_end(self, job: Job, ended: str, seconds: float) -> None:
@@ -234,7 +234,7 @@ class _Heart:
         self._written, self._beat_at = progress, time.monotonic() + 1.0
 
 
-def _told(error: BaseException, job: Job) -> dict[str, str | None]:
+def _error_json(error: BaseException, job: Job) -> dict[str, str | None]:
     """Say why a job failed, in words for people."""
     if isinstance(error, OSError) and is_full(error):
         error = storage_error(error, where=Path(error.filename or "").name)

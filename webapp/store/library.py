@@ -66,7 +66,7 @@ class Library:
 
         At the end of the block the change is on disk, in the database, together with the job that updates
         the index where photos came onto the map or left it. The files of the map follow: the worker writes
-        them within `settings.jobs.sweep_s` seconds, after a restart too, and who gives them out calls
+        them within `settings.jobs.export_s` seconds, after a restart too, and who gives them out calls
         `tasks.maps.export.export_map` before.
 
         Raises

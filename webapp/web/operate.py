@@ -48,7 +48,7 @@ def listed(query: dict[str, str]) -> dict[str, Any]:
     record = open_map(query["map"])
     with library().database.read() as session:
         found = jobs.listed(session, map_id=record.id)
-        return {"jobs": [_told(session, job) for job in found]}
+        return {"jobs": [_job_json(session, job) for job in found]}
 
 
 @blueprint.get("/<int:job_id>")
@@ -56,7 +56,7 @@ def listed(query: dict[str, str]) -> dict[str, Any]:
 def one(job_id: int) -> dict[str, Any]:
     """Get the progress of a job."""
     with library().database.read() as session:
-        return _told(session, _job(session, job_id, role="viewer"))
+        return _job_json(session, _job(session, job_id, role="viewer"))
 
 
 @blueprint.post("/<int:job_id>/cancel")
@@ -66,7 +66,7 @@ def cancel(job_id: int) -> dict[str, Any]:
     with library().database.write() as session:
         job = _job(session, job_id, role="editor")
         jobs.cancel(session, job)
-        return _told(session, job)
+        return _job_json(session, job)
 
 
 @blueprint.post("/<int:job_id>/retry")
@@ -75,7 +75,7 @@ def retry(job_id: int) -> dict[str, Any]:
     """Queue a job again that failed or was cancelled."""
     with library().database.write() as session:
         job = jobs.retry(session, _job(session, job_id, role="editor"))
-        return _told(session, job)
+        return _job_json(session, job)
 
 
 def _job(session: Session, job_id: int, *, role: Role) -> Job:
@@ -90,7 +90,7 @@ def _job(session: Session, job_id: int, *, role: Role) -> Job:
     return job
 
 
-def _told(session: Session, job: Job) -> dict[str, Any]:
+def _job_json(session: Session, job: Job) -> dict[str, Any]:
     return jobs.to_json(session, job, account_id=account().id)
 
 

@@ -116,10 +116,10 @@ export class Commands {
     if (item.action !== "undo" && item.action !== "redo") return;
     const touched = (answer.photos || []).filter((photo) => !photo.removed);
     if (touched.length === 1) this.store.setCurrent(touched[0].id);
-    this._told?.();
+    this._toast?.();
     const step = item.action === "undo" ? answer.redo : answer.undo;
     const what = step ? stepName(step) : t("the last change");
-    this._told = toast(item.action === "undo" ? t("Undone: {what}", { what }) : t("Redone: {what}", { what }));
+    this._toast = toast(item.action === "undo" ? t("Undone: {what}", { what }) : t("Redone: {what}", { what }));
   }
 
   _nextUnplaced(after) {

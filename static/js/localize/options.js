@@ -81,11 +81,11 @@ export class Options {
     badge.hidden = !count;
     badge.textContent = String(count);
     byId("hint-clear").hidden = !hint;
-    byId("hint-text").textContent = hint ? this._told(hint) : t("Places inside the circle become more probable.");
+    byId("hint-text").textContent = hint ? this._hintText(hint) : t("Places inside the circle become more probable.");
     byId("ask-again").hidden = !query;
   }
 
-  _told({ radius_px }) {
+  _hintText({ radius_px }) {
     const scale = this.store.georeference.metresPerPixel;
     return t("Circle with a radius of {length}", { length: lengthText(scale && radius_px * scale, radius_px) });
   }

@@ -111,7 +111,7 @@ export class ObjectTable {
     const focused = document.activeElement?.closest("#objects tr")?.getAttribute("data-key");
     this.body.replaceChildren(...matching.slice(0, this.rows).map((object) => this._row(object)));
     if (focused) queryAll(`tr[data-key="${CSS.escape(focused)}"] button`, HTMLButtonElement, this.body)[0]?.focus();
-    this._told(matching.length);
+    this._showCount(matching.length);
   }
 
   _row(object) {
@@ -124,7 +124,7 @@ export class ObjectTable {
       h("td", { class: "number" }, confidence === null || confidence === undefined ? "" : `${Math.round(confidence * 100)}\u00a0%`));
   }
 
-  _told(matching) {
+  _showCount(matching) {
     const { size } = this.store.objects;
     byId("objects-none").hidden = size > 0;
     byId("objects-part").hidden = size === 0;

@@ -18,7 +18,7 @@ export class Player {
     this.now = byId("now");
     this._playing = 0;
     this._before = 0;
-    this._told = 0;
+    this._shownAt = 0;
     this.slider.addEventListener("input", () => this._seek(this.slider.valueAsNumber));
     this.button.addEventListener("click", () => this.toggle());
     this.now.addEventListener("click", () => this.end());
@@ -86,8 +86,8 @@ export class Player {
   /** The words change ten times a second at most. */
   _tell({ first, span, aligned }, moment) {
     const now = performance.now();
-    if (this.playing && now - this._told < SHOWN_EVERY_MS) return;
-    this._told = now;
+    if (this.playing && now - this._shownAt < SHOWN_EVERY_MS) return;
+    this._shownAt = now;
     const text = aligned ? spanText(moment) : (span < DAY_S ? timeText : clockText)(first + moment);
     byId("moment-text").textContent = aligned ? "" : text;
     byId("moment-span").textContent = `${spanText(moment)} / ${spanText(span)}`;

@@ -101,7 +101,7 @@ def test_one_part_alone_brings_the_fitting_other():
         ("matcher", "flann"),
     ],
 )
-def test_unknown_names_are_told_with_the_known_ones(part, known):
+def test_unknown_names_are_reported_with_the_known_ones(part, known):
     with pytest.raises(UsageError, match="brisk") as refused:
         choose("vote", **{part: "brisk"})
     assert refused.value.where == f"--{part}"

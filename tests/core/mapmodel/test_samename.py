@@ -38,7 +38,7 @@ def test_a_photo_is_also_found_by_what_it_is_called_in_the_map():
     assert found.photo == {"photos/IMG-0a1b2c3d.jpg": 0}
 
 
-def test_names_that_no_photo_has_are_told():
+def test_names_without_a_photo_are_reported():
     found = matched(["9.jpg", "", "/", ".."], "1.jpg")
     assert found.unknown == ("9.jpg", "", "/", "..")
     assert matched([]).photo == {}

@@ -97,7 +97,7 @@ def test_a_photo_from_nearer_by_knows_a_depth_better():
     assert np.array(relative) == pytest.approx(real, rel=0.3)
 
 
-def test_each_keypoint_is_told_once_in_order(room):
+def test_each_keypoint_has_one_depth_in_order(room):
     depths = found_in(room)
     keys = list(zip(depths.photo.tolist(), depths.row.tolist(), strict=True))
     assert keys == sorted(set(keys))

@@ -23,10 +23,10 @@ def odometry_of(drive, *, frame=FRAME, headings=True):
     return make_poses(drive.steps.times_s + BEGUN_S, frame.latlon_from_enu(enu), heading_deg=result)
 
 
-def gps_of(drive, *, told_m=None):
+def gps_of(drive, *, stated_m=None):
     """Fixes of the receiver."""
     times = drive.steps.times_s[drive.node] + BEGUN_S
-    variance = (drive.sigma_m if told_m is None else told_m) ** 2
+    variance = (drive.sigma_m if stated_m is None else stated_m) ** 2
     covariance = np.tile([variance, variance, 0.0], (len(times), 1))
     heights = np.linspace(300, 320, len(times))
     return make_poses(
@@ -54,7 +54,7 @@ def test_without_headings_the_way_tells_them():
     assert error_m(fuse(odometry_of(drive, headings=False), {"visual": gps_of(drive)}), drive) < 1.0
 
 
-def test_fixes_that_are_left_out_are_told():
+def test_fixes_that_are_left_out_are_reported():
     drive = Drive(2)
     drive.measured[17] += (0, 70)
     found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
@@ -82,7 +82,7 @@ def test_fixes_in_any_order_of_two_sources():
 
 def test_a_receiver_that_promises_too_much_is_not_believed():
     drive = Drive(4, nodes=1200, every=20)
-    found = fuse(odometry_of(drive), {"gps": gps_of(drive, told_m=0.5)})
+    found = fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)})
     assert found.fit.receiver == 4.0
     assert not found.gating["gps"].gated.any()
     honest = fuse(odometry_of(drive), {"gps": gps_of(drive)})
@@ -91,7 +91,7 @@ def test_a_receiver_that_promises_too_much_is_not_believed():
 
 def test_too_few_fixes_to_tell_who_is_wrong():
     drive = Drive(4, nodes=200, every=20)
-    assert fuse(odometry_of(drive), {"gps": gps_of(drive, told_m=0.5)}).fit.receiver == 1.0
+    assert fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)}).fit.receiver == 1.0
 
 
 def test_wheels_that_skid_are_noticed():

@@ -210,7 +210,7 @@ def test_the_right_noise_is_the_likelier_one():
     assert log_likelihood(steps, fixes, noise=Noise()) > log_likelihood(steps, small, noise=Noise())
 
 
-def test_what_is_told_how_far_it_is_can_stop_it():
+def test_the_progress_callback_can_stop_it():
     drive = Drive(0, nodes=2500)
 
     def stop(node):

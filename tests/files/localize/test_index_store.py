@@ -85,7 +85,7 @@ def test_another_file_is_damage(index, text):
         index.read_manifest()
 
 
-def test_another_format_is_told(index):
+def test_another_format_is_reported(index):
     index.write_manifest(MANIFEST)
     raw = json.loads(index.manifest_path.read_text()) | {"format": 99}
     index.manifest_path.write_text(json.dumps(raw))
@@ -116,7 +116,7 @@ def test_a_file_that_cannot_be_removed_now_is_left_for_the_next_time(index, monk
     assert (index.folder / "ee.features").exists()
 
 
-def test_a_broken_disk_is_told_while_tidying(index, monkeypatch):
+def test_a_broken_disk_is_reported_while_tidying(index, monkeypatch):
     (index.folder / "ee.features").write_bytes(b"x")
 
     def fail(self, missing_ok=False):

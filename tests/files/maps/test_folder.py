@@ -133,7 +133,7 @@ def test_other_cfg_in_the_folder_is_another_map(folder: Path) -> None:
     assert [placement.name for placement in read_map(folder / "map.cfg").placements] == ["clusters"]
 
 
-def test_damaged_files_are_told(folder: Path) -> None:
+def test_damaged_files_are_reported(folder: Path) -> None:
     (folder / "map.json").write_bytes(b"{")
     with pytest.raises(MapJsonError, match=r"map\.json:1:2"):
         read_map(folder / "map.cfg")

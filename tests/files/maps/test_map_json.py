@@ -108,7 +108,7 @@ def test_schema_errors_name_the_field(path: list[str | int], value: object, word
         (b'{\n "format": }', "map.json:2:12: this is not JSON"),
         (b'{"format": "\xff"}', "offset 12 is not UTF-8"),
         (b'{"version": NaN}', "NaN is not a JSON number"),
-        (b'{"version": 1, "version": 1}', "'version' stands twice"),
+        (b'{"version": 1, "version": 1}', "duplicate field 'version'"),
         (b'{"version": ' + b"9" * 5000 + b"}", "number too long"),
         (b"[" * 100_000, "nested too deep"),
         (b"[]", r"\$ must be an object"),

@@ -101,7 +101,7 @@ def test_grey_shared_jpegs_are_those_of_opencv(shared_data):
         ), path.name
 
 
-def test_scaling_is_area_averaging_and_its_factor_is_told():
+def test_scaling_is_area_averaging_and_its_factor_is_reported():
     data = encode(picture(900, 600), "PNG")
     full, small = read_gray(data, limits=LIMITS), read_gray(data, limits=LIMITS, max_side=300)
     assert (full.scale, full.pixels.shape) == (1.0, (600, 900))

@@ -80,7 +80,7 @@ def test_a_bad_corners_file_is_refused_with_its_path(data, part):
     assert caught.value.where.startswith("c.json")
 
 
-def test_missing_files_are_told(tmp_path):
+def test_missing_files_are_reported(tmp_path):
     for read in (
         lambda p: read_corners(p),
         lambda p: read_worldfile(p, **SIZE),

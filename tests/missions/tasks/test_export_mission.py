@@ -135,7 +135,7 @@ def test_poses_that_come_meanwhile_are_left_out(library, new_mission, some_poses
     assert len(b"".join(pieces).splitlines()) == 11
 
 
-def test_what_there_is_not_is_told(library, new_mission):
+def test_what_does_not_exist_is_reported(library, new_mission):
     with pytest.raises(NotFound):
         export.export_mission(library, 77, form="kml")
     with pytest.raises(UsageError, match="no format"):

@@ -56,7 +56,7 @@ def test_a_corrected_track_stands_beside_the_others(library, driven):
         assert session.get_one(Mission, mission_id).revision == report["revision"] == 1
 
 
-def test_what_was_left_out_is_told_and_kept(library, driven):
+def test_what_was_left_out_is_reported_and_kept(library, driven):
     mission_id, drive = driven
     report = run(library, mission_id)
     (gated,) = report["gated"]

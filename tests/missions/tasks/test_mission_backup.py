@@ -68,7 +68,7 @@ def test_a_mission_comes_back(library, mission, tmp_path):
     restored.database.close()
 
 
-def test_a_photo_that_is_lost_is_told_of(library, mission, tmp_path):
+def test_a_photo_that_is_lost_is_reported(library, mission, tmp_path):
     shutil.rmtree(missions.folder(library, mission))
     report = backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     (lost,) = report.missing

@@ -38,7 +38,7 @@ def on(folder: Path, text: str, name: str = "upload") -> Path:
 
 
 @pytest.mark.parametrize("kind", TEXTS)
-def test_the_kind_is_told_by_the_content(tmp_path, kind) -> None:
+def test_the_kind_is_detected_from_the_content(tmp_path, kind) -> None:
     report = read_track.read_track(on(tmp_path, TEXTS[kind], "wrong.bag"), options=ReadOptions(start=EAST))
     assert report.kind == kind
     assert report.tracks[0].poses.latlon[0] == pytest.approx([50.0, 14.0])
@@ -131,7 +131,7 @@ REFUSED = {
 }
 
 
-def test_every_real_file_is_read_or_told_why_not(shared_data) -> None:
+def test_every_real_file_is_read_or_refused_with_a_reason(shared_data) -> None:
     files = sorted(path.name for path in (shared_data / "robot").iterdir())
     assert set(files) == SHARED.keys() | REFUSED.keys()
     for name, (poses, objects) in SHARED.items():

@@ -30,7 +30,7 @@ def test_tracks_and_objects_come_in_the_order_of_their_times(tmp_path):
     assert [event.record["time"] for event in replayed.events] == [10, 30, 20]  # a track keeps its own order
 
 
-def test_what_was_left_out_at_the_end_is_told(tmp_path):
+def test_what_was_left_out_at_the_end_is_reported(tmp_path):
     file = tmp_path / "stop.csv"
     file.write_text("time,lat,lon\n" + "".join(f"{n},{50 + min(n, 3) * 1e-3},14\n" for n in range(10)))
     replayed = replay_track.replay_track(file, min_move=MinMove())

@@ -80,7 +80,7 @@ def test_photos_that_cannot_be_read_keep_their_place(adopt, rows):
     assert "photos/1.jpg" in found[1].gps_problem
 
 
-def test_unreadable_photos_are_told(make_map, library):
+def test_unreadable_photos_are_reported(make_map, library):
     cfg = make_map(library.map_folder("park"), 2)
     (cfg.parent / "photos" / "1.jpg").unlink()
     contents = adopt_map.read(cfg, limits=adopt_map.Settings().photo, progress=adopt_map.Progress())

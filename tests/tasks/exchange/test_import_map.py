@@ -227,7 +227,7 @@ def test_a_cut_off_photo_of_the_zip_itself(park, library, owner, tmp_path):
 
 
 @pytest.mark.usefixtures("nothing_is_left")
-def test_all_errors_of_a_map_are_told_at_once(park, bring):
+def test_all_errors_of_a_map_are_reported_at_once(park, bring):
     park["map.cfg"] = b"plan.png;300;200\n0;photos/0.jpg;1,5;2\n0;photos/1.jpg;2;3\n1;photos/1.jpg;999;3\n"
     with pytest.raises(import_map.MapRefused) as caught:
         bring(park)
@@ -244,7 +244,7 @@ def test_without_its_image_a_map_is_refused(park, bring):
         bring(park)
 
 
-def test_missing_photos_are_told_and_the_others_are_there(park, bring, rows):
+def test_missing_photos_are_reported_and_the_others_are_there(park, bring, rows):
     del park["photos/0.jpg"]
     done = bring(park)
     assert [f.code for f in done.findings] == ["missing-photo"]

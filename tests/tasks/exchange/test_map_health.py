@@ -27,7 +27,7 @@ def test_places_that_look_alike_are_found_and_remembered(make_map, tmp_path):
     assert health.stored(cfg) == content
 
 
-def test_a_damaged_record_is_told(make_map, tmp_path):
+def test_a_damaged_record_is_reported(make_map, tmp_path):
     cfg = make_map(tmp_path / "park", 1)
     (cfg.parent / "derived").mkdir()
     (cfg.parent / "derived" / "health.json").write_text("{")

@@ -73,7 +73,7 @@ def test_stale_temporary_files_are_swept(tmp_path, make_map, build):
     assert not [p for p in folder.rglob("*") if p.suffix == ".tmp"]
 
 
-def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, make_map, build, monkeypatch):
+def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, make_map, build, monkeypatch):
     cfg = make_map(tmp_path, 6)
     sync, calls = os.fsync, []
 
@@ -91,14 +91,14 @@ def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, make_map, build, monk
     assert 0 < report.reused < 6
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path, make_map, build):
+def test_a_folder_that_cannot_be_made_is_reported(tmp_path, make_map, build):
     cfg = make_map(tmp_path, 2)
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(StorageError, match="--index FOLDER"):
         build(cfg, index=tmp_path / "file")
 
 
-def test_a_second_builder_is_told(tmp_path, make_map, build):
+def test_a_second_builder_is_reported(tmp_path, make_map, build):
     cfg = make_map(tmp_path, 2)
     folder = build(cfg).folder
     with writer_lock(folder), pytest.raises(StorageError, match="another process is building"):

@@ -153,7 +153,7 @@ def test_two_maps_in_a_folder_do_not_disturb_each_other(tmp_path, make_map, buil
     assert (build(cfg).photos, build(other).photos, described) == (5, 2, [])
 
 
-def test_unusable_photos_are_told_and_the_others_built(tmp_path, make_map, build, described, found):
+def test_unusable_photos_are_reported_and_the_others_built(tmp_path, make_map, build, described, found):
     cfg = make_map(tmp_path / "map", 9)
     photos = tmp_path / "map" / "photos"
     (photos / "0.jpg").unlink()

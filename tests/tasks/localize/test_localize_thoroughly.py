@@ -42,7 +42,7 @@ def test_positions_that_change_keep_the_network(tmp_path, make_map, quick, share
     assert again.indexed.pair_matcher is opened.indexed.pair_matcher is not None
 
 
-def test_weights_that_are_missing_are_told_before_anything_is_built(tmp_path, make_map, quick, shared_models):
+def test_missing_weights_are_reported_before_anything_is_built(tmp_path, make_map, quick, shared_models):
     models = tmp_path / "models"
     models.mkdir()
     weights = files.installed("xfeat", shared_models)

@@ -89,7 +89,7 @@ def test_what_is_not_the_published_file_is_not_kept(host, file, settings, addres
     assert not settings.models.exists()
 
 
-def test_no_network_is_told_with_another_way(file, settings):
+def test_no_network_is_reported_with_another_way(file, settings):
     unreachable = replace(file, address="http://127.0.0.1:1/net.onnx")
     with pytest.raises(InputError, match="cannot be reached") as failed:
         task.fetch(unreachable, None, settings=settings, progress=Progress())
@@ -118,7 +118,7 @@ def test_a_wrong_file_from_a_folder_leaves_what_is_here(file, settings, tmp_path
     assert (settings.models / "net.onnx").read_bytes() == CONTENT
 
 
-def test_a_damaged_file_is_told_and_fetched_again(file, settings):
+def test_a_damaged_file_is_reported_and_fetched_again(file, settings):
     settings.models.mkdir(parents=True)
     (settings.models / "net.onnx").write_bytes(CONTENT[::-1])
     models = {"net": (file,)}
@@ -146,7 +146,7 @@ def test_opening_says_what_is_missing_or_wrong(settings):
     ("model", "file", "hint"),
     [("lighterglue", 0, "--from FOLDER"), ("xfeat", 1, "--from FOLDER"), ("xfeat", 0, "expmap models fetch")],
 )
-def test_a_damaged_file_is_told_with_the_way_to_get_it(settings, model, file, hint):
+def test_a_damaged_file_is_reported_with_the_way_to_get_it(settings, model, file, hint):
     settings.models.mkdir(parents=True)
     published = files.MODELS[model][file]
     (settings.models / published.name).write_bytes(bytes(published.bytes))

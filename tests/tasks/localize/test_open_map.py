@@ -224,7 +224,7 @@ def test_verified_finds_a_photo_of_the_map_itself_with_every_kind_of_index(
     assert total + answer.off_map_probability == pytest.approx(1.0)
 
 
-def test_a_damaged_index_is_told_with_what_mends_it(tmp_path, make_map, opening, build):
+def test_a_damaged_index_is_reported_with_what_mends_it(tmp_path, make_map, opening, build):
     cfg = make_map(tmp_path, 4)
     opened, _ = opening(cfg)
     for path in opened.folder.folder.glob("*.features"):
@@ -277,7 +277,7 @@ def test_an_open_map_outlives_its_files(tmp_path, make_map, opening, quick):
     assert answer.hypotheses[0].experiences == (1,)
 
 
-def test_a_map_that_another_process_builds_is_told(tmp_path, make_map, opening):
+def test_a_map_that_another_process_builds_is_reported(tmp_path, make_map, opening):
     cfg = make_map(tmp_path, 2)
     opened, _ = opening(cfg)
     drop_line(cfg, 1)

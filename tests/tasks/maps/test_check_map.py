@@ -60,7 +60,7 @@ def test_nothing_is_wrong(folder: Path, cfg: bytes) -> None:
     assert findings(folder, cfg) == []
 
 
-def test_all_faults_are_told_in_one_go(folder: Path) -> None:
+def test_all_faults_are_reported_in_one_go(folder: Path) -> None:
     found = findings(
         folder,
         b"s.png;41;30\n"  # another size
@@ -247,7 +247,7 @@ def test_damaged_placements(full: Path) -> None:
     assert missing.code == Code.PLACEMENT_DAMAGED and "put clusters.cfg back" in missing.fix
 
 
-def test_binary_file_is_told_and_not_a_crash(folder: Path) -> None:
+def test_binary_file_is_reported_and_not_a_crash(folder: Path) -> None:
     found = findings(folder, picture("PNG", (300, 200)))
     assert found and all(finding.fix for finding in found)
 

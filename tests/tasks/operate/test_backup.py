@@ -173,7 +173,7 @@ def test_a_map_that_is_deleted_in_the_meantime_is_in_it_wholly_or_not_at_all(lib
     assert not restored.map_folder("wood").exists()
 
 
-def test_a_file_that_the_library_has_lost_is_told_and_the_rest_is_kept(library, back_up, restore):
+def test_a_file_that_the_library_has_lost_is_reported_and_the_rest_is_kept(library, back_up, restore):
     (library.map_folder("park") / "photos" / "1.jpg").unlink()
     report = back_up()
     assert report.missing == ("maps/park/photos/1.jpg",)

@@ -119,7 +119,7 @@ def test_nothing_is_resampled_and_photos_are_kept_as_jpeg(fetch, library, server
     assert np.abs(pixels_of(library, new.path)[50, 50] - expected).max() < 8
 
 
-def test_a_missing_tile_is_grey_and_told(fetch, library, server):
+def test_a_missing_tile_is_grey_and_reported(fetch, library, server):
     x, y = global_pixel(*LANDMARKS[0], 17)
     server.missing = {(17, x // 256, y // 256)}
     fetched = fetch()

@@ -81,7 +81,7 @@ def test_a_sign_in_leads_to_no_other_site(stranger, jana, there):
 @pytest.mark.parametrize(
     "given", [{"password": "wrong"}, {"name": "nobody"}, {"name": "owner"}, {"password": ""}]
 )
-def test_what_is_wrong_is_not_told(stranger, owner, jana, given):
+def test_the_error_does_not_say_which_is_wrong(stranger, owner, jana, given):
     answer = enter(stranger, **given)
     assert answer.status_code == 401
     assert "Wrong name or password" in answer.text

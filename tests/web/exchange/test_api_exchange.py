@@ -124,7 +124,7 @@ def test_names_of_files_are_only_names(client, park, filename, library):
     assert (library.folder / answer.json["slug"] / "map.cfg").is_file()
 
 
-def test_all_errors_of_an_imported_map_are_told(client):
+def test_all_errors_of_an_imported_map_are_reported(client):
     answer = bring(client, zipped({"map.cfg": "plan.png;10;10\n0;a.jpg;1;2;3\n0;b.jpg;x;1\n"}))
     assert answer.status_code == 422
     assert {finding["code"] for finding in answer.json["findings"]} >= {

@@ -82,7 +82,7 @@ def test_a_moved_photo_counts_at_once(client, sample, ask, queries):
     assert shift == pytest.approx(7, abs=1.5)
 
 
-def test_a_new_photo_is_told_of_until_it_is_indexed(client, library, settings, quiet, ask, queries):
+def test_a_new_photo_is_reported_until_it_is_indexed(client, library, settings, quiet, ask, queries):
     answer = ask(client, queries / "query_01.jpg").get_json()
     client.post(f"/api/v1/maps/sample/queries/{answer['id']}/adopt", json={})
     assert ask(client, queries / "query_01.jpg").get_json()["not_indexed"] == 1

@@ -231,7 +231,7 @@ def test_a_map_that_is_not_ready_says_so_and_is_made_ready(
         ({"method": "vote", "features": "disk"}, "features"),
     ],
 )
-def test_what_this_server_has_no_models_for_is_refused_and_told(client, sample, ask, queries, fields, where):
+def test_methods_without_models_are_refused_and_reported(client, sample, ask, queries, fields, where):
     response = ask(client, queries / "query_01.jpg", **fields)
     error = response.get_json()["error"]
     assert (response.status_code, error["where"]) == (400, where)

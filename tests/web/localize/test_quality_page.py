@@ -75,7 +75,7 @@ def test_viewers_look_and_others_see_nothing(client, sign_in, new_account, evalu
 
 
 @pytest.mark.parametrize("text", ["{", "[{}]", "7"])
-def test_a_damaged_file_is_told(client, library, evaluated, text):
+def test_a_damaged_file_is_reported(client, library, evaluated, text):
     (library.map_folder(evaluated) / "derived" / stored_evaluation.FILE).write_text(text)
     answer = client.get(f"/maps/{evaluated}/quality")
     assert answer.status_code == 200

@@ -197,7 +197,7 @@ def test_no_address_leads_out(send, client, park, library, tmp_path):
     assert str(tmp_path) not in answer.json["error"]["message"]
 
 
-def test_a_photo_missing_on_disk_is_told(send, client, park, library):
+def test_a_photo_missing_on_disk_is_reported(send, client, park, library):
     send((jpeg(), "a.jpg"))
     for path in library.map_folder(park).rglob("*.jpg"):
         path.unlink()
@@ -222,7 +222,7 @@ def test_a_file_comes_in_pieces(sender, photos, library):
     assert (left(library), records(library)) == ([], 0)
 
 
-def test_a_piece_that_does_not_fit_is_told_where_to_go_on(sender, client):
+def test_a_piece_that_does_not_fit_gets_the_offset_to_go_on_at(sender, client):
     data = jpeg()
     id = sender.begin(data).json["id"]
     sender.piece(id, data[:5000], offset=0)

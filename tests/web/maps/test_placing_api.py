@@ -166,7 +166,7 @@ def test_positions_in_degrees_need_a_georeference(map_):
         (b"\xff\xfe\x00", "t.csv", "t.csv"),
     ],
 )
-def test_a_bad_list_is_told_with_its_line(map_, content, name, where):
+def test_a_bad_list_is_reported_with_its_line(map_, content, name, where):
     map_.image()
     answer = map_.post("positions", content, name)
     assert answer.status_code == 422
@@ -253,7 +253,7 @@ def test_bad_clocks_are_refused(map_, fields):
 
 
 @pytest.mark.parametrize("content", ["", "<gpx/>", "<!DOCTYPE x><gpx/>", "<gpx>" * 100, b"\xff\xd8\xff"])
-def test_what_is_no_track_is_told(map_, content):
+def test_what_is_no_track_is_reported(map_, content):
     map_.image()
     answer = map_.post("gpx", content, "walk.gpx")
     assert (answer.status_code, answer.json["error"]["where"]) == (422, "walk.gpx")

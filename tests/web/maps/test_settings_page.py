@@ -47,7 +47,7 @@ def test_an_owner_shares_and_takes_back(library, people, shared, sign_in, new_ac
         ({"name": "Owner", "role": "viewer"}, 400),
     ],
 )
-def test_what_cannot_be_is_told_and_changes_nothing(library, people, shared, sign_in, data, status):
+def test_what_cannot_be_is_reported_and_changes_nothing(library, people, shared, sign_in, data, status):
     before = roles(library, shared, people["owner"])
     answer = sign_in(people["owner"]).post(f"/maps/{shared}/settings/members", data=data)
     assert answer.status_code == status

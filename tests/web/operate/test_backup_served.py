@@ -70,7 +70,7 @@ def test_backup_and_restore_by_the_command(app, library, settings, token, tmp_pa
     restored.database.close()
 
 
-def test_a_lost_file_is_told_by_the_exit_code(library, token, tmp_path, capsys):
+def test_a_lost_file_is_reported_by_the_exit_code(library, token, tmp_path, capsys):
     (library.map_folder("park") / "photos" / "1.jpg").unlink()
     assert expmap("backup", tmp_path / "b.zip", "--library", library.folder) == 1
     assert "maps/park/photos/1.jpg: the library has lost this file" in capsys.readouterr().err

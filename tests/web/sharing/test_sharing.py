@@ -153,7 +153,7 @@ def test_pictures_have_no_exif_and_unplaced_photos_are_not_shown(stranger, share
     assert stranger.get(api(shared, "/photos/0/original")).status_code == 404
 
 
-def test_nothing_of_exif_is_told_unless_the_owner_says_so(stranger, share, answer):
+def test_nothing_of_exif_is_shown_unless_the_owner_allows_it(stranger, share, answer):
     for wish in ({"photos": True}, {"photos": True, "query": answer}):
         shared = share(**wish)
         for text in (stranger.get(api(shared)).text, stranger.get(shared["url"]).text):

@@ -79,7 +79,7 @@ def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progr
         The disk refused, or has no room for it.
     Cancelled
     """
-    with _told(archive.name), zipfile.ZipFile(archive) as opened:
+    with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
         infos = opened.infolist()
         files, left_out = _checked(infos, limits)
         _check_room(folder, sum(file.info.file_size for file in files))
@@ -192,7 +192,7 @@ def _extract(opened: zipfile.ZipFile, file: _File, folder: Path) -> None:
 
 
 @contextmanager
-def _told(name: str) -> Iterator[None]:
+def _zip_errors(name: str) -> Iterator[None]:
     """Say in one way what the reader of zips finds wrong."""
     try:
         yield

@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 
 from webapp.errors import NotFound
-from webapp.files.part_file import move_in, told_as
+from webapp.files.part_file import move_in, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.files.photos.preview import Kind
@@ -67,7 +67,7 @@ def add_mission_photo(
         The disk refused.
     """
     name = tidy_name(name)
-    with told_as(name, source):
+    with show_file_as(name, source):
         facts = read_facts(source, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
     with source.open("rb") as file:
@@ -129,7 +129,7 @@ def preview_of(library: Library, photo: MissionPhoto, *, kind: Kind, settings: S
     path = preview.preview_path(folder, photo.sha256, kind=kind)
     if not path.exists():
         source = original(library, photo)
-        with told_as(photo.name, source):
+        with show_file_as(photo.name, source):
             made = preview.make_previews(source, limits=settings.photo)
         preview.write_previews(folder, photo.sha256, previews=made)
     return path

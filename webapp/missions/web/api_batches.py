@@ -30,8 +30,8 @@ _NAME = [
 ]
 _SHARE = 0.75
 
-_turns = ConcurrencyLimit("batches", share=_SHARE)
-blueprint.record(_turns.set_up)
+_limit = ConcurrencyLimit("batches", share=_SHARE)
+blueprint.record(_limit.set_up)
 
 
 class BatchIn(Schema):
@@ -108,7 +108,7 @@ def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None])
             where="sender",
             hint=f"send either sender and first, or the header {_HEADER}",
         )
-    with _turns.one():
+    with _limit.slot():
         if numbered is not None:
             return store_batch.store_batch(library(), mission.id, records=records, place=numbered)
         keep = timedelta(days=settings().missions.keep_keys_days)

@@ -42,8 +42,8 @@ _MOST_OBJECTS = 2000
 _AGAIN = 200
 """Without a cursor, so many of the last poses are sent: they may have come since the page was made."""
 
-_turns = ConcurrencyLimit("events", share=_SHARE)
-blueprint.record(_turns.set_up)
+_limit = ConcurrencyLimit("events", share=_SHARE)
+blueprint.record(_limit.set_up)
 
 
 class EventsQuery(Schema):
@@ -69,7 +69,7 @@ def events(mission_id: int, query: dict[str, Any]) -> Response:
     """Follow a mission."""
     mission = open_mission(mission_id)
     known = request.headers.get("Last-Event-ID") or query["cursor"]
-    free = _turns.free()
+    free = _limit.semaphore()
     stays = free.acquire(blocking=False)
     limits = settings().missions
     follower = _Follower(library().database, mission.id, known)

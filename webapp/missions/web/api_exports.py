@@ -24,7 +24,7 @@ from webapp.tasks.exchange.export_source import Download
 from webapp.web.context import library, settings
 from webapp.web.openapi import Responses, file_answer
 
-turns = ConcurrencyLimit("mission exports", share=0.5)
+_limit = ConcurrencyLimit("mission exports", share=0.5)
 """Who takes a large file away slowly keeps a thread busy: others are left for everybody else."""
 
 _WAIT_S = 5
@@ -54,7 +54,7 @@ class LinkQuery(Schema):
     every = Integer(load_default=10, validate=Range(2, 86_400), metadata={"description": "Seconds."})
 
 
-blueprint.record(turns.set_up)
+blueprint.record(_limit.set_up)
 
 
 class TableQueryIn(Schema):
@@ -174,7 +174,7 @@ def sent(make: Callable[[], Download]) -> Response:
     TooMany
         Too many are on their way already.
     """
-    free = turns.free()
+    free = _limit.semaphore()
     if not free.acquire(blocking=False):
         raise TooMany(
             "the server is busy with other exports", wait_s=_WAIT_S, hint="try again a little later"

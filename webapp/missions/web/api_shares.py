@@ -67,7 +67,7 @@ def list_shares(mission_id: int) -> dict[str, Any]:
     """List the shares of a mission."""
     mission = open_mission(mission_id, "owner")
     with library().database.read() as session:
-        return {"shares": [_told(mission, share) for share in mission_shares.listed(session, mission)]}
+        return {"shares": [_share_json(mission, share) for share in mission_shares.listed(session, mission)]}
 
 
 @blueprint.post("")
@@ -81,7 +81,7 @@ def create(mission_id: int, wish: dict[str, bool]) -> dict[str, Any]:
         share, token = mission_shares.create(
             session, mission, photos=wish["photos"], account_id=who.id, public=wish["public"]
         )
-    return _told(mission, share, token=token)
+    return _share_json(mission, share, token=token)
 
 
 @blueprint.patch(f"/{_ID}")
@@ -93,7 +93,7 @@ def change(mission_id: int, id: int, *, wish: dict[str, bool]) -> dict[str, Any]
     with library().database.write() as session:
         share = mission_shares.find(session, mission, id=id)
         share.photos = wish["photos"]
-        return _told(mission, share)
+        return _share_json(mission, share)
 
 
 @blueprint.delete(f"/{_ID}")
@@ -106,7 +106,7 @@ def revoke(mission_id: int, id: int) -> str:
     return ""
 
 
-def _told(mission: Mission, share: MissionShare, *, token: str | None = None) -> dict[str, Any]:
+def _share_json(mission: Mission, share: MissionShare, *, token: str | None = None) -> dict[str, Any]:
     token = token or share.public_token
 
     def address(endpoint: str) -> str | None:

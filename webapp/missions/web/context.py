@@ -26,7 +26,7 @@ PATH_PARAMETERS: dict[str, dict[str, Any]] = {
     "ending": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
 }
 
-_EXTENSION = "expmap_turns"
+_EXTENSION = "expmap_concurrency"
 _WAIT_S = 1
 
 
@@ -60,14 +60,14 @@ def allow_any_text(setup: BlueprintSetupState) -> None:
 
 
 class ConcurrencyLimit:
-    """Lets a part of the server's threads do one kind of request, so that others are answered too.
+    """Limits one kind of request to a share of the threads, so that others are answered too.
 
     Parameters
     ----------
     name : str
-        Of the kind.
+        Of the kind of request.
     share : float
-        Of the threads.
+        Of the threads of a process.
     """
 
     def __init__(self, name: str, *, share: float) -> None:
@@ -75,25 +75,25 @@ class ConcurrencyLimit:
         self._share = share
 
     def set_up(self, setup: BlueprintSetupState) -> None:
-        """Count from now on; for `blueprint.record`."""
+        """Make the semaphore of an application; for `blueprint.record`."""
         state = cast(AppState, setup.app.extensions[KEY])
         most = max(1, int(state.settings.serve.threads * self._share))
         setup.app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)
 
-    def free(self) -> threading.BoundedSemaphore:
-        """Give what holds one permit for each request more that may begin now."""
+    def semaphore(self) -> threading.BoundedSemaphore:
+        """Return the semaphore: one permit for each further request."""
         return cast(threading.BoundedSemaphore, current_app.extensions[_EXTENSION][self._name])
 
     @contextmanager
-    def one(self) -> Iterator[None]:
-        """Take a turn for as long as the block lasts.
+    def slot(self) -> Iterator[None]:
+        """Hold one permit for as long as the block lasts.
 
         Raises
         ------
         TooMany
             None is free.
         """
-        free = self.free()
+        free = self.semaphore()
         if not free.acquire(blocking=False):
             raise TooMany("the server is busy", wait_s=_WAIT_S, hint="repeat the request a little later")
         try:

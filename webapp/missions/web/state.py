@@ -48,9 +48,9 @@ def entry_json(entry: Entry) -> dict[str, Any]:
         "can_edit": entry.role in ("owner", "editor"),
         "binned": mission.binned_at is not None,
         "revision": mission.revision,
-        "created_at": _told(mission.created_at),
-        "changed_at": _told(mission.changed_at),
-        "ended_at": _told(mission.ended_at),
+        "created_at": _iso_time(mission.created_at),
+        "changed_at": _iso_time(mission.changed_at),
+        "ended_at": _iso_time(mission.ended_at),
         "poses": entry.poses,
         **_way(entry.tracks),
         "objects": entry.objects,
@@ -159,7 +159,7 @@ def _map(session: Session, mission: Mission) -> MapRecord | None:
     return None if mission.map_id is None else session.get(MapRecord, mission.map_id)
 
 
-def _told(at: datetime | None) -> str | None:
+def _iso_time(at: datetime | None) -> str | None:
     return None if at is None else at.isoformat(timespec="seconds")
 
 

@@ -88,7 +88,7 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
             copy.execute("PRAGMA journal_mode=DELETE")  # one file, and no others beside it
             return _contents(copy, readers)
     except sqlite3.Error as error:
-        raise _told(error, target) from error
+        raise _storage_error(error, target) from error
 
 
 def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
@@ -111,7 +111,7 @@ def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
                 raise StorageError(f"the database is damaged: {found}", where=path.name)
             return _contents(database, readers)
     except sqlite3.Error as error:
-        raise _told(error, path) from error
+        raise _storage_error(error, path) from error
 
 
 def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> SnapshotContents:
@@ -124,7 +124,7 @@ def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> Sn
     return SnapshotContents(maps, len(photos), files, frozenset(queries), parts)
 
 
-def _told(error: sqlite3.Error, path: Path) -> StorageError:
+def _storage_error(error: sqlite3.Error, path: Path) -> StorageError:
     full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
     hint = "free some space on the disk" if full else None
     return (DiskFull if full else StorageError)(f"the database: {error}", where=path.name, hint=hint)

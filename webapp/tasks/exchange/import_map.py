@@ -25,7 +25,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks import staging
 from webapp.tasks.exchange import import_tray
 from webapp.tasks.maps import adopt_map, check_map
-from webapp.tasks.told_below import finding_below, told_below
+from webapp.tasks.relative_paths import relative_finding, show_relative_to
 
 
 def choose_map(unpacked: Unpacked) -> Path:
@@ -252,7 +252,7 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         folder.mkdir()
         unpacked = unpack(archive, folder, limits=settings.imports, progress=progress)
         cfg = choose_map(unpacked)
-        with told_below(cfg.parent):
+        with show_relative_to(cfg.parent):
             tray = import_tray.set_aside(cfg, place / "tray")
             progress.note("checking")
             findings = _checked(cfg, settings=settings, progress=progress)
@@ -298,7 +298,7 @@ def _move_into(source: Path, folder: Path) -> None:
 
 def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
     report = check_map.check_map(cfg, settings=settings, progress=progress)
-    findings = tuple(finding_below(f, cfg.parent) for f in report.findings)
+    findings = tuple(relative_finding(f, cfg.parent) for f in report.findings)
     errors = [f for f in findings if f.severity == "error" and f.code not in _BEARABLE]
     if errors:
         first = errors[0]

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound
-from webapp.files.part_file import move_in, told_as
+from webapp.files.part_file import move_in, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
 from webapp.files.photos.photo import PhotoFacts, read_facts
@@ -99,7 +99,7 @@ def add_photo(
         The disk refused.
     """
     name = tidy_name(name)
-    with told_as(name, source):
+    with show_file_as(name, source):
         facts = read_facts(source, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
     sha256 = _sha256(source)

@@ -29,8 +29,8 @@ from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import check_map, export, outside_edit
 from webapp.tasks.maps.adopt_map import add_removed, photo_row
 from webapp.tasks.maps.library_map import as_map, georeference
+from webapp.tasks.relative_paths import relative_finding, show_relative_to
 from webapp.tasks.satellite.files import images_of
-from webapp.tasks.told_below import finding_below, told_below
 
 Fix = Literal["to-tray", "remove", "swap", "adopt", "image-size", "outside-take", "outside-discard"]
 
@@ -113,8 +113,8 @@ def list_findings(
         )
         with library.database.read() as session:
             record = session.get_one(MapRecord, map_id)
-            ours = [finding_below(f, cfg.parent) for f in report.findings if _counts(f)]
-            problems += _told(ours, map_, gps_swapped=swapped(record, maps.photos(session, record)))
+            ours = [relative_finding(f, cfg.parent) for f in report.findings if _counts(f)]
+            problems += _as_problems(ours, map_, gps_swapped=swapped(record, maps.photos(session, record)))
             problems += _extra(orphans(session, record, cfg))
     return sorted(problems, key=lambda problem: problem.severity != "error")
 
@@ -166,7 +166,7 @@ def _counts(finding: Finding) -> bool:
     return not finding.file and finding.code is not Code.ORPHAN_PHOTO
 
 
-def _told(findings: Sequence[Finding], map_: Map, *, gps_swapped: Sequence[int]) -> list[Problem]:
+def _as_problems(findings: Sequence[Finding], map_: Map, *, gps_swapped: Sequence[int]) -> list[Problem]:
     """Group the findings by kind, and know photos by their ids instead of lines."""
     by_code: dict[Code, list[Finding]] = defaultdict(list)
     for finding in findings:
@@ -263,7 +263,7 @@ def fix_findings(
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         cfg = library.cfg(record.slug)
-        with told_below(cfg.parent):
+        with show_relative_to(cfg.parent):
             if fix == "adopt":
                 changes = _adopt(session, record, strangers)
             elif fix == "image-size":
@@ -330,7 +330,7 @@ def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Pho
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
         cfg = library.cfg(record.slug)
-        with told_below(cfg.parent):
+        with show_relative_to(cfg.parent):
             names = [name for name in orphans(session, record, cfg) if not name_problem(name)]
     read = (photo_row(cfg, Experience(0, name, MapPixel(0.0, 0.0)), limits=settings.photo) for name in names)
     return [row for row, problem in read if problem is None]

@@ -23,7 +23,7 @@ from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps import export
 from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, salted
 from webapp.tasks.maps.export import changed_outside, file_sha256
-from webapp.tasks.told_below import below, told_below
+from webapp.tasks.relative_paths import relative_text, show_relative_to
 
 KIND = "outside"
 """Of the edit that takes a file over."""
@@ -71,8 +71,12 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
         try:
             found = plan(session, record, cfg, files=PhotoFiles(cfg, settings.photo))
         except (MapError, UsageError) as error:
-            return {"sha256": sha256, "problem": below(str(error), cfg.parent), **_told(TakeOverPlan())}
-    return {"sha256": sha256, "problem": None, **_told(found)}
+            return {
+                "sha256": sha256,
+                "problem": relative_text(str(error), cfg.parent),
+                **_plan_json(TakeOverPlan()),
+            }
+    return {"sha256": sha256, "problem": None, **_plan_json(found)}
 
 
 def take(library: Library, map_id: int, *, account_id: int, settings: Settings, sha256: str) -> Taken:
@@ -99,12 +103,12 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
         cfg = library.cfg(record.slug)
         files = PhotoFiles(cfg, settings.photo)
         _check_same(record, cfg, sha256=sha256)
-        with told_below(cfg.parent):
+        with show_relative_to(cfg.parent):
             plan(session, record, cfg, files=files)  # reads the photos, while others may write
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         _check_same(record, cfg, sha256=sha256)
-        with told_below(cfg.parent):
+        with show_relative_to(cfg.parent):
             found = plan(session, record, cfg, files=files)
         add_removed(session, record, found.new)
         for id, path in found.renamed.items():
@@ -143,7 +147,7 @@ def _record(found: MapRecord | None) -> MapRecord:
     return found
 
 
-def _told(found: TakeOverPlan) -> dict[str, Any]:
+def _plan_json(found: TakeOverPlan) -> dict[str, Any]:
     return {
         "moved": found.moved,
         "turned": found.turned,

@@ -14,7 +14,7 @@ from webapp.core.mapmodel.positions import inside
 from webapp.core.mapmodel.samename import match_names
 from webapp.errors import UsageError
 from webapp.files.maps.positions import Positions, read_positions
-from webapp.files.part_file import told_as
+from webapp.files.part_file import show_file_as
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
@@ -207,7 +207,7 @@ def place_by_file(library: Library, map_id: int, *, source: Path, name: str, acc
         The map has no satellite image, or no georeference where the list needs one, or the list was made on
         an image of another size.
     """
-    with told_as(name, source):
+    with show_file_as(name, source):
         positions = read_positions(source)
     with library.changing(map_id) as change:
         session, record = change.session, change.record

@@ -10,7 +10,7 @@ from pathlib import Path
 from webapp.core.blur import BlurBox
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.folder import photo_path
-from webapp.files.part_file import told_as
+from webapp.files.part_file import show_file_as
 from webapp.files.photos.preview import Kind, make_previews, preview_path, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
@@ -34,7 +34,7 @@ def original(library: Library, slug: str, *, photo: Photo) -> Path:
         Its path, or a link on the way, leads out of the map's folder.
     """
     cfg = library.cfg(slug)
-    with told_as(photo.name, cfg):
+    with show_file_as(photo.name, cfg):
         path = photo_path(cfg, photo.path)
     if not path.is_file():
         raise NotFound("the file of this photo is missing", where=photo.name, hint="upload it again")
@@ -68,7 +68,7 @@ def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: 
     path = preview_path(folder, photo.id, kind=kind)
     if not path.exists():
         source = original(library, slug, photo=photo)
-        with told_as(photo.name, source):
+        with show_file_as(photo.name, source):
             made = make_previews(source, limits=settings.photo, blurred=boxes_of(photo))
         write_previews(folder, photo.id, previews=made)
     return path
@@ -101,7 +101,7 @@ def blur_photo(
     if boxes_of(photo) == wanted:
         return None
     source = original(library, record.slug, photo=photo)
-    with told_as(photo.name, source):
+    with show_file_as(photo.name, source):
         previews = make_previews(source, limits=settings.photo, blurred=wanted)
     with library.changing(map_id) as change:
         record = change.record

@@ -102,7 +102,7 @@ def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
     """List what was asked of a map."""
     record = open_map(slug)
     with library().database.read() as session:
-        return {"queries": _told(session, record, queries.listed(session, record, **query))}
+        return {"queries": _queries_json(session, record, queries.listed(session, record, **query))}
 
 
 @blueprint.get(f"/{_ID}")
@@ -111,7 +111,7 @@ def show(slug: str, id: int) -> dict[str, Any]:
     """Give one answer."""
     record = open_map(slug)
     with library().database.read() as session:
-        return _told(session, record, [queries.find(session, record, id)])[0]
+        return _queries_json(session, record, [queries.find(session, record, id)])[0]
 
 
 @blueprint.get(f"/{_ID}/matches")
@@ -185,7 +185,7 @@ def thumb(slug: str, id: int) -> Response:
     return _preview(slug, id, "thumb")
 
 
-def _told(session: Session, record: MapRecord, rows: list[QueryRecord]) -> list[dict[str, Any]]:
+def _queries_json(session: Session, record: MapRecord, rows: list[QueryRecord]) -> list[dict[str, Any]]:
     who = queries.names(session, rows)
     return [_one(record.slug, row, who.get(row.account_id or -1)) for row in rows]
 

@@ -144,13 +144,18 @@ def import_zip(given: dict[str, Any]) -> Any:
             return answer, 202
         done = import_map.import_map(place, archive, account_id=who.id, name=name, settings=settings())
     except MapRefused as refused:
-        response = jsonify(error=as_json(refused), findings=_told(refused.findings))
+        response = jsonify(error=as_json(refused), findings=_findings_json(refused.findings))
         response.status_code = 422
         return response
     finally:
         if not kept:
             archive.unlink(missing_ok=True)
-    return {"slug": done.slug, "job": None, "findings": _told(done.findings), "left_out": done.left_out}
+    return {
+        "slug": done.slug,
+        "job": None,
+        "findings": _findings_json(done.findings),
+        "left_out": done.left_out,
+    }
 
 
 @blueprint.post("/<slug>/duplicate")
@@ -198,7 +203,7 @@ def _name_of(given: str | None, filename: str | None) -> str:
         return str(_("Imported map"))
 
 
-def _told(findings: Any) -> list[dict[str, str]]:
+def _findings_json(findings: Any) -> list[dict[str, str]]:
     return [
         {"code": str(f.code), "severity": f.severity, "message": f.message, "fix": f.fix} for f in findings
     ]

@@ -15,7 +15,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.trajectory.match import ClockOffset
 from webapp.errors import UsageError
 from webapp.files.exchange.gpx import parse_gpx
-from webapp.files.part_file import discard, receive, told_as
+from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.text_file import MAX_BYTES
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import place_by_track, placements
@@ -161,7 +161,7 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
     """Place photos in the tray by a GPX track and their times, or look where they would come."""
     record, name = open_map(slug, "editor"), tidy_name(given["file"].filename or "")
     clock = Clock(given["offset_s"], parse_zone(given["time_zone"]), given["max_gap_s"])
-    with told_as(name):
+    with show_file_as(name):
         track = parse_gpx(given["file"].stream.read())
     if query["preview"]:
         placing = Placing((), ())

@@ -14,7 +14,7 @@ from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.tilegrid import MAX_ZOOM, GeoBox
 from webapp.errors import UsageError
-from webapp.files.part_file import receive, told_as
+from webapp.files.part_file import receive, show_file_as
 from webapp.files.satellite.georeference_files import parse_corners
 from webapp.net.services import tile_services
 from webapp.store.operate import jobs
@@ -143,7 +143,7 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     record, file = open_map(slug, "editor"), given["file"]
     wish = _wish(given)
     part = library().uploads / f"{secrets.token_hex(16)}.image"
-    with told_as(tidy_name(file.filename or ""), part):
+    with show_file_as(tidy_name(file.filename or ""), part):
         receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
         uploaded = new_image.store_upload(
             library(), record.id, file=part, wish=wish, choice=_choice(given), settings=settings()

@@ -76,7 +76,7 @@ def list_shares(slug: str) -> dict[str, Any]:
     """List what is shared of a map."""
     record = open_map(slug, "owner")
     with library().database.read() as session:
-        return {"shares": [_told(record, share) for share in sharing.listed(session, record)]}
+        return {"shares": [_share_json(record, share) for share in sharing.listed(session, record)]}
 
 
 @blueprint.post("")
@@ -94,7 +94,7 @@ def create(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
             query_id=wish["query"],
             public=wish["public"],
         )
-    return _told(record, share, token=token)
+    return _share_json(record, share, token=token)
 
 
 @blueprint.patch(f"/{_ID}")
@@ -106,7 +106,7 @@ def change(slug: str, id: int, wish: dict[str, bool]) -> dict[str, Any]:
     with library().database.write() as session:
         share = sharing.find(session, record, id)
         sharing.change(share, _allows(wish))
-        return _told(record, share)
+        return _share_json(record, share)
 
 
 @blueprint.delete(f"/{_ID}")
@@ -123,7 +123,7 @@ def _allows(wish: dict[str, Any]) -> Allows:
     return Allows(photos=wish["photos"], localize=wish["localize"], originals=wish["originals"])
 
 
-def _told(record: MapRecord, share: Share, *, token: str | None = None) -> dict[str, Any]:
+def _share_json(record: MapRecord, share: Share, *, token: str | None = None) -> dict[str, Any]:
     token = token or share.public_token
     return {
         "id": share.id,

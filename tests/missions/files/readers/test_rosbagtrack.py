@@ -132,14 +132,14 @@ def test_topics_are_chosen_and_the_others_counted(ros, tmp_path) -> None:
     assert listed["/c"] == ("std_msgs/msg/Header", 1, False)
 
 
-def test_a_bag_without_poses_is_told(ros, tmp_path) -> None:
+def test_a_bag_without_poses_is_reported(ros, tmp_path) -> None:
     m = ros(True)
     with pytest.raises(TrackError, match="no topic with poses"):
         read(m.bag(tmp_path / "n.bag", [("/c", 3.0, m.header(1.0))]), ".bag")
 
 
 @KINDS
-def test_damaged_bags_are_told_or_read_never_worse(ros, tmp_path, ros1, mcap, suffix) -> None:
+def test_damaged_bags_are_refused_or_read_never_worse(ros, tmp_path, ros1, mcap, suffix) -> None:
     m = ros(ros1)
     messages = [("/odom", float(i), m.odometry(float(i), m.pose(float(i)))) for i in range(1, 20)]
     path = m.bag(tmp_path / f"d{suffix if ros1 else ''}", messages, mcap=mcap)

@@ -153,7 +153,7 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
     assert peak < 2_000_000
 
 
-def test_damaged_zips_are_told(tmp_path: Path) -> None:
+def test_damaged_zips_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.kmz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("doc.kml", KML)

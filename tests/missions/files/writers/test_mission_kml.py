@@ -81,7 +81,7 @@ def test_a_new_part_begins_where_time_does_not_go_on(poses, track):
     assert counts == [4, 2, 3, 3]
 
 
-def test_headings_are_told_where_all_of_a_part_are_known(poses, track):
+def test_headings_are_written_where_all_of_a_part_are_known(poses, track):
     for whole, expected in ((True, 9), (False, 0)):
         data = written(MissionOut("m", (track(poses(9, whole=whole), size=9),), (), list))
         assert data.count(b"<gx:angles>") == expected

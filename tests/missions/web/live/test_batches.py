@@ -176,17 +176,17 @@ def test_too_large(client, mission):
 
 
 def test_a_busy_server_says_when_to_come_again(app, send, walk, state):
-    turns = app.extensions["expmap_turns"]["batches"]
+    permits = app.extensions["expmap_concurrency"]["batches"]
     taken = 0
-    while turns.acquire(blocking=False):
+    while permits.acquire(blocking=False):
         taken += 1
     answer = send(walk(2))
     assert (answer.status_code, answer.headers["Retry-After"]) == (429, "1")
     for _ in range(taken):
-        turns.release()
+        permits.release()
     assert taken == 6
     assert send(walk(2)).json["stored"] == 2
-    assert turns.acquire(blocking=False)
+    assert permits.acquire(blocking=False)
 
 
 def test_nothing_is_kept_of_a_batch_whose_answer_fails(library, send, walk, state, monkeypatch):
@@ -241,7 +241,7 @@ def test_nobody_takes_the_place_of_an_imported_file(send, walk, client, mission)
     assert client.post(address, json={"records": walk(1)}, headers=key).status_code == 422
 
 
-def test_of_very_many_sightings_the_last_are_told(send, client, mission, monkeypatch):
+def test_of_very_many_sightings_the_last_are_listed(send, client, mission, monkeypatch):
     monkeypatch.setattr(missions, "MOST_SIGHTINGS", 5)
     send([CAR | {"time": float(n)} for n in range(12)])
     found = client.get(f"/api/v1/missions/{mission}/objects/car-1").json

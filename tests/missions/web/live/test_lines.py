@@ -90,7 +90,7 @@ def test_points_are_poses(build, line):
     assert np.array_equal(points[:, 4], poses.heading_deg[numbers])
 
 
-def test_too_many_points_are_told_of(build, line):
+def test_too_many_points_are_reported(build, line):
     build()
     found = line(tolerance_m=0.0)
     assert len(found.points) <= track_line.MOST

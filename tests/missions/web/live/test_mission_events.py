@@ -52,7 +52,7 @@ def numbers(data):
     return [point[0] for point in data["tracks"][0]["new"]]
 
 
-def test_first_the_last_poses_are_told(send, walk, follow):
+def test_first_the_last_poses_are_sent(send, walk, follow):
     send(walk(300))
     ((data, id),) = follow()
     assert data["revision"] == 1
@@ -92,7 +92,7 @@ def test_what_comes_while_one_listens(client, mission, send, walk, state):
     answer.close()
 
 
-def test_of_very_many_poses_some_are_told(send, walk, follow, state):
+def test_of_very_many_poses_some_are_sent(send, walk, follow, state):
     send(walk(1))
     known = state()["cursor"]
     send(walk(4999, begin=1), first=1)
@@ -104,9 +104,9 @@ def test_of_very_many_poses_some_are_told(send, walk, follow, state):
 
 @pytest.mark.parametrize("stream_s", [120.0])
 def test_only_so_many_streams_stay_open(app, client, mission, follow, send, walk):
-    turns = app.extensions["expmap_turns"]["events"]
+    permits = app.extensions["expmap_concurrency"]["events"]
     answers = [client.get(f"/api/v1/missions/{mission}/events", buffered=False) for _ in range(2)]
-    assert not turns.acquire(blocking=False)
+    assert not permits.acquire(blocking=False)
     send(walk(1))
     begun = time.monotonic()
     assert len(follow()) == 1
@@ -114,7 +114,7 @@ def test_only_so_many_streams_stay_open(app, client, mission, follow, send, walk
     for answer in answers:
         answer.close()
         answer.close()
-    assert turns.acquire(blocking=False)
+    assert permits.acquire(blocking=False)
 
 
 def test_a_mission_in_the_bin_ends_the_stream(client, mission):

@@ -51,7 +51,7 @@ def test_visitors_see_tracks_and_objects(stranger, new_mission, share):
     assert len(stranger.get(api(shared, "/objects/v1")).json["sightings"]) == 1
 
 
-def test_what_is_new_is_told(stranger, new_mission, share, send):
+def test_what_is_new_is_sent(stranger, new_mission, share, send):
     mission = new_mission(5)
     shared = share(mission)
     before = stranger.get(api(shared)).json
@@ -213,7 +213,7 @@ def test_only_the_embedded_page_may_be_framed_and_it_sets_no_cookie(stranger, ne
     assert stranger.get(shared["url"]).headers["X-Frame-Options"] == "DENY"
 
 
-def test_why_a_photo_could_not_be_localized_is_not_told(stranger, library, new_mission, share, add_photo):
+def test_why_a_photo_could_not_be_localized_is_not_shown(stranger, library, new_mission, share, add_photo):
     mission = new_mission()
     sha = add_photo(mission)
     with library.database.write() as session:

@@ -1,0 +1,36 @@
+"""Errors and findings with paths relative to a folder: visitors of the web see no others."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from webapp.core.mapmodel.findings import Finding
+from webapp.errors import ExpMapError
+
+
+@contextmanager
+def show_relative_to(folder: Path) -> Iterator[None]:
+    """Show paths below the folder as relative ones in an error that passes through."""
+    try:
+        yield
+    except ExpMapError as error:
+        error.message = relative_text(error.message, folder)
+        error.where = None if error.where is None else relative_text(error.where, folder)
+        error.hint = None if error.hint is None else relative_text(error.hint, folder)
+        raise
+
+
+def relative_finding(finding: Finding, folder: Path) -> Finding:
+    """Return a finding with paths relative to the folder."""
+    return replace(
+        finding, message=relative_text(finding.message, folder), fix=relative_text(finding.fix, folder)
+    )
+
+
+def relative_text(text: str, folder: Path) -> str:
+    """Return a text with paths relative to the folder."""
+    return text.replace(f"{folder}{os.sep}", "")
