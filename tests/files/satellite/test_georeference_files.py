@@ -67,7 +67,7 @@ def test_four_corners():
         (corners_json(top_left={"lat": 60, "lng": 22}), "'lng'"),
         (corners_json(center={}), "'center'"),
         (b'{"top_left": {"lat": NaN, "lon": 1}}', "NaN"),
-        (b'{"top_left": {"lat": 1, "lat": 2}}', "twice"),
+        (b'{"top_left": {"lat": 1, "lat": 2}}', "duplicate"),
         (b"[]", "must be an object"),
         (b"{", "not JSON"),
         (b"\xff\xfe", "UTF-8"),

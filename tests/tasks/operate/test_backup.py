@@ -322,7 +322,7 @@ def test_a_database_that_is_damaged_inside_is_found(back_up, archive, tmp_path):
 def test_only_an_empty_folder_is_filled(back_up, archive, library):
     back_up()
     before = rows(library)
-    with pytest.raises(UsageError, match="already"):
+    with pytest.raises(UsageError, match="not empty"):
         restore_library.restore(archive, library.folder, parts=PARTS, progress=Progress())
     assert rows(library) == before
 
