@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import select
 
-from webapp.core.mapmodel.positions import round_half_up
+from webapp.core.geo.types import round_half_up
 from webapp.files.maps.cfg import read_cfg
 from webapp.store.library import open_library
 from webapp.store.schema import MapRecord, Photo

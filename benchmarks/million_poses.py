@@ -38,7 +38,7 @@ from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
 from webapp.core.trajectory.records import Poses, make_poses
 from webapp.missions.store import missions, tracks
-from webapp.missions.tasks import build_pieces
+from webapp.missions.tasks import track_display
 from webapp.progress import Progress
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
@@ -159,7 +159,7 @@ def _wander(count: int) -> Poses:
 def _prepare(library: Library, mission: int) -> float:
     """Prepare the track for display, as the background does; gives seconds."""
     begun = time.perf_counter()
-    build_pieces.build_pieces(library, mission, write=library.database.write, progress=Progress())
+    track_display.build_pieces(library, mission, write=library.database.write, progress=Progress())
     return round(time.perf_counter() - begun, 1)
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from webapp.core.hypotheses.model import Evidence
+from webapp.render.answer_pictures import BAND_PX, GAP_PX, HEIGHT_PX, WIDTH_PX, draw_matches
 from webapp.render.colours import INLIER
-from webapp.render.match_picture import BAND_PX, GAP_PX, HEIGHT_PX, WIDTH_PX, draw_matches
 
 
 def grey(width: int, height: int, value: int) -> np.ndarray:

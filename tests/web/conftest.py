@@ -8,7 +8,7 @@ from itsdangerous import URLSafeTimedSerializer
 
 from webapp.app.web import create_app
 from webapp.settings import Settings
-from webapp.store.accounts import accounts, members
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
 from webapp.store.maps import maps
 
@@ -111,7 +111,7 @@ def new_map(library):
         with library.database.write() as session:
             record = maps.create(session, name, account_id=account.id)
             for other, role in (shared or {}).items():
-                members.set_role(session, record, account=other, role=role)
+                accounts.set_member_role(session, record, account=other, role=role)
         return record.slug
 
     return make

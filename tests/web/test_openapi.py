@@ -26,7 +26,7 @@ from webapp.missions.tasks.add_photo import About
 from webapp.missions.tasks.store_batch import Numbered
 from webapp.settings import MissionSettings, Settings
 from webapp.store import queries
-from webapp.store.accounts import accounts, members
+from webapp.store.accounts import accounts
 from webapp.store.maps import uploads
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo, QueryRecord
@@ -334,7 +334,7 @@ def test_viewers_change_nothing(operations, fresh, library, new_account, token):
     viewer = new_account("Vera")
     with library.database.write() as session:
         record = session.query(MapRecord).filter_by(slug=slug).one()
-        members.set_role(session, record, account=viewer, role="viewer")
+        accounts.set_member_role(session, record, account=viewer, role="viewer")
     before = state(library, slug)
     headers = {"Authorization": f"Bearer {token(viewer)}"}
 

@@ -9,7 +9,7 @@ from typing import Any
 from webapp.errors import IndexDamaged, InputError, NotFound, NotReady, UsageError
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context
-from webapp.missions.tasks import build_pieces, delete, fuse, import_file, localize_photos
+from webapp.missions.tasks import delete, fuse, import_file, localize_photos, track_display
 from webapp.missions.tasks.import_file import order_of, waiting_path
 from webapp.tasks.localize.map_cache import MapCache
 
@@ -74,7 +74,7 @@ def fuse_mission(context: Context) -> dict[str, Any]:
 def build_track_pieces(context: Context) -> dict[str, Any]:
     """Prepare what is new of the mission that the argument `mission` names; what is finished stays so."""
     mission_id = int(context.arguments["mission"])
-    built = build_pieces.build_pieces(
+    built = track_display.build_pieces(
         context.library, mission_id, write=context.write, progress=context.progress
     )
     return {"pieces": built}

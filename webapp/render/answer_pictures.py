@@ -1,18 +1,30 @@
-"""The two pictures of an answer, made from the files."""
+"""The two pictures of an answer: the places on the map, and the matches with its best photo."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
-from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.model import Answer, Evidence
 from webapp.core.mapmodel.model import Map
 from webapp.files.maps.folder import photo_path
 from webapp.files.photos.photo import read_upright
+from webapp.render.canvas import Canvas, Point, shortened, text_width
+from webapp.render.colours import INK, INLIER, OUTLIER, PAPER, QUIET
 from webapp.render.map_picture import draw_map
-from webapp.render.match_picture import draw_matches
 from webapp.settings import PhotoLimits
+
+WIDTH_PX = 1600
+HEIGHT_PX = 640
+"""The two photos are scaled to one height, as large as fits into this."""
+
+GAP_PX = 8
+BAND_PX = 76
+_TEXT, _SMALL, _MARGIN = 19, 16, 14
 
 
 def map_picture(cfg: Path, the_map: Map, *, answer: Answer, limits: PhotoLimits) -> Image.Image:
@@ -52,3 +64,98 @@ def match_picture(
         query_name=query.name,
         photo_name=photo,
     )
+
+
+def draw_matches(
+    query: NDArray[np.uint8],
+    photo: NDArray[np.uint8],
+    *,
+    evidence: Evidence,
+    query_name: str,
+    photo_name: str,
+) -> Image.Image:
+    """Draw the matches between a query and a photo of the map.
+
+    Parameters
+    ----------
+    query, photo : (height, width, 3) uint8
+        Upright, at full size; blue, green, red.
+    query_name, photo_name : str
+        For the caption.
+
+    Returns
+    -------
+    PIL.Image.Image
+        RGB. The query is on the left, the caption in a band below.
+    """
+    left, right = _scales(query, photo)
+    left_image, right_image = _scaled(query, left), _scaled(photo, right)
+    height = left_image.shape[0]
+    offset = left_image.shape[1] + GAP_PX
+    width = offset + right_image.shape[1]
+    canvas = Canvas(np.full((height + BAND_PX, width, 3), PAPER, dtype=np.uint8))
+    canvas.paste(left_image, at=(0, 0))
+    canvas.paste(right_image, at=(offset, 0))
+    ends = [
+        (_shown(a, left, 0), _shown(b, right, offset))
+        for a, b in zip(evidence.query_xy, evidence.photo_xy, strict=True)
+    ]
+    inliers = [pair for pair, inlier in zip(ends, evidence.inlier, strict=True) if inlier]
+    others = [pair for pair, inlier in zip(ends, evidence.inlier, strict=True) if not inlier]
+    # Without any inlier the plain matches are all there is to see.
+    with canvas.faint(0.3 if inliers else 0.7):
+        _join(canvas, others, OUTLIER)
+    with canvas.faint(0.9):
+        _join(canvas, inliers, INLIER)
+    _caption(
+        canvas, (query_name, f"Experience {evidence.experience}: {photo_name}"), offset=offset, height=height
+    )
+    _counts(canvas, inliers=len(inliers), others=len(others), height=height)
+    return canvas.image()
+
+
+def _scales(query: NDArray[np.uint8], photo: NDArray[np.uint8]) -> tuple[float, float]:
+    """Scales that make both photos equally high and fit them into the picture."""
+    aspects = [image.shape[1] / image.shape[0] for image in (query, photo)]
+    height = min(HEIGHT_PX, (WIDTH_PX - GAP_PX) / sum(aspects))
+    return height / query.shape[0], height / photo.shape[0]
+
+
+def _scaled(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+    height, width = (max(1, round(side * scale)) for side in image.shape[:2])
+    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    resized = cv2.resize(image, (width, height), interpolation=way)
+    return np.asarray(cv2.cvtColor(resized, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _shown(xy: NDArray[np.float32], scale: float, offset: int) -> Point:
+    """Where a keypoint of the full-size photo is in the picture; both count from pixel centres."""
+    x, y = ((float(v) + 0.5) * scale - 0.5 for v in xy)
+    return x + offset, y
+
+
+def _join(canvas: Canvas, pairs: list[tuple[Point, Point]], colour: tuple[int, int, int]) -> None:
+    for start, end in pairs:
+        canvas.line(start, end, colour=colour)
+    for point in (point for pair in pairs for point in pair):
+        canvas.ring(point, 3, colour=colour)
+
+
+def _caption(canvas: Canvas, names: tuple[str, str], *, offset: int, height: int) -> None:
+    baseline = height + 30
+    half = [(_MARGIN, offset - 2 * _MARGIN), (offset + _MARGIN, canvas.size[0] - offset - 2 * _MARGIN)]
+    for name, (x, width) in zip((f"Query: {names[0]}", names[1]), half, strict=True):
+        canvas.text((x, baseline), shortened(name, _TEXT, width=width), size=_TEXT)
+
+
+def _counts(canvas: Canvas, *, inliers: int, others: int, height: int) -> None:
+    baseline, x = height + 58, float(_MARGIN)
+    total = f"{inliers + others} matches"
+    canvas.text((x, baseline), total, size=_SMALL, colour=QUIET)
+    x += text_width(total, _SMALL) + 28
+    legend = ((INLIER, f"{inliers} inliers"), (OUTLIER, f"{others} others"))
+    for colour, words in legend:
+        for shade, width in ((INK, 5), (colour, 3)):
+            canvas.line((x + 2, baseline - 5), (x + 22, baseline - 5), colour=shade, width=width)
+        canvas.text((x + 34, baseline), words, size=_SMALL, colour=QUIET)
+        x += 34 + text_width(words, _SMALL) + 28

@@ -16,8 +16,8 @@ from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.exchange import tum
 from webapp.files.photos.photo import read_upright
+from webapp.render.answer_pictures import draw_matches
 from webapp.render.map_picture import draw_map
-from webapp.render.match_picture import draw_matches
 from webapp.render.report import Pictured, render_report
 from webapp.settings import PhotoLimits
 from webapp.tasks.localize.evaluate import to_json

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.latlongrid import latlon_grid
+from webapp.core.geo.georeference import Georeference, latlon_grid
 
 _CELLS = 32
 _LIMIT_DEG = 85.0

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.latlongrid import latlon_grid
+from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from webapp.core.geo.types import round_half_up
 from webapp.core.mapmodel.findings import Code, quoted
 from webapp.core.mapmodel.paths import name_problem
-from webapp.core.mapmodel.positions import round_half_up
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Placement
-from webapp.core.mapmodel.positions import MapPixel
 from webapp.errors import Conflict, InputError, NotFound
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import ImportLimits, Settings

@@ -12,7 +12,7 @@ from sqlalchemy import func, select, update
 
 from webapp.files.localize.calibration import FORMAT
 from webapp.store import queries as stored
-from webapp.store.accounts import members
+from webapp.store.accounts import accounts
 from webapp.store.schema import Job, MapRecord, QueryRecord
 from webapp.tasks.localize import upload
 from webapp.tasks.localize.map_cache import MethodChoice
@@ -187,7 +187,7 @@ def test_photos_of_one_spot_are_one_question(client, sample, ask, queries):
 def test_who_may_ask(library, sample, ask, queries, new_account, sign_in, stranger, owner):
     viewer, nobody = new_account("vera"), new_account("nora")
     with library.database.write() as session:
-        members.set_role(session, session.get_one(MapRecord, sample), account=viewer, role="viewer")
+        accounts.set_member_role(session, session.get_one(MapRecord, sample), account=viewer, role="viewer")
     assert ask(stranger, queries / "query_01.jpg").status_code == 401
     assert ask(sign_in(nobody), queries / "query_01.jpg").status_code == 404
     response = ask(sign_in(viewer), queries / "query_01.jpg")

@@ -10,7 +10,7 @@ import pytest
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
 from webapp.settings import Settings
-from webapp.store.accounts import members
+from webapp.store.accounts import accounts
 from webapp.tasks.localize import sequence_state, spot
 from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 
@@ -38,7 +38,7 @@ def test_frames_before_count(client, sample, ask, queries, library):
 def test_sequences_are_their_own(client, sample, ask, queries, library, sign_in, new_account, record):
     ana = new_account("Ana")
     with library.database.write() as session:
-        members.set_role(session, session.merge(record()), account=ana, role="viewer")
+        accounts.set_member_role(session, session.merge(record()), account=ana, role="viewer")
     for browser, id in ((client, "a"), (client, "b"), (sign_in(ana), "a")):
         assert ask(browser, queries / "query_01.jpg", sequence=id).status_code == 200
     assert len(files(library)) == 3

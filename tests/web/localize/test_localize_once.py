@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from webapp.store import queries, sharing
-from webapp.store.accounts import members
+from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import QueryRecord
 from webapp.store.sharing import Allows
@@ -66,7 +66,7 @@ def test_keys_of_others_are_others(park, send, asked, sign_in, new_account, libr
     assert sign_in(ana).get(f"/api/v1/maps/{park}").status_code == 404
     with library.database.write() as session:
         record = maps.find(session, park, account=owner)
-        members.set_role(session, record, account=ana, role="viewer")
+        accounts.set_member_role(session, record, account=ana, role="viewer")
     assert send("one").json["id"] != send("one", browser=sign_in(ana)).json["id"]
 
 

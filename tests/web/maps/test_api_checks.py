@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from webapp.store.accounts import members
+from webapp.store.accounts import accounts
 from webapp.store.schema import Account, MapRecord
 from webapp.tasks.maps import adopt_map
 
@@ -22,7 +22,7 @@ def viewer(library, sign_in, new_account, park):
     account = new_account("vera")
     with library.database.write() as session:
         record = session.query(MapRecord).one()
-        members.set_role(session, record, account=session.get(Account, account.id), role="viewer")
+        accounts.set_member_role(session, record, account=session.get(Account, account.id), role="viewer")
     return sign_in(account)
 
 

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from webapp.resources import resource_folder
-from webapp.store.accounts import accounts, members
+from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 
@@ -56,7 +56,7 @@ def test_who_may_only_look_finds_no_tools(library, sign_in, new_account, slug):
     guest = new_account("Guest")
     with library.database.write() as session:
         record = session.query(MapRecord).filter_by(slug=slug).one()
-        members.set_role(session, record, account=accounts.named(session, "Guest"), role="viewer")
+        accounts.set_member_role(session, record, account=accounts.named(session, "Guest"), role="viewer")
     text = sign_in(guest).get(f"/maps/{slug}/edit").get_data(as_text=True)
     assert '"can_edit": false' in text
     assert re.search(r'<input class="ed-file" hidden id="photo-input"', text)

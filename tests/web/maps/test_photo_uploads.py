@@ -10,7 +10,7 @@ from PIL import Image
 
 from webapp.errors import DiskFull
 from webapp.settings import PhotoLimits, UploadLimits
-from webapp.store.accounts import members
+from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Upload
 from webapp.tasks.maps import add_photo
@@ -287,7 +287,7 @@ def test_an_upload_is_its_owners(sender, sign_in, new_account, library, park, ow
     ana = new_account("ana")
     with library.database.write() as session:
         record = session.query(MapRecord).filter_by(slug=park).one()
-        members.set_role(session, record, account=ana, role="editor")
+        accounts.set_member_role(session, record, account=ana, role="editor")
     other = Sender(sign_in(ana), park)
     assert other.piece(id, data[:10], offset=0).status_code == 404
     assert other.begin(data).json["id"] != id

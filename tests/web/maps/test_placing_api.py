@@ -10,7 +10,7 @@ from PIL import Image
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import EnuMetres, LatLon
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
-from webapp.store.accounts import members
+from webapp.store.accounts import accounts
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.export import export_late_maps
@@ -271,7 +271,7 @@ def test_only_editors_place(map_, sign_in, new_account, library, park):
     map_.image()
     ben = new_account("ben")
     with library.database.write() as session:
-        members.set_role(session, map_.record(session), account=ben, role="viewer")
+        accounts.set_member_role(session, map_.record(session), account=ben, role="viewer")
     map_.client = sign_in(ben)
     for path, content in (("photos/place-by-gps", None), ("positions", "name;x;y\n"), ("gpx", track())):
         assert map_.post(path, content).status_code == 403

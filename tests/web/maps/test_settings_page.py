@@ -2,7 +2,7 @@
 
 import pytest
 
-from webapp.store.accounts import members
+from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 
 
@@ -23,7 +23,7 @@ def roles(library, slug, account):
     """Who may use the map: name to role."""
     with library.database.read() as session:
         record = maps.find(session, slug, account=account)
-        return {person.name: role for person, role in members.listed(session, record)}
+        return {person.name: role for person, role in accounts.members_of(session, record)}
 
 
 def test_an_owner_shares_and_takes_back(library, people, shared, sign_in, new_account):

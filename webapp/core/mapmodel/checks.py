@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.core.mapmodel.paths import name_problem
-from webapp.core.mapmodel.positions import whole_pixel
 
 MAX_NUMBER = 2**31 - 1
 """Largest id, size and coordinate: ids are answered as 32-bit integers."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import MapPixel, inside, whole_pixel
 from webapp.core.mapmodel.checks import MAX_NUMBER, check_lines
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.core.mapmodel.paths import name_problem
-from webapp.core.mapmodel.positions import inside, whole_pixel
 from webapp.errors import CfgError, MapError
 from webapp.files.maps.cfg_scan import BOM, Scan, scan
 

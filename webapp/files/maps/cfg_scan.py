@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import TypeVar
 
+from webapp.core.geo.types import round_half_up
 from webapp.core.mapmodel.checks import MAX_NUMBER, ImageLine, PhotoLine
 from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.core.mapmodel.paths import name_problem
-from webapp.core.mapmodel.positions import round_half_up
 
 _INTEGER = re.compile(r"-?[0-9]+")
 _FRACTION = re.compile(r"(-?[0-9]{1,10})[.,]([0-9]{0,10})")

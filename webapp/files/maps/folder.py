@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import MapPixel, inside, whole_pixel
 from webapp.core.mapmodel.model import Experience, Map, Placement
 from webapp.core.mapmodel.paths import name_problem
-from webapp.core.mapmodel.positions import inside, whole_pixel
 from webapp.errors import MapError
 from webapp.files.atomic import write_bytes
 from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 from webapp.missions.store import missions, tracks
 from webapp.missions.store import objects as mission_objects
 from webapp.missions.store.schema import Mission, Track
-from webapp.missions.tasks.build_pieces import table_of
+from webapp.missions.tasks.track_display import table_of
 from webapp.missions.web.api_objects import object_json
 from webapp.missions.web.api_tracks import points_json
 from webapp.missions.web.context import ConcurrencyLimit, open_mission

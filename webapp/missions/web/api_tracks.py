@@ -14,8 +14,8 @@ from sqlalchemy.orm import Session
 from webapp.errors import UsageError
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Track
-from webapp.missions.tasks import track_line
-from webapp.missions.tasks.track_line import LineView
+from webapp.missions.tasks import track_display
+from webapp.missions.tasks.track_display import LineView
 from webapp.missions.web.context import open_mission
 from webapp.web.context import library
 
@@ -100,7 +100,7 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
     if len(given) not in (0, len(_SIDES)):
         raise UsageError("a box has four sides", where="south", hint="send south, west, north and east")
     box = (given[0], given[1], given[2], given[3]) if given else None
-    found = track_line.track_line(session, track, LineView(query["tolerance_m"], box, query["since"]))
+    found = track_display.track_line(session, track, LineView(query["tolerance_m"], box, query["since"]))
     return {
         "level": found.level,
         "points": points_json(found.points),
@@ -111,7 +111,7 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
 
 def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
     """Give the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
-    samples = track_line.track_profile(session, track, points=query["points"])
+    samples = track_display.track_profile(session, track, points=query["points"])
     if not track.timed:
         samples[:, 2] = np.nan  # no speed comes of times that only keep the order
     columns = samples.T.tolist()

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.types import LatLon
+from webapp.core.geo.types import LatLon, whole_pixel
 from webapp.core.mapmodel.checks import FileFacts, FolderFacts, PhotoLine, check_folder, check_lines, free_id
 from webapp.core.mapmodel.findings import Code, Finding, quoted
-from webapp.core.mapmodel.positions import whole_pixel
 from webapp.errors import MapError, PhotoError
 from webapp.files.decode import check_decodes, image_size
 from webapp.files.listing import Spelling, list_photos, normal_name

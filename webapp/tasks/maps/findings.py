@@ -11,11 +11,10 @@ from typing import Any, Literal, get_args
 
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.geo.types import LatLon, MapPixel, whole_pixel
 from webapp.core.mapmodel.findings import Code, Finding
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.paths import name_problem
-from webapp.core.mapmodel.positions import whole_pixel
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.decode import image_size
 from webapp.files.listing import list_photos, normal_name

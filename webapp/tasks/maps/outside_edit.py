@@ -10,9 +10,8 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.core.mapmodel.positions import whole_pixel
 from webapp.errors import Conflict, MapError, NotFound, UsageError
 from webapp.files.maps.folder import read_map
 from webapp.files.maps.map_json import georeference_fields

@@ -11,10 +11,9 @@ from pathlib import Path
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
-from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.paths import name_problem
-from webapp.core.mapmodel.positions import inside
 from webapp.errors import PhotoError
 from webapp.files.decode import PHOTO_SUFFIXES, check_decodes
 from webapp.files.maps.positions import Positions

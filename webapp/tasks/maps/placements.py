@@ -9,9 +9,8 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import MapPixel, inside
 from webapp.core.mapmodel.clusters import gather
-from webapp.core.mapmodel.positions import inside
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.map_json import check_placement_name
 from webapp.store.library import Library

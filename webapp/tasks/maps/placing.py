@@ -9,8 +9,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.types import LatLon, MapPixel
-from webapp.core.mapmodel.positions import inside
+from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.core.mapmodel.samename import match_names
 from webapp.errors import UsageError
 from webapp.files.maps.positions import Positions, read_positions

@@ -13,8 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.types import LatLon, MapPixel
-from webapp.core.mapmodel.positions import inside
+from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.errors import Conflict, UsageError
 from webapp.files.maps.map_json import georeference_fields
 from webapp.store.maps import edits, maps

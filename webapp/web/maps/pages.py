@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from werkzeug.wrappers import Response
 
 from webapp.errors import ExpMapError
-from webapp.store.accounts import accounts, members
+from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
@@ -97,7 +97,7 @@ def set_role(slug: str) -> Response | tuple[str, int]:
     try:
         with library().database.write() as db:
             person = accounts.named(db, text("name"))
-            members.set_role(db, record, account=person, role=text("role"))
+            accounts.set_member_role(db, record, account=person, role=text("role"))
     except ExpMapError as error:
         return _settings_page(record, error=error), errors.status_of(error)
     flash(_("%(name)s now has access.", name=person.name), "success")
@@ -113,7 +113,7 @@ def remove_member(slug: str, account_id: int) -> Response | tuple[str, int]:
         with library().database.write() as db:
             person = db.get(Account, account_id)
             if person is not None:
-                members.remove(db, record, account=person)
+                accounts.remove_member(db, record, account=person)
     except ExpMapError as error:
         return _settings_page(record, error=error), errors.status_of(error)
     flash(_("The map is no longer shared with this person."), "success")
@@ -122,7 +122,7 @@ def remove_member(slug: str, account_id: int) -> Response | tuple[str, int]:
 
 def _settings_page(record: MapRecord, *, error: ExpMapError | None = None) -> str:
     with library().database.read() as session:
-        shared = members.listed(session, record)
+        shared = accounts.members_of(session, record)
         role = maps.role_of(session, record, account=account())
     return render_template(
         "maps/settings.html",

@@ -9,15 +9,17 @@ from flask import url_for
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.latlongrid import latlon_grid
+from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
+from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.show_photo import look_of
-from webapp.web.satellite.state import satellite_json
+from webapp.tasks.satellite import display
+from webapp.tasks.satellite.files import source_of
+from webapp.web.state import library
 
 
 def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
@@ -197,4 +199,40 @@ def _history(session: Session, record: MapRecord, *, account: Account) -> dict[s
     return {
         "undo": brief(edits.newest_done(session, record, account_id=account.id)),
         "redo": brief(edits.oldest_undone(session, record, account_id=account.id)),
+    }
+
+
+def satellite_json(record: MapRecord, *, base: str | None = None) -> dict[str, Any] | None:
+    """Give address and size of a map's image; None without one.
+
+    Parameters
+    ----------
+    base : str, optional
+        Address below which the image is found, instead of the one for people of the map.
+
+    Returns
+    -------
+    dict or None
+        `url`, `width`, `height`, `tiles` (`url` with {z}, {x} and {y}, and `max_zoom`) or null, and
+        `attribution`: who is to be named where the image is shown, or null. Another content has another
+        address, so that browsers may keep what they have.
+    """
+    key = display.key_of(library(), record)
+    width, height = record.satellite_width, record.satellite_height
+    if key is None or not width or not height:
+        return None
+    base = base or f"/api/v1/maps/{record.slug}/satellite"
+    tiles = None
+    if display.has_tiles(library(), record):
+        tiles = {
+            "url": f"{base}/tiles/{{z}}/{{x}}/{{y}}?v={key}",
+            "max_zoom": max_zoom(width=width, height=height),
+        }
+    source = source_of(library().map_folder(record.slug), record.satellite_path or "")
+    return {
+        "url": f"{base}?v={key}",
+        "width": width,
+        "height": height,
+        "tiles": tiles,
+        "attribution": source.get("attribution"),
     }

@@ -14,8 +14,8 @@ from webapp.tasks.maps.placing import image_of
 from webapp.tasks.satellite.georeference import on_earth
 from webapp.web.accounts.security import allow_images
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.maps.state import satellite_json
 from webapp.web.satellite.api_satellite import service_json
-from webapp.web.satellite.state import satellite_json
 
 blueprint = Blueprint("satellite", __name__)
 

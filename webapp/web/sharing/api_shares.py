@@ -12,7 +12,7 @@ from markupsafe import escape
 
 from webapp.errors import NotFound
 from webapp.store import sharing
-from webapp.store.accounts import accounts, members
+from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Share
 from webapp.store.sharing import Allows
@@ -162,7 +162,7 @@ class MemberOut(Schema):
 class MemberList(Schema):
     """Who may use the map, by name; who owns the library may use every map."""
 
-    members = List(Nested(MemberOut))
+    accounts = List(Nested(MemberOut))
 
 
 @members_api.get("")
@@ -172,7 +172,9 @@ def list_members(slug: str) -> dict[str, Any]:
     record = open_map(slug)
     with library().database.read() as session:
         return {
-            "members": [_member_as_json(person, role) for person, role in members.listed(session, record)]
+            "members": [
+                _member_as_json(person, role) for person, role in accounts.members_of(session, record)
+            ]
         }
 
 
@@ -184,7 +186,7 @@ def set_role(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     record = open_map(slug, "owner")
     with library().database.write() as session:
         person = accounts.named(session, wish["name"])
-        members.set_role(session, record, account=person, role=wish["role"])
+        accounts.set_member_role(session, record, account=person, role=wish["role"])
     return _member_as_json(person, wish["role"])
 
 
@@ -198,7 +200,7 @@ def remove_member(slug: str, account_id: int) -> str:
         person = session.get(Account, account_id)
         if person is None:
             raise NotFound("there is no such account")
-        members.remove(session, record, account=person)
+        accounts.remove_member(session, record, account=person)
     return ""
 
 

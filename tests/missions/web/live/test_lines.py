@@ -5,8 +5,8 @@ import pytest
 
 from webapp.core.trajectory.records import make_poses
 from webapp.missions.store import missions, tracks
-from webapp.missions.tasks import build_pieces, track_line
-from webapp.missions.tasks.track_line import LineView
+from webapp.missions.tasks import track_display
+from webapp.missions.tasks.track_display import LineView
 from webapp.progress import Progress
 from webapp.store.operate import jobs
 
@@ -32,7 +32,7 @@ def track(library, mission):
 
 @pytest.fixture
 def build(library, mission):
-    return lambda: build_pieces.build_pieces(
+    return lambda: track_display.build_pieces(
         library, mission, write=library.database.write, progress=Progress()
     )
 
@@ -41,7 +41,9 @@ def build(library, mission):
 def line(library, mission, track):
     def read(**view):
         with library.database.read() as session:
-            return track_line.track_line(session, tracks.find(session, mission, track.id), LineView(**view))
+            return track_display.track_line(
+                session, tracks.find(session, mission, track.id), LineView(**view)
+            )
 
     return read
 
@@ -93,7 +95,7 @@ def test_points_are_poses(build, line):
 def test_too_many_points_are_reported(build, line):
     build()
     found = line(tolerance_m=0.0)
-    assert len(found.points) <= track_line.MOST
+    assert len(found.points) <= track_display.MOST
     assert not found.complete
 
 
