@@ -21,10 +21,8 @@ from webapp.store.schema import Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.maps.schemas import JobSchema
 
-blueprint = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
-
+jobs_api = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
 jobs_pages = Blueprint("jobs_page", __name__)
-
 health_pages = Blueprint("health", __name__)
 
 
@@ -40,9 +38,9 @@ class JobList(Schema):
     jobs = List(Nested(JobSchema))
 
 
-@blueprint.get("")
-@blueprint.input(JobQuery, location="query", arg_name="query")
-@blueprint.output(JobList)
+@jobs_api.get("")
+@jobs_api.input(JobQuery, location="query", arg_name="query")
+@jobs_api.output(JobList)
 def listed(query: dict[str, str]) -> dict[str, Any]:
     """List the last jobs of a map."""
     record = open_map(query["map"])
@@ -51,16 +49,16 @@ def listed(query: dict[str, str]) -> dict[str, Any]:
         return {"jobs": [_job_json(session, job) for job in found]}
 
 
-@blueprint.get("/<int:job_id>")
-@blueprint.output(JobSchema)
+@jobs_api.get("/<int:job_id>")
+@jobs_api.output(JobSchema)
 def one(job_id: int) -> dict[str, Any]:
     """Get the progress of a job."""
     with library().database.read() as session:
         return _job_json(session, _job(session, job_id, role="viewer"))
 
 
-@blueprint.post("/<int:job_id>/cancel")
-@blueprint.output(JobSchema)
+@jobs_api.post("/<int:job_id>/cancel")
+@jobs_api.output(JobSchema)
 def cancel(job_id: int) -> dict[str, Any]:
     """Stop a job, one's own or one of a map that one may edit; what it has finished is kept."""
     with library().database.write() as session:
@@ -69,8 +67,8 @@ def cancel(job_id: int) -> dict[str, Any]:
         return _job_json(session, job)
 
 
-@blueprint.post("/<int:job_id>/retry")
-@blueprint.output(JobSchema)
+@jobs_api.post("/<int:job_id>/retry")
+@jobs_api.output(JobSchema)
 def retry(job_id: int) -> dict[str, Any]:
     """Queue a job again that failed or was cancelled."""
     with library().database.write() as session:

@@ -21,25 +21,25 @@ from webapp.web.accounts.security import allow_framing, allow_images
 from webapp.web.context import account, library, public, settings
 from webapp.web.satellite.api_satellite import service_json
 
-blueprint = Blueprint("mission_pages", __name__, url_prefix="/missions")
-
+mission_pages = Blueprint("mission_pages", __name__, url_prefix="/missions")
 public_pages = APIBlueprint("public_mission_pages", __name__, url_prefix="/m/<token>", enable_openapi=False)
+
 _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
 
-@blueprint.get("")
+@mission_pages.get("")
 def index() -> str:
     """List the missions; the list itself comes from the API."""
     return _list(binned=False)
 
 
-@blueprint.get("/bin")
+@mission_pages.get("/bin")
 def trash() -> str:
     """List the missions in the bin."""
     return _list(binned=True)
 
 
-@blueprint.get("/<int(max=2147483647):mission_id>")
+@mission_pages.get("/<int(max=2147483647):mission_id>")
 def show(mission_id: int) -> str:
     """Show a mission; `?with=2,3` lays others over it."""
     mission, who = open_mission(mission_id), account()

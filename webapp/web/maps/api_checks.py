@@ -21,7 +21,8 @@ from webapp.web.context import account, library, open_map, settings
 from webapp.web.maps import state as map_state
 from webapp.web.maps.schemas import EditAnswer, JobSchema
 
-blueprint = APIBlueprint("api_checks", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
+checks_api = APIBlueprint("api_checks", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
+evaluation_api = APIBlueprint("api_evaluation", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
 
 _MOST = 10_000
 _HEALTH_JOB = "health"
@@ -37,8 +38,7 @@ LABELS: dict[Fix, LazyString] = {
 }
 """Words on the button of each fix."""
 
-evaluation_api = APIBlueprint("api_evaluation", __name__, url_prefix="/api/v1/maps/<slug>", tag="Checks")
-_KIND = "evaluate"
+_EVALUATE_JOB = "evaluate"
 
 
 class FixOut(Schema):
@@ -120,8 +120,8 @@ class OutsideAnswer(EditAnswer):
     left_out = List(String())
 
 
-@blueprint.get("/findings")
-@blueprint.output(FindingsOut)
+@checks_api.get("/findings")
+@checks_api.output(FindingsOut)
 def show_findings(slug: str) -> dict[str, Any]:
     """Check the map."""
     record = open_map(slug)
@@ -133,9 +133,9 @@ def show_findings(slug: str) -> dict[str, Any]:
     return {"revision": record.revision, "findings": items}
 
 
-@blueprint.post("/findings/fix")
-@blueprint.input(FixIn, arg_name="wish")
-@blueprint.output(EditAnswer)
+@checks_api.post("/findings/fix")
+@checks_api.input(FixIn, arg_name="wish")
+@checks_api.output(EditAnswer)
 def fix(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Put something right; undo takes it back."""
     record, who = open_map(slug, "editor"), account()
@@ -145,15 +145,15 @@ def fix(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     return _answer(record, revision)
 
 
-@blueprint.get("/health")
-@blueprint.output(HealthOut)
+@checks_api.get("/health")
+@checks_api.output(HealthOut)
 def show_health(slug: str) -> dict[str, Any]:
     """Get the last survey of the weak places of the map."""
     return _health(open_map(slug))
 
 
-@blueprint.post("/health")
-@blueprint.output(HealthOut, status_code=202)
+@checks_api.post("/health")
+@checks_api.output(HealthOut, status_code=202)
 def find_health(slug: str) -> dict[str, Any]:
     """Have the weak places of the map found out by a job."""
     record, who = open_map(slug), account()
@@ -162,16 +162,16 @@ def find_health(slug: str) -> dict[str, Any]:
     return _health(record)
 
 
-@blueprint.get("/outside-edit")
-@blueprint.output(OutsideOut)
+@checks_api.get("/outside-edit")
+@checks_api.output(OutsideOut)
 def show_outside(slug: str) -> dict[str, Any]:
     """Return whether `map.cfg` was changed outside of this program, and how."""
     return _outside(open_map(slug))
 
 
-@blueprint.post("/outside-edit/take")
-@blueprint.input(OutsideSeen, arg_name="wish")
-@blueprint.output(OutsideAnswer)
+@checks_api.post("/outside-edit/take")
+@checks_api.input(OutsideSeen, arg_name="wish")
+@checks_api.output(OutsideAnswer)
 def take_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     """Take the changed file over as one edit, which undo takes back."""
     record, who = open_map(slug, "editor"), account()
@@ -181,9 +181,9 @@ def take_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     return {**_answer(record, taken.revision), "left_out": taken.left_out}
 
 
-@blueprint.post("/outside-edit/discard")
-@blueprint.input(OutsideSeen, arg_name="wish")
-@blueprint.output(OutsideOut)
+@checks_api.post("/outside-edit/discard")
+@checks_api.input(OutsideSeen, arg_name="wish")
+@checks_api.output(OutsideOut)
 def discard_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
     """Write the file anew, as the map is here."""
     record = open_map(slug, "editor")
@@ -236,6 +236,6 @@ def evaluate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Have every photo of the map localized as if it were not on it; the job's result has the figures."""
     record, who = open_map(slug, "editor"), account()
     with library().database.write() as session:
-        job = jobs.enqueue(session, _KIND, map_id=record.id, account_id=who.id, arguments=wish)
+        job = jobs.enqueue(session, _EVALUATE_JOB, map_id=record.id, account_id=who.id, arguments=wish)
         session.flush()
         return jobs.to_json(session, job, account_id=who.id)

@@ -32,14 +32,13 @@ from webapp.web.maps import state
 from webapp.web.maps.schemas import BoxOut, EditAnswer
 from webapp.web.openapi import file_answer
 
-blueprint = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
+photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
+blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
+uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
 
 _OTHER_PARTS = 20
 """Fields of a form beside its files."""
 
-blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
-
-uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
 _HEADER = "Upload-Offset"
 _JSON_BYTES = 10_000
 
@@ -89,15 +88,15 @@ def intake_json(intake: Intake) -> dict[str, Any]:
     }
 
 
-@blueprint.before_request
+@photos_api.before_request
 def limit_parts() -> None:
     """Refuse requests of very many parts while they are read."""
     request.max_form_parts = settings().upload.files_per_request + _OTHER_PARTS
 
 
-@blueprint.post("")
-@blueprint.input(PhotosIn, location="files", arg_name="given")
-@blueprint.output(IntakeOut(many=True), status_code=207, description="One result for each file, in order")
+@photos_api.post("")
+@photos_api.input(PhotosIn, location="files", arg_name="given")
+@photos_api.output(IntakeOut(many=True), status_code=207, description="One result for each file, in order")
 def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
     """Add photos."""
     record = open_map(slug, "editor")
@@ -111,22 +110,22 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
     return [_take_in(record, file) for file in given["file"]]
 
 
-@blueprint.get("/<int(max=2147483647):id>/thumb")
-@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@photos_api.get("/<int(max=2147483647):id>/thumb")
+@photos_api.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
 def thumb(slug: str, id: int) -> Response:
     """Get a photo as a small picture."""
     return _preview(slug, id, "thumb")
 
 
-@blueprint.get("/<int(max=2147483647):id>/preview")
-@blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
+@photos_api.get("/<int(max=2147483647):id>/preview")
+@photos_api.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def preview(slug: str, id: int) -> Response:
     """Get a photo as a picture that fills a screen."""
     return _preview(slug, id, "preview")
 
 
-@blueprint.get("/<int(max=2147483647):id>/original")
-@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+@photos_api.get("/<int(max=2147483647):id>/original")
+@photos_api.doc(responses=file_answer("The file as it came.", "image/*"))
 def original(slug: str, id: int) -> Response:
     """Get the file of a photo as it came."""
     record, photo = _find(slug, id)

@@ -26,8 +26,7 @@ from webapp.web.context import account, library, open_map
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
 
-blueprint = APIBlueprint("api_placing", __name__, url_prefix="/api/v1/maps/<slug>", tag="Placing")
-
+placing_api = APIBlueprint("api_placing", __name__, url_prefix="/api/v1/maps/<slug>", tag="Placing")
 placements_api = APIBlueprint(
     "api_placements", __name__, url_prefix="/api/v1/maps/<slug>/placements", tag="Placements"
 )
@@ -116,14 +115,14 @@ class GpxOut(PlacingOut):
     ends_s = Float(metadata={"description": "seconds since 1970, UTC"})
 
 
-@blueprint.before_request
+@placing_api.before_request
 def limit_bytes() -> None:
     """Refuse files that are too large while they are read."""
     request.max_content_length = MAX_BYTES + 100_000
 
 
-@blueprint.post("/photos/place-by-gps")
-@blueprint.output(PlacingOut)
+@placing_api.post("/photos/place-by-gps")
+@placing_api.output(PlacingOut)
 def by_gps(slug: str) -> dict[str, Any]:
     """Place the photos in the tray that know where they were taken."""
     record = open_map(slug, "editor")
@@ -131,9 +130,9 @@ def by_gps(slug: str) -> dict[str, Any]:
     return _placing_json(placing)
 
 
-@blueprint.post("/positions")
-@blueprint.input(FileIn, location="files", arg_name="given")
-@blueprint.output(ListedOut)
+@placing_api.post("/positions")
+@placing_api.input(FileIn, location="files", arg_name="given")
+@placing_api.output(ListedOut)
 def by_file(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     """Place photos by a list of file names: a `.cfg`, or a table `name;lat;lon` or `name;x;y`."""
     record, file = open_map(slug, "editor"), given["file"]
@@ -153,10 +152,10 @@ def by_file(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     }
 
 
-@blueprint.post("/gpx")
-@blueprint.input(GpxQuery, location="query", arg_name="query")
-@blueprint.input(GpxIn, location="form_and_files", arg_name="given")
-@blueprint.output(GpxOut)
+@placing_api.post("/gpx")
+@placing_api.input(GpxQuery, location="query", arg_name="query")
+@placing_api.input(GpxIn, location="form_and_files", arg_name="given")
+@placing_api.output(GpxOut)
 def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str, Any]:
     """Place photos in the tray by a GPX track and their times, or look where they would come."""
     record, name = open_map(slug, "editor"), tidy_name(given["file"].filename or "")

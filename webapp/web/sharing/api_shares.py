@@ -18,12 +18,11 @@ from webapp.store.schema import Account, MapRecord, Share
 from webapp.store.sharing import Allows
 from webapp.web.context import account, library, open_map
 
-blueprint = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
+shares_api = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
+members_api = APIBlueprint("api_members", __name__, url_prefix="/api/v1/maps/<slug>/members", tag="Sharing")
 
 _ID = "<int(max=2147483647):id>"
 _FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></iframe>'
-
-members_api = APIBlueprint("api_members", __name__, url_prefix="/api/v1/maps/<slug>/members", tag="Sharing")
 
 
 class AllowsIn(Schema):
@@ -70,8 +69,8 @@ class ShareList(Schema):
     shares = List(Nested(ShareOut))
 
 
-@blueprint.get("")
-@blueprint.output(ShareList)
+@shares_api.get("")
+@shares_api.output(ShareList)
 def list_shares(slug: str) -> dict[str, Any]:
     """List what is shared of a map."""
     record = open_map(slug, "owner")
@@ -79,9 +78,9 @@ def list_shares(slug: str) -> dict[str, Any]:
         return {"shares": [_share_json(record, share) for share in sharing.listed(session, record)]}
 
 
-@blueprint.post("")
-@blueprint.input(ShareIn, arg_name="wish")
-@blueprint.output(ShareOut, status_code=201)
+@shares_api.post("")
+@shares_api.input(ShareIn, arg_name="wish")
+@shares_api.output(ShareOut, status_code=201)
 def create(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     """Share the map or one answer; the address of a secret link is in this answer and nowhere else."""
     record = open_map(slug, "owner")
@@ -97,9 +96,9 @@ def create(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
     return _share_json(record, share, token=token)
 
 
-@blueprint.patch(f"/{_ID}")
-@blueprint.input(AllowsIn, arg_name="wish")
-@blueprint.output(ShareOut)
+@shares_api.patch(f"/{_ID}")
+@shares_api.input(AllowsIn, arg_name="wish")
+@shares_api.output(ShareOut)
 def change(slug: str, id: int, wish: dict[str, bool]) -> dict[str, Any]:
     """Let a share give more, or less; its address stays."""
     record = open_map(slug, "owner")
@@ -109,8 +108,8 @@ def change(slug: str, id: int, wish: dict[str, bool]) -> dict[str, Any]:
         return _share_json(record, share)
 
 
-@blueprint.delete(f"/{_ID}")
-@blueprint.output({}, status_code=204)
+@shares_api.delete(f"/{_ID}")
+@shares_api.output({}, status_code=204)
 def revoke(slug: str, id: int) -> str:
     """Take a share back: its address leads to nothing from now on."""
     record = open_map(slug, "owner")
@@ -162,7 +161,7 @@ class MemberOut(Schema):
 class MemberList(Schema):
     """Who may use the map, by name; who owns the library may use every map."""
 
-    accounts = List(Nested(MemberOut))
+    members = List(Nested(MemberOut))
 
 
 @members_api.get("")
