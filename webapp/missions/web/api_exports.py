@@ -24,17 +24,19 @@ from webapp.tasks.exchange.export_source import Download
 from webapp.web.context import library, settings
 from webapp.web.openapi import Responses, file_answer
 
-_limit = ConcurrencyLimit("mission exports", share=0.5)
-"""Who takes a large file away slowly keeps a thread busy: others are left for everybody else."""
-
-_WAIT_S = 5
-
 blueprint = APIBlueprint(
     "api_mission_exports",
     __name__,
     url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>",
     tag="Missions",
 )
+
+_limit = ConcurrencyLimit("mission exports", share=0.5)
+"""Who takes a large file away slowly keeps a thread busy: others are left for everybody else."""
+
+blueprint.record(_limit.set_up)
+
+_WAIT_S = 5
 _TEXT = Length(max=MAX_CHARACTERS)
 
 
@@ -52,9 +54,6 @@ class LinkQuery(Schema):
     """How often programs fetch a mission again."""
 
     every = Integer(load_default=10, validate=Range(2, 86_400), metadata={"description": "Seconds."})
-
-
-blueprint.record(_limit.set_up)
 
 
 class TableQueryIn(Schema):
