@@ -341,4 +341,4 @@ class Share(ShareColumns, Base):
     localize: Mapped[bool] = mapped_column(default=False)
     """Whether visitors may ask about photos of their own."""
     originals: Mapped[bool] = mapped_column(default=False)
-    """Whether files as they came, and what their EXIF says, are given out."""
+    """Whether original files, with their EXIF, are given out."""

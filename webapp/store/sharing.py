@@ -30,7 +30,7 @@ class Allows:
     localize : bool
         Questions about photos of the visitor's own; of a shared map only.
     originals : bool
-        Files as they came, and what their EXIF says.
+        Original files, with their EXIF.
     """
 
     photos: bool = False

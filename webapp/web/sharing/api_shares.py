@@ -34,7 +34,7 @@ class AllowsIn(Schema):
         metadata={"description": "Visitors may ask about photos of their own; of a shared map only."},
     )
     originals = Boolean(
-        load_default=False, metadata={"description": "Files as they came, with names, times and GPS."}
+        load_default=False, metadata={"description": "Original files, with names, times and GPS."}
     )
 
 
