@@ -18,6 +18,8 @@ from webapp.store import queries
 from webapp.store.accounts.accounts import hashed
 from webapp.store.schema import MapRecord, QueryRecord, Share, ShareColumns
 
+Kind = TypeVar("Kind", bound=ShareColumns)
+
 
 @dataclass(frozen=True, slots=True)
 class Allows:
@@ -62,21 +64,12 @@ def create(
     query_id: int | None = None,
     public: bool = False,
 ) -> tuple[Share, str]:
-    """Share a map or one answer.
+    """Share a map or one answer; also returns the token, as `open_link` does.
 
     Parameters
     ----------
-    account_id : int
-        Who shares it.
     query_id : int or None
         The answer; None for the map.
-    public : bool
-        Whether it is listed for everybody.
-
-    Returns
-    -------
-    str
-        End of its address. Of a secret one it is kept nowhere, only its hash.
 
     Raises
     ------
@@ -138,9 +131,6 @@ def public(session: Session) -> list[Opened]:
         .order_by(Share.id.desc())
     )
     return [Opened(*row) for row in session.execute(found)]
-
-
-Kind = TypeVar("Kind", bound=ShareColumns)
 
 
 def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:

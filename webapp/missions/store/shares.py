@@ -22,22 +22,7 @@ class OpenedMission:
 def create(
     session: Session, mission: Mission, *, photos: bool, account_id: int, public: bool = False
 ) -> tuple[MissionShare, str]:
-    """Share a mission.
-
-    Parameters
-    ----------
-    photos : bool
-        Whether photos are shown.
-    account_id : int
-        Who shares it.
-    public : bool
-        Whether it is listed for everybody.
-
-    Returns
-    -------
-    str
-        End of its address. Of a secret one it is kept nowhere, only its hash.
-    """
+    """Share a mission, with or without photos; also returns the token, as `open_link` does."""
     share = MissionShare(mission_id=mission.id, account_id=account_id, photos=photos)
     return share, sharing.open_link(session, share, public=public)
 
