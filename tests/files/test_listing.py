@@ -1,8 +1,47 @@
-"""Photos in a folder, and names that nearly fit."""
+"""Files and photos of a folder, in natural order, and names that nearly fit."""
 
 import unicodedata
 
-from webapp.files.listing import Spelling, normal_name
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from webapp.errors import UsageError
+from webapp.files.listing import Spelling, list_files, natural_key, normal_name
+
+
+def make(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+
+
+def test_natural_order_and_all_files(tmp_path):
+    names = ["img2.jpg", "IMG10.jpg", "b/1.txt", "b/a/x", "b10/1", "b9/1", "noending"]
+    make(tmp_path, *names, ".hidden", ".git/config", "derived/index")
+    wanted = ["b/1.txt", "b/a/x", "b9/1", "b10/1", "derived/index", "img2.jpg", "IMG10.jpg", "noending"]
+    assert list_files(tmp_path) == wanted
+    assert list_files(tmp_path, leave_out=[tmp_path / "derived"]) == [w for w in wanted if "derived" not in w]
+
+
+def test_links_to_folders_are_not_followed(tmp_path):
+    make(tmp_path, "in/a.jpg", "out/b.jpg")
+    try:
+        (tmp_path / "in" / "link").symlink_to(tmp_path / "out", target_is_directory=True)
+    except OSError:
+        pytest.skip("this system makes no links")
+    assert list_files(tmp_path / "in") == ["a.jpg"]
+
+
+def test_a_folder_that_is_missing_is_refused(tmp_path):
+    with pytest.raises(UsageError):
+        list_files(tmp_path / "missing")
+
+
+@given(st.lists(st.text("aB019²١/é", min_size=1, max_size=6), max_size=8))
+def test_any_names_have_one_order(names):
+    backwards = names[::-1]
+    assert sorted(names, key=natural_key) == sorted(backwards, key=natural_key)
 
 
 def test_same_name_coded_differently() -> None:
