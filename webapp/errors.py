@@ -4,9 +4,9 @@
 
     ExpMapError                  message, where it is, how to fix it
     ├── UsageError               the request itself cannot work (bad option, impossible combination)
-    ├── NotFound                 what was asked for does not exist, or not for who asks
+    ├── NotFound                 what was asked for does not exist, or is not shared with the caller
     ├── NotSignedIn              nobody is signed in, or no longer
-    ├── NotAllowed               who asks may see it, but not do this
+    ├── NotAllowed               the caller may see it, but not do this
     ├── TooMany                  too often in a short time: wait
     ├── Conflict                 somebody else has changed it in the meantime
     ├── NotReady                 it is still being made: later it works
@@ -74,11 +74,11 @@ class UsageError(ExpMapError):
 
 
 class NotFound(ExpMapError):
-    """What was asked for does not exist, or not for who asks."""
+    """What was asked for does not exist, or is not shared with the caller."""
 
 
 class NotAllowed(ExpMapError):
-    """Who asks may see it, but not do this."""
+    """The caller may see it, but not do this."""
 
 
 class NotSignedIn(ExpMapError):
@@ -178,4 +178,4 @@ class Cancelled(ExpMapError):
 
 
 class ProcessLost(ExpMapError):
-    """A process that did a part of the work was killed; what was finished is kept, and a new try goes on."""
+    """A worker process was killed; what was finished is kept, and a new try continues."""

@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).resolve().parent
 
 
 def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
-    """Give a folder with the package's own data.
+    """Return a folder with the package's own data.
 
     A wheel carries the folders inside the package; in a source tree, and so in an editable install, they
     stand beside it.

@@ -52,7 +52,7 @@ class UploadLimits:
     """Space that uploads leave free on the disk, megabytes (10^6 bytes)."""
 
     queries_per_map: int = 500
-    """Photos that were asked about, with their answers, that a map remembers; the oldest go first."""
+    """Queries of a map that are kept, with their photos and answers; the oldest are deleted first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,7 @@ class WebSettings:
     """... and all visitors of a shared map together."""
 
     proxies: Annotated[int, AtLeast(0)] = 0
-    """Reverse proxies in front of the server: what they say about the client is believed."""
+    """Reverse proxies in front of the server: their headers about the client are trusted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +238,7 @@ class Settings:
 
 
 def let_threads_sleep() -> None:
-    """Have OpenMP's threads sleep while they wait for each other; it reads this when it is loaded.
+    """Make OpenMP's threads sleep while they wait for each other; it reads this when it is loaded.
 
     By default they wait in a busy loop: where other programs want the cores too, a search took thirty times
     as long. Who set `OMP_WAIT_POLICY` is not overruled.
@@ -254,7 +254,7 @@ _LARGEST_KEPT, _MOST_KEPT = 32 << 20, 512 << 20
 
 
 def keep_freed_memory() -> None:
-    """Have glibc keep what OpenCV and NumPy free, for a process that takes one photo after the other.
+    """Make glibc keep what OpenCV and NumPy free, for a process that takes one photo after the other.
 
     To get the memory of a photo's scales anew each time took a sixth of the time of a build, and of a query.
     """

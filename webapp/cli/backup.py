@@ -58,7 +58,7 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
 def restore(composition: Composition, file: Path, library: Path | None, force: bool) -> None:
     """Make a library of the backup FILE.
 
-    All of it is checked first. Indexes are built anew, by the first server or worker.
+    All of it is checked first. Indexes are built again, by the first server or worker.
     """
     folder = library_settings(library).library
     with terminal_progress("unpacking") as progress:

@@ -27,7 +27,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     """Build the index of a map, or bring it up to date.
 
     Only photos that are new or changed are computed. It can be interrupted at any moment; the next build
-    goes on where it stopped.
+    continues where it stopped.
     """
     keep_freed_memory()
     with terminal_progress("photos") as progress:

@@ -138,7 +138,7 @@ def localize(
     by_time: bool,
     **chosen: Any,
 ) -> None:
-    """Say where photos were taken: ranked places with probabilities, or "not on this map".
+    """Localize photos: ranked places with probabilities, or "not on this map".
 
     With several photos the pictures are numbered: OUT-1.png, OUT-2.png and so on.
     """

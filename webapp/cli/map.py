@@ -37,7 +37,7 @@ _BESIDE = Path()
 @click.option("--json", "as_json", is_flag=True, help="Print all findings as one JSON object.")
 @click.pass_context
 def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
-    """Say what is wrong with a map file and how to fix it.
+    """Check a map file, and say how to fix it.
 
     Looks at the .cfg, the map.json and placements beside it, the satellite image and every photo.
     Exit code 3 when the map has errors; warnings alone leave it usable.

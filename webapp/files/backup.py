@@ -165,7 +165,7 @@ def check(path: Path, *, progress: Progress) -> Files:
     Raises
     ------
     InputError
-        It is no backup, or is damaged.
+        It is not a backup, or is damaged.
     StorageError
         It cannot be read.
     """
@@ -187,7 +187,7 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
     Raises
     ------
     InputError
-        It is no backup, or is damaged: what was unpacked is worth nothing.
+        It is not a backup, or is damaged: what was unpacked is worth nothing.
     StorageError, DiskFull
         The disk refused.
     Cancelled
@@ -213,7 +213,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        It is no backup.
+        It is not a backup.
     StorageError
     """
     with _zip_errors(path), zipfile.ZipFile(path) as opened:

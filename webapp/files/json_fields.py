@@ -43,12 +43,12 @@ class JsonField:
         return MapJsonError(f"{self.path} {message}", where=self.where, hint=hint)
 
     def record(self, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, JsonField]:
-        """Give the fields of an object by name, absent optional ones included.
+        """Return the fields of an object by name, absent optional ones included.
 
         Raises
         ------
         MapJsonError
-            It is no object, a required field is missing, or a field is unknown.
+            It is not an object, a required field is missing, or a field is unknown.
         """
         if not isinstance(self.value, dict):
             raise self._wrong("an object")
@@ -63,12 +63,12 @@ class JsonField:
         return fields
 
     def items(self) -> list[JsonField]:
-        """Give the items of a list; of a missing one, none.
+        """Return the items of a list; of a missing one, none.
 
         Raises
         ------
         MapJsonError
-            It is no list.
+            It is not a list.
         """
         if self.missing:
             return []
@@ -77,7 +77,7 @@ class JsonField:
         return [self._child(item, f"[{i}]") for i, item in enumerate(self.value)]
 
     def integer(self, *, largest: int, smallest: int = 0, default: int | None = None) -> int:
-        """Give a whole number within limits; of a missing field, the default.
+        """Return a whole number within limits; of a missing field, the default.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class JsonField:
         return self.value
 
     def number(self, meaning: str, *, valid: Callable[[float], bool]) -> float:
-        """Give a finite number for which `valid` holds; `meaning` says which ones these are.
+        """Return a finite number for which `valid` holds; `meaning` says which ones these are.
 
         Raises
         ------
@@ -105,7 +105,7 @@ class JsonField:
         return float(self.value)
 
     def text(self) -> str:
-        """Give a text.
+        """Return a text.
 
         Raises
         ------

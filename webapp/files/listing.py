@@ -74,7 +74,7 @@ class Spelling:
 
 
 def folded(name: str) -> str:
-    """Give names that are one on many disks, which know no letter case or one coding of accents, one form."""
+    """Return one form of names that are equal on disks without letter case or with one coding of accents."""
     return unicodedata.normalize("NFC", name).casefold()
 
 
@@ -112,7 +112,7 @@ def _refuse(error: OSError) -> None:
 
 
 def natural_key(name: str) -> tuple[Key, str]:
-    """Give the sort key of a path: folder by folder, numbers by value, letter case last."""
+    """Return the sort key of a path: folder by folder, numbers by value, letter case last."""
     parts = tuple(
         tuple(
             (0, int(piece), "") if piece.isascii() and piece.isdigit() else (1, 0, piece)
@@ -125,6 +125,6 @@ def natural_key(name: str) -> tuple[Key, str]:
 
 
 def _numbers(name: str) -> tuple[str, str]:
-    """Give the folder of a file and the digits in its name."""
+    """Return the folder of a file and the digits in its name."""
     path = PurePosixPath(name)
     return folded(str(path.parent)), "".join(letter for letter in path.name if letter.isdigit())

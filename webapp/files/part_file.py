@@ -141,7 +141,7 @@ def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
 
 
 def move_in(source: Path, target: Path) -> None:
-    """Give a complete file its place, so that it stays there even when the machine stops at once.
+    """Move a complete file to its place, so that it survives a power cut.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class TextRow:
     where: str
 
     def number(self, column: int) -> float:
-        """Give a column as a finite number.
+        """Return a column as a finite number.
 
         Raises
         ------
@@ -123,7 +123,7 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow
 
 
 def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
-    """Give the lines of a file with their numbers from 1, without the ends of lines.
+    """Return the lines of a file with their numbers from 1, without the ends of lines.
 
     Text is UTF-8, with or without a byte order mark; bytes that are not are read as Latin-1, line by line.
 

@@ -44,7 +44,7 @@ class Context:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Give a session that writes, and is kept only if the job's lease has not been lost.
+        """Return a session that writes, and is kept only if the job's lease has not been lost.
 
         Raises
         ------
@@ -124,11 +124,11 @@ class JobProgress(Progress):
         return self._stop.is_set()
 
     def stop(self) -> None:
-        """Have the work stop."""
+        """Request that the work stops."""
         self._stop.set()
 
     def state(self) -> tuple[int, int, str]:
-        """Give steps done, steps in all, and what is being done."""
+        """Return steps done, steps in all, and what is being done."""
         with self._lock:
             before = sum(self._sizes[: max(self._stage, 0)])
             own = self._sizes[self._stage] if self._stage >= 0 else 0

@@ -101,7 +101,7 @@ class Worker:
             self._lock.release()
 
     def stop_on_signals(self) -> None:
-        """Have Ctrl-C and SIGTERM give the current job back and end the worker."""
+        """On Ctrl-C and SIGTERM, return the current job to the queue and end the worker."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 
@@ -125,7 +125,7 @@ class Worker:
         while not self._ended.wait(self._settings.jobs.export_s if written else _EXPORT_PAUSE_S):
             try:
                 written = export_late_maps(self._library)
-            except Exception:  # noqa: BLE001 - the thread must outlive a mistake in one export
+            except Exception:  # noqa: BLE001 - the thread must outlive an error in one export
                 _log.exception("the maps' files could not be brought up to date")
                 written = False
 

@@ -105,7 +105,7 @@ USUAL = (
 
 
 def tile_services(file: Path | None) -> tuple[TileService, ...]:
-    """Give the services that are offered, the first of them by default.
+    """Return the services that are offered, the first of them by default.
 
     Parameters
     ----------

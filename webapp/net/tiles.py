@@ -60,7 +60,7 @@ class TileFetcher:
     ) -> Iterator[tuple[Tile, bytes | None]]:
         """Fetch tiles, in the order in which they arrive.
 
-        Each one is in the cache before it is given, so that who stops here goes on here.
+        Each one is in the cache before it is given, so that a stopped download continues here.
 
         Parameters
         ----------

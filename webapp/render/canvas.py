@@ -74,7 +74,7 @@ class Canvas:
         self.pixels = np.array(image)
 
     def image(self) -> Image.Image:
-        """Give the picture as a Pillow image."""
+        """Return the picture as a Pillow image."""
         return Image.fromarray(self.pixels)
 
     @contextmanager

@@ -48,7 +48,7 @@ _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 
 
 def run(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
-    """Give a map as a page: on the Earth where it has a georeference, else in pixels.
+    """Return a map as a page: on the Earth where it has a georeference, else in pixels.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def _leaflet(name: str) -> bytes:
 
 
 def _inlined_css() -> bytes:
-    """Give Leaflet's CSS with its pictures inside."""
+    """Return Leaflet's CSS with its pictures inside."""
     return _CSS_URL.sub(
         lambda found: f"url({data_uri('image/png', _leaflet(found[1]))})", _leaflet("leaflet.css").decode()
     ).encode()

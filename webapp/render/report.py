@@ -82,7 +82,7 @@ def render_report(evaluation: Evaluation, *, worst: Sequence[Pictured]) -> str:
 
 
 def figures(evaluation: Evaluation) -> list[Figure]:
-    """Give every figure with its name in JSON, words, value and 95 % interval, ready to print."""
+    """Return every figure with its name in JSON, words, value and 95 % interval, ready to print."""
     subject, s = evaluation.subject, evaluation.summary
     shares = {
         **{f"within_{r}px": (f"within {r} px", s.within[r]) for r in WITHIN_PX},

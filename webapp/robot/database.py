@@ -159,7 +159,7 @@ class SpoolDatabase:
             return self._reserve.make()
 
     def sync(self) -> None:
-        """Have all commits on the disk. Others may commit meanwhile."""
+        """Sync all commits to the disk. Others may commit meanwhile."""
         with self.guard:
             commits = self._commits
         if commits == self._synced:
@@ -174,7 +174,7 @@ class SpoolDatabase:
         self._synced = max(self._synced, commits)
 
     def close(self) -> None:
-        """Have everything on the disk, and close the file."""
+        """Sync everything to the disk, and close the file."""
         self.sync()
         with self.guard:
             self._connection.close()

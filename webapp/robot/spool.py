@@ -189,7 +189,7 @@ class Spool:
             return self.photos.add(source, name=name, time=time, object_id=object_id)
 
     def sync(self) -> None:
-        """Have all records on the disk. Others may add some meanwhile."""
+        """Sync all records to the disk. Others may add some meanwhile."""
         self._database.sync()
 
     def next_batch(self, *, records: int, size: int) -> Run | Gap | None:
@@ -269,7 +269,7 @@ class Spool:
         return True
 
     def close(self) -> None:
-        """Have everything on the disk, and let others open the spool."""
+        """Sync everything to the disk, and release the spool."""
         try:
             self._database.close()
         finally:

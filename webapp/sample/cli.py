@@ -16,7 +16,7 @@ from webapp.sample import make
 @click.option(
     "--seed", type=click.IntRange(0), default=7, show_default=True, metavar="N", help="Of the invented park."
 )
-@click.option("--force", is_flag=True, help="Make it anew where there is a sample already.")
+@click.option("--force", is_flag=True, help="Replace a sample that is there already.")
 @library_option
 def sample(folder: Path | None, seed: int, force: bool, library: Path | None) -> None:
     """Make a small map of an invented park, with photos to localize.

@@ -118,7 +118,7 @@ def make_sample(
     seed : int
         Of the invented park; 0 or more.
     force : bool
-        Make it anew, also over a sample made otherwise.
+        Make it again, also over a sample made otherwise.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
         whole = all((folder / name).is_file() for name in record["files"])
     except (ValueError, TypeError, KeyError, OSError) as error:
         raise UsageError(
-            f"{RECORD} is damaged", where=str(folder), hint="--force makes the sample anew"
+            f"{RECORD} is damaged", where=str(folder), hint="--force makes the sample again"
         ) from error
     if not same:
         raise UsageError(

@@ -20,7 +20,7 @@ class UtcDateTime(TypeDecorator[datetime]):
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Turn a time into UTC; one without a zone is a mistake of the caller."""
+        """Turn a time into UTC; one without a zone is a bug of the caller."""
         if value is None:
             return None
         if value.tzinfo is None:
@@ -28,5 +28,5 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.astimezone(UTC).replace(tzinfo=None)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Give the zone back."""
+        """Return the zone back."""
         return None if value is None else value.replace(tzinfo=UTC)

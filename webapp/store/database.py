@@ -40,7 +40,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Give a session that sees one state of the database; its changes are not kept.
+        """Return a session that sees one state of the database; its changes are not kept.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Give a session whose changes are on disk, all together, when the block ends without an error.
+        """Return a session whose changes are on disk, all together, when the block ends without an error.
 
         Writers take turns: a SQLite database is locked from the first statement on, so that what the
         session reads stays true until it has written.

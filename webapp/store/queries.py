@@ -1,4 +1,4 @@
-"""Photos that were asked about, and the answers that were given."""
+"""Queries and their answers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from webapp.store.schema import Account, MapRecord, QueryRecord, Share
 
 
 def folder(library: Library, map_id: int) -> Path:
-    """Name the folder with the photos that were asked about; it is no part of the map itself."""
+    """Name the folder with the photos of queries; it is not a part of the map itself."""
     return library.inner / "queries" / str(map_id)
 
 
@@ -80,7 +80,7 @@ def listed(
 
 
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
-    """Give the names of who asked, by account."""
+    """Return the names of who asked, by account."""
     ids = {row.account_id for row in rows if row.account_id is not None}
     found = session.execute(select(Account.id, Account.name).where(Account.id.in_(ids)))
     return dict(found.all())

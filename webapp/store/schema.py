@@ -49,7 +49,7 @@ class ShareColumns:
 
 
 def _first_epoch() -> int:
-    """Give a number that no deleted account of the same id has had, in the range of every database."""
+    """Return a number that no deleted account of the same id has had, in the range of every database."""
     return secrets.randbelow(2**30)
 
 
@@ -170,7 +170,7 @@ class Photo(Base):
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     name: Mapped[str]
-    """Of the file as it came."""
+    """Of the original file."""
     path: Mapped[str]
     """Relative to the map's folder, with forward slashes."""
     sha256: Mapped[str]
@@ -312,7 +312,7 @@ class QueryRecord(Base):
     account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
     at: Mapped[datetime] = mapped_column(default=now)
     name: Mapped[str]
-    """Of the file as it came."""
+    """Of the original file."""
     file: Mapped[str]
     """Its name in the folder of the map's queries; the server chose it."""
     width: Mapped[int]

@@ -25,7 +25,7 @@ def make(library: Library) -> Path:
 
 
 def parent(library: Library) -> Path:
-    """Give the folder that they are in, on the disk of the maps; it is made when missing."""
+    """Return the folder that they are in, on the disk of the maps; it is made when missing."""
     folder = library.inner / "imports"
     folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -1,4 +1,4 @@
-"""What a request works with: library, settings, who asks and the map it is about; which views are public."""
+"""What a request works with: library, settings, the caller and the map; which views are public."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def account() -> Account:
 
 
 def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRecord:
-    """Find a map that who asks may use in a role.
+    """Find a map that the caller may use in a role.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def is_public(view: Callable[..., Any]) -> bool:
 
 
 def init_app(app: Flask) -> None:
-    """Have every request checked before anything of its body is read."""
+    """Register the check of every request, before anything of its body is read."""
     app.before_request(_check)
 
 

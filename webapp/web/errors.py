@@ -69,25 +69,23 @@ def status_of(error: ExpMapError) -> HTTPStatus:
 
 
 def as_json(error: ExpMapError) -> dict[str, Any]:
-    """Give an error in the shape that all of the API uses, without the outer `error`."""
+    """Return an error in the shape that all of the API uses, without the outer `error`."""
     where = error.where
     if where is not None and isinstance(error, StorageError):
-        where = where.replace("\\", "/").rpartition("/")[
-            2
-        ]  # where the server keeps its files is nobody's business
+        where = where.replace("\\", "/").rpartition("/")[2]  # the paths of the server stay private
     body = _shape(_code(type(error).__name__), language.translate(error.message), where=where)
     return body | {"hint": None if error.hint is None else language.translate(error.hint)}
 
 
 def extra_headers(error: ExpMapError) -> dict[str, str]:
-    """Give the headers that belong to the status of an error."""
+    """Return the headers that belong to the status of an error."""
     if isinstance(error, TooMany):
         return {"Retry-After": str(error.wait_s)}
     return {"WWW-Authenticate": "Bearer"} if isinstance(error, NotSignedIn) else {}
 
 
 def init_app(app: Flask) -> None:
-    """Have every error answered in one way."""
+    """Register the handlers of errors."""
     app.register_error_handler(ExpMapError, _own)
     app.register_error_handler(HTTPError, _of_apiflask)
     app.register_error_handler(CSRFError, _csrf)
@@ -106,7 +104,7 @@ def _own(error: ExpMapError) -> BaseResponse:
 
 
 def _of_system(error: OSError) -> BaseResponse:
-    """Answer a disk that is full, wherever that was found; anything else is a mistake of the program."""
+    """Answer a disk that is full, wherever that was found; anything else is a bug."""
     if not is_full(error):
         raise error
     return _own(storage_error(error, where=Path(error.filename or "").name))

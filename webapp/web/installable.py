@@ -80,12 +80,12 @@ def _image(name: str) -> str:
 
 
 def init_app(app: Flask) -> None:
-    """Have every page say of which version it is."""
+    """Send the version of the files with every page."""
     app.after_request(_add_version)
 
 
 def version() -> str:
-    """Give the version of the files: another content has another one."""
+    """Return the version of the files: another content has another one."""
     folder = _folder()
     return _hashed(folder, _facts(folder))
 

@@ -37,7 +37,7 @@ def translate(message: str) -> str:
 
 
 def script_catalogue() -> dict[str, Any]:
-    """Give the translations that the scripts need, for the current language.
+    """Return the translations that the scripts need, for the current language.
 
     Returns
     -------

@@ -77,7 +77,7 @@ _MEANINGS = {
     400: "The request cannot work as it was sent.",
     401: "Nobody is signed in, or the token is not known.",
     403: "Who asks may see it, but not do this.",
-    404: "It does not exist, or is not shared with who asks.",
+    404: "It does not exist, or is not shared with the caller.",
     405: "This cannot be done at this address.",
     409: "Somebody else has changed it in the meantime, or it is not ready yet.",
     412: "Somebody else has changed it since the revision in `If-Match`.",
@@ -171,7 +171,7 @@ def json_answer(description: str, schema: type[Schema], *, status: int = 200) ->
 
 
 def init_app(app: APIFlask) -> None:
-    """Have the application describe its API."""
+    """Register the OpenAPI document."""
     app.description = _ABOUT
     app.servers = [{"url": "/"}]
     app.config.update(
@@ -208,7 +208,7 @@ def _complete(app: Flask, document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _operations(app: Flask, document: dict[str, Any]) -> Iterator[tuple[Rule, dict[str, Any]]]:
-    """Give each operation of the document with the rule that it stands for."""
+    """Yield each operation of the document with the rule that it stands for."""
     for rule in app.url_map.iter_rules():
         path = _PART.sub(r"{\g<name>}", rule.rule)
         for method in rule.methods or ():

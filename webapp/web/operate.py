@@ -77,7 +77,7 @@ def retry(job_id: int) -> dict[str, Any]:
 
 
 def _job(session: Session, job_id: int, *, role: Role) -> Job:
-    """Find a job on a map that who asks may use in a role, or one of their own on a map that they may see."""
+    """Find a job on a map that the caller may use in a role, or their own on a map that they may see."""
     job = jobs.find(session, job_id)
     who = account()
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)

@@ -20,7 +20,7 @@ _THEMES = ("light", "dark")
 
 
 def init_app(app: Flask) -> None:
-    """Give all templates the account, the language and the words around times and messages."""
+    """Pass the account, the language and the filters of times and messages to all templates."""
     app.context_processor(_common)
     app.add_template_filter(_sentence, "sentence")
     app.add_template_filter(language.translate, "translate")
@@ -67,12 +67,12 @@ def _exact(when: datetime) -> str:
 
 
 def text(name: str) -> str:
-    """Give a field of the form; empty when it was not sent."""
+    """Return a field of the form; empty when it was not sent."""
     return request.form.get(name, "")
 
 
 def own_path(address: str | None) -> str | None:
-    """Give path and query of an address that a client sent, so that it can lead nowhere else.
+    """Return path and query of an address that a client sent, so that it can lead nowhere else.
 
     Returns
     -------

@@ -46,12 +46,12 @@ class AppState:
 
 
 def library() -> Library:
-    """Give the library of this application."""
+    """Return the library of this application."""
     return _state().library
 
 
 def settings() -> Settings:
-    """Give the settings of this application."""
+    """Return the settings of this application."""
     return _state().settings
 
 

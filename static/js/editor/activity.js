@@ -87,7 +87,7 @@ export class Activity {
     ].filter(Boolean);
   }
 
-  /** What became of the files, in sentences. */
+  /** The results for the files, in sentences. */
   _summary() {
     const { entries } = this.uploads;
     const results = entries.filter(({ state }) => state === "done").map(({ result }) => result);

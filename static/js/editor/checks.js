@@ -1,4 +1,4 @@
-/** What is wrong with the map, with a button for what can be put right. */
+/** What is wrong with the map, with a button for what can be fixed. */
 
 import { byId, h, icon } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";

@@ -79,7 +79,7 @@ export class Localizer extends EventTarget {
     byId("notes").replaceChildren();
   }
 
-  /** Ask anew, with further photos of the same spot. @param {File[]} files */
+  /** Localize again, with further photos of the same spot. @param {File[]} files */
   async _add(files) {
     const { session } = this;
     const { query, answer } = session;

@@ -24,7 +24,7 @@ export class QueryHistory {
     session.on("query", () => this._mark());
   }
 
-  /** Read it anew when it is shown the next time, or now. */
+  /** Read it again when it is shown the next time, or now. */
   refresh() {
     this.stale = true;
     if (!byId("panel-history").hidden) this.show();

@@ -12,7 +12,7 @@ import { importDialog } from "./import-dialog.js";
 const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
 const PAGE = 50;
-let follow = null; // where the list goes on
+let follow = null; // where the list continues
 
 for (const button of queryAll("[data-opens=create]", HTMLButtonElement)) ready(button, create);
 for (const button of queryAll("[data-opens=import]", HTMLButtonElement)) ready(button, () => importFile(null));

@@ -114,7 +114,7 @@ function firstPositions(view, fit) {
   render();
 }
 
-/** Whether the mission goes on, and whether the page hears of it. */
+/** Whether the mission is live, and whether the page hears of it. */
 function state(live) {
   const badge = byId("live-state");
   let heard = Math.max(0, ...store.mission.tracks.map(({ last_time_s: time }) => (time || 0) * 1000));

@@ -124,7 +124,7 @@ export class MissionStore extends EventTarget {
     this.emit("trail");
   }
 
-  /** Take all of a mission anew; poses that have come meanwhile are fetched. */
+  /** Load all of a mission again; poses that have come meanwhile are fetched. */
   refresh(mission) {
     const before = new Map(this.missions.get(mission.id)?.tracks.map((track) => [track.id, track.poses]));
     this.setMission(mission);

@@ -31,7 +31,7 @@ export class Player {
     return this._playing !== 0;
   }
 
-  /** Begin or stop the replay; at the end it begins anew. */
+  /** Begin or stop the replay; at the end it restarts. */
   toggle() {
     if (this.playing) return this.stop();
     const { clock, moment } = this.store;

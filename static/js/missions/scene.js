@@ -1,4 +1,4 @@
-/** Everything that is drawn on the ground, on one canvas, anew at every move. */
+/** Everything that is drawn on the ground, on one canvas, redrawn at every move. */
 
 import { CanvasLayer } from "../shared/map/canvas-layer.js";
 import { ThemeColours } from "../shared/theme-colours.js";

@@ -77,7 +77,7 @@ function fitTo(view, tracks) {
   } else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
 }
 
-/** Whether the mission goes on; where it does, what is new is shown. */
+/** Whether the mission is live; where it is, what is new is shown. */
 function follow(view, fit) {
   const following = new Following(store);
   const badge = byId("live-state");

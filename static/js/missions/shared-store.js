@@ -1,4 +1,4 @@
-/** What a visitor's page asks the server of a shared mission, and how it follows one that goes on. */
+/** What a visitor's page asks the server of a shared mission, and how it follows a live one. */
 
 import { get } from "../shared/api.js";
 import { MissionStore } from "./mission-store.js";

@@ -153,7 +153,7 @@ export class TrackLines extends EventTarget {
     if (received) this._append({ key, points: received.points });
   }
 
-  /** A line that has grown long is asked for anew, simpler. */
+  /** A line that has grown long is fetched again, simplified. */
   async _again(key) {
     const shown = this.store.track(key);
     if (shown) await this._whole(shown);

@@ -35,7 +35,7 @@ function isLive(job) {
   return job.state === "queued" || job.state === "running";
 }
 
-/** Only what has changed is made anew: a button that has the focus keeps it. */
+/** Only what has changed is rebuilt: a button that has the focus keeps it. */
 function show(jobs) {
   empty.hidden = jobs.length > 0;
   for (const [id, known] of shown) {

@@ -1,4 +1,4 @@
-/** What becomes of placed photos that would not lie on a new image: asked only when there are any. */
+/** Asks how to treat placed photos that would not lie on a new image, when there are any. */
 
 import { h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";

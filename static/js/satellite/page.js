@@ -13,7 +13,7 @@ export const base = `/maps/${page.slug}`;
 const KEY = "expmap-image-notes";
 
 /**
- * Show the page anew, with messages at its top.
+ * Show the page again, with messages at its top.
  * @param {Array<{kind: string, text: string}>} notes `success` or `warning`
  */
 export function reloadWith(notes) {

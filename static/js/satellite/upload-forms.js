@@ -32,7 +32,7 @@ export function blankForm() {
   });
 }
 
-/** Try it, and once more when the person decides what becomes of photos outside. */
+/** Try it, and once more when the person has decided about photos outside. */
 async function trying(run) {
   let answer;
   try {

@@ -30,7 +30,7 @@ def test_a_finding_has_words_on_its_button_and_the_button_works(client, viewer, 
     (library.map_folder(park) / "photos" / "1.jpg").unlink()
     (finding,) = viewer.get(f"/api/v1/maps/{park}/findings").json["findings"]
     assert (finding["code"], finding["severity"], finding["ids"]) == ("missing-photo", "error", [1])
-    assert finding["fixes"] == [{"code": "remove", "label": "Take out of the map"}]
+    assert finding["fixes"] == [{"code": "remove", "label": "Remove from the map"}]
     wish = {"code": finding["fixes"][0]["code"], "ids": finding["ids"]}
     assert viewer.post(f"/api/v1/maps/{park}/findings/fix", json=wish).status_code == 403
     answer = client.post(f"/api/v1/maps/{park}/findings/fix", json=wish)

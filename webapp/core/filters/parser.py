@@ -62,7 +62,7 @@ def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "whe
     Raises
     ------
     UsageError
-        It has a mistake; `where` names the character, counted from 1.
+        Invalid syntax; `where` names the character, counted from 1.
     """
     reader = _Reader(text, columns, field)
     if reader.now.kind == "end":

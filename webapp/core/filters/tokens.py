@@ -97,7 +97,7 @@ def tokens(text: str, field: str) -> list[Token]:
 
 
 def mistake(message: str, *, field: str, at: int, hint: str | None = None) -> UsageError:
-    """Make the error of a mistake at the character `at`, counted from 1."""
+    """Make an error at the character `at`, counted from 1."""
     return UsageError(message, where=f"{field}, character {at}", hint=hint)
 
 

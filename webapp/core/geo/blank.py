@@ -69,7 +69,7 @@ def plan_around(latlon: ArrayLike) -> BlankPlan:
 
 
 def round_up(value: float) -> float:
-    """Give the smallest of 1, 2, 2.5, 5 times a power of ten that is not below a positive value."""
+    """Return the smallest of 1, 2, 2.5, 5 times a power of ten that is not below a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
     return next((step * power for step in _STEPS if step * power >= value * (1 - 1e-12)), 10.0 * power)
 

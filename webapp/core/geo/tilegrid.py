@@ -91,7 +91,7 @@ class TileCut:
         return self.georeference.metres_per_pixel(MapPixel(self.width / 2, self.height / 2))
 
     def tiles(self) -> Iterator[tuple[Tile, int, int]]:
-        """Give each tile with where its left and top edges are in the rectangle, pixels, row by row."""
+        """Yield each tile with where its left and top edges are in the rectangle, pixels, row by row."""
         columns, rows = self._ranges()
         for y in rows:
             for x in columns:

@@ -43,7 +43,7 @@ def round_half_up(value: float) -> int:
 
 
 def whole_pixel(position: MapPixel) -> tuple[int, int]:
-    """Give the (x, y) that a `.cfg` holds for `position`."""
+    """Return the (x, y) that a `.cfg` holds for `position`."""
     return round_half_up(position.x), round_half_up(position.y)
 
 

@@ -44,7 +44,7 @@ class KeypointDepths:
         return inverse, spread
 
     def renumbered(self, number: NDArray[np.int64]) -> KeypointDepths:
-        """Give photos (p,) other numbers, and leave out those whose number is -1."""
+        """Renumber photos (p,), and leave out those whose number is -1."""
         left = np.flatnonzero(number[self.photo] >= 0)
         photo = number[self.photo[left]]
         if np.array_equal(photo, self.photo):
@@ -58,7 +58,7 @@ class KeypointDepths:
 
 
 def empty_depths() -> KeypointDepths:
-    """Give the depths of no keypoint."""
+    """Return the depths of no keypoint."""
     rows, values = np.zeros(0, np.int32), np.zeros(0, np.float32)
     return KeypointDepths(rows, rows, values, values)
 

@@ -115,7 +115,7 @@ class RelativePose:
         return enough * common / (1.0 + (self.parallax / _WILD_PARALLAX) ** 4)
 
     def rotated(self, turn: NDArray[np.float64]) -> RelativePose:
-        """Give the pose with another frame of the query's camera, to which (3, 3) `turn` brings its own."""
+        """Return the pose with another frame of the query's camera, to which (3, 3) `turn` brings its own."""
         rotation = self.rotation @ turn.T
         return replace(self, bearing=_bearing(rotation, self.translation), rotation=rotation)
 

@@ -142,7 +142,7 @@ def check_folder(
 
 
 def free_id(photos: Sequence[PhotoLine]) -> int:
-    """Give the smallest id above all ids of the lines."""
+    """Return the smallest id above all ids of the lines."""
     return max((line.id for line in photos if line.id is not None), default=-1) + 1
 
 

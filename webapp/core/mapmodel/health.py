@@ -77,7 +77,7 @@ def judge(
 
 
 def widest_gap_deg(headings: Iterable[float]) -> float:
-    """Give the largest angle between neighbouring headings, degrees; 360 for one heading or none."""
+    """Return the largest angle between neighbouring headings, degrees; 360 for one heading or none."""
     around = sorted(heading % 360.0 for heading in headings)
     if not around:
         return 360.0

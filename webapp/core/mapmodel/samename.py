@@ -65,7 +65,7 @@ def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]
 
 
 def _closest(parts: tuple[str, ...], by_last: dict[str, list[_Called]]) -> tuple[int, set[int]]:
-    """Give the photos whose paths have most in common with a path, from its end on, and how much that is."""
+    """Return the photos whose paths have most in common with a path, from the end, and how much."""
     alike = [(_common(parts, other), id) for id, other in by_last.get(parts[-1], [])]
     most = max((count for count, _ in alike), default=0)
     return most, {id for count, id in alike if count == most}

@@ -101,7 +101,7 @@ class NoFusion:
     reason: str
 
     def __bool__(self) -> bool:
-        """Say that there is no track."""
+        """Return an empty track."""
         return False
 
 
@@ -206,7 +206,7 @@ def _all_fixes(fixes: Mapping[Source, Poses], *, most: int) -> _AllFixes:
 
 
 def _covariances(fixes: _AllFixes) -> Floats:
-    """Give each fix a covariance (m, 2, 2): its own, or that of its source."""
+    """Return the covariance of each fix (m, 2, 2): its own, or that of its source."""
     east, north, both = fixes.poses.covariance_m2.T
     usual = np.array([DEFAULT_SIGMA_M[source] for source in fixes.source.tolist()]) ** 2
     stated = (east >= 0) & (north >= 0) & (both**2 <= east * north)

@@ -148,7 +148,7 @@ def _between(track: FixTrack, after: int, share: float) -> LatLon:
 
 
 def _moments(track: FixTrack, fixes: NDArray[np.float64], photo: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give the times of the fixes that are closest to a photo."""
+    """Return the times of the fixes that are closest to a photo."""
     distances = np.hypot(*(fixes - photo).T)
     return track.times_s[np.argsort(distances, kind="stable")[:_NEAREST]]
 

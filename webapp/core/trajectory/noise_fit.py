@@ -39,7 +39,7 @@ class NoiseFit:
     receiver: float = 1.0
 
     def noise(self, usual: Noise) -> Noise:
-        """Give the noise of the odometry."""
+        """Return the noise of the odometry."""
         by = self.odometry
         return replace(
             usual,
@@ -53,7 +53,7 @@ class NoiseFit:
         )
 
     def fixes(self, stated: Fixes, *, of_receiver: NDArray[np.bool_]) -> Fixes:
-        """Give the fixes with the covariances that they have in truth.
+        """Return the fixes with the covariances that they have in truth.
 
         Parameters
         ----------

@@ -113,6 +113,6 @@ class MissionOut:
 
 
 def kind_colour(kind: str) -> str:
-    """Give the colour of a class of objects, `#rrggbb`: the same at every time and place."""
+    """Return the colour of a class of objects, `#rrggbb`: the same at every time and place."""
     first = hashlib.sha256(kind.encode("utf-8", "replace")).digest()[0]
     return _KIND_COLOURS[first % len(_KIND_COLOURS)]

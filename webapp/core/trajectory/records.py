@@ -46,7 +46,7 @@ class Poses:
         return len(self.times_s)
 
     def take(self, chosen: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Poses:
-        """Give some of the poses, by a slice, a mask (n,) bool, or their places (m,) intp."""
+        """Return some of the poses, by a slice, a mask (n,) bool, or their places (m,) intp."""
         return Poses(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 

@@ -48,7 +48,7 @@ class LocalPoses:
         return len(self.times_s)
 
     def take(self, chosen: slice | NDArray[np.bool_]) -> LocalPoses:
-        """Give some of the poses, by a slice or a mask (n,) bool."""
+        """Return some of the poses, by a slice or a mask (n,) bool."""
         return LocalPoses(*(getattr(self, one.name)[chosen] for one in fields(self)))
 
 

@@ -66,7 +66,7 @@ class Fixes:
         return len(self.node)
 
     def take(self, chosen: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Fixes:
-        """Give some of the fixes, in their order."""
+        """Return some of the fixes, in their order."""
         return Fixes(self.node[chosen], self.position[chosen], self.covariance[chosen], self.share[chosen])
 
 

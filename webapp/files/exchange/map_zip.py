@@ -73,8 +73,8 @@ def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progr
     Raises
     ------
     InputError
-        It is no zip, is damaged or encrypted, leads out of its folder, names a file twice, or is larger than
-        the limits.
+        It is not a zip, is damaged or encrypted, leads out of its folder, names a file twice, or is larger
+        than the limits.
     StorageError
         The disk refused, or has no room for it.
     Cancelled

@@ -33,7 +33,7 @@ class ZipMember:
 
 
 def stream_zip(members: Iterable[ZipMember]) -> Iterator[bytes]:
-    """Give a zip of some files, piece by piece.
+    """Yield a zip of some files, piece by piece.
 
     Photos are stored as they are, they are compressed already; contents given as bytes or in pieces are
     deflated.
@@ -83,7 +83,7 @@ class _Sink(io.RawIOBase):
         return len(part)
 
     def take(self) -> bytes:
-        """Give all that came since the last time."""
+        """Return all that came since the last time."""
         taken = b"".join(self._parts)
         self._parts.clear()
         return taken

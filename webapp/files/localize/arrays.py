@@ -111,7 +111,7 @@ class FileRows:
 _MAGIC = b"EXPMAP1\n"
 _ALIGN = 64
 
-REPAIR = "run expmap build with the same options: what is damaged is made anew"
+REPAIR = "run expmap build with the same options: what is damaged is computed again"
 """How to fix a damaged file of an index."""
 
 

@@ -59,7 +59,7 @@ def write(path: Path, stored: StoredCalibration) -> None:
 
 
 def read(path: Path) -> StoredCalibration | None:
-    """Read the file; None when there is none that this program can use, so that it is made anew."""
+    """Read the file; None when there is none that this program can use, so that it is computed again."""
     try:
         raw = json.loads(path.read_bytes())
         if raw["format"] != FORMAT or len(raw["calibration"]["slope"]) != EVIDENCE:
@@ -78,7 +78,7 @@ def read(path: Path) -> StoredCalibration | None:
 
 @contextmanager
 def resumed_trials(path: Path, key: str) -> Iterator[tuple[dict[int, Trial], Callable[[int, Trial], None]]]:
-    """Give what was written under the same key, and a function that writes another photo's trial.
+    """Return what was written under the same key, and a function that writes another photo's trial.
 
     The file is removed at the end; only an error, or a process that is killed, leaves it.
 
@@ -94,7 +94,7 @@ def resumed_trials(path: Path, key: str) -> Iterator[tuple[dict[int, Trial], Cal
     known = _read(path, key)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Written anew, so that a last line that is not whole is gone.
+        # Rewritten, so that a last line that is not whole is gone.
         atomic.write_text(path, "".join(_line(row) for row in (key, *([n, t] for n, t in known.items()))))
         with path.open("a", encoding="utf-8") as file:
 

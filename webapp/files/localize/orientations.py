@@ -89,7 +89,7 @@ def write_pairs(path: Path, stored: StoredPairs) -> None:
 
 
 def read_pairs(path: Path) -> StoredPairs | None:
-    """Read the file; None when there is none that this program can use, so that it is made anew."""
+    """Read the file; None when there is none that this program can use, so that it is computed again."""
     try:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != FORMAT:
@@ -120,7 +120,7 @@ def write(path: Path, stored: StoredOrientations) -> None:
 
 
 def read(path: Path) -> StoredOrientations | None:
-    """Read the file; None when there is none that this program can use, so that it is made anew."""
+    """Read the file; None when there is none that this program can use, so that it is computed again."""
     try:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != FORMAT:

@@ -131,7 +131,7 @@ def write_map(cfg_path: Path, map_: Map) -> None:
 
 
 def placed_map(map_: Map, placement: Placement) -> Map:
-    """Give the map of a placement's own `.cfg`.
+    """Return the map of a placement's own `.cfg`.
 
     Raises
     ------

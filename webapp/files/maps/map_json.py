@@ -137,7 +137,7 @@ def parse_georeference(value: object, *, where: str = "georeference") -> Georefe
 
 
 def georeference_fields(georeference: Georeference | None) -> dict[str, object] | None:
-    """Give a georeference as `map.json` has it; None stays None."""
+    """Return a georeference as `map.json` has it; None stays None."""
     if georeference is None:
         return None
     m = georeference.plane_from_pixel
@@ -146,7 +146,7 @@ def georeference_fields(georeference: Georeference | None) -> dict[str, object] 
 
 
 def check_placement_name(name: str) -> str:
-    """Give back a placement's name, which also names its file.
+    """Check and return a placement's name, which also names its file.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def _georeference(field: JsonField) -> Georeference | None:
 
 
 def _position_fields(position: MapPixel) -> dict[str, object]:
-    """Give x_px and y_px, or nothing for whole pixels: the `.cfg` holds those."""
+    """Return x_px and y_px, or nothing for whole pixels: the `.cfg` holds those."""
     if float(position.x).is_integer() and float(position.y).is_integer():
         return {}
     return {"x_px": position.x, "y_px": position.y}

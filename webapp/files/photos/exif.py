@@ -187,7 +187,7 @@ def orientation(exif: Exif) -> tuple[int, str | None]:
 
 
 def number(value: object) -> float | None:
-    """Give a finite number, or None for anything else (0/0, text, a list)."""
+    """Return a finite number, or None for anything else (0/0, text, a list)."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return None
     try:
@@ -198,7 +198,7 @@ def number(value: object) -> float | None:
 
 
 def text(value: object) -> str:
-    """Give a text without what cameras pad it with; empty for anything else."""
+    """Return a text without what cameras pad it with; empty for anything else."""
     if isinstance(value, bytes):
         value = value.decode("ascii", "replace")
     return value.strip("\0 \t\r\n") if isinstance(value, str) else ""

@@ -92,7 +92,7 @@ def with_position(
     Raises
     ------
     PhotoError
-        It is no photo, of another format, or holds tags that leave no room for the position.
+        It is not a photo, of another format, or holds tags that leave no room for the position.
     """
     with opened(photo, limits=limits) as image:
         if image.format not in WRITABLE:
@@ -111,7 +111,8 @@ def with_position(
     try:
         piexif.insert(piexif.dump(tables), photo, result)
     except (*DAMAGED, OSError) as error:
-        raise PhotoError(f"its EXIF cannot be extended: {error}", hint="save it anew without EXIF") from error
+        message = f"its EXIF cannot be extended: {error}"
+        raise PhotoError(message, hint="save it again without EXIF") from error
     return result.getvalue(), note
 
 

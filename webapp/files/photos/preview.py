@@ -41,7 +41,7 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
     Raises
     ------
     PhotoError
-        It is no photo, damaged, cut off, or larger than the limits.
+        It is not a photo, damaged, cut off, or larger than the limits.
     """
     found: dict[Kind, bytes] = {}
     with _DECODING:

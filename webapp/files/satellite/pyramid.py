@@ -24,7 +24,7 @@ _WEBP_QUALITY = 85
 
 
 def max_zoom(*, width: int, height: int) -> int:
-    """Give the zoom at which a tile's pixel is one of the image."""
+    """Return the zoom at which a tile's pixel is one of the image."""
     return max(0, math.ceil(math.log2(max(width, height) / TILE_PX)))
 
 

@@ -72,7 +72,7 @@ class Target:
 
 
 def find_token(given: str | None) -> str:
-    """Give the token of the option, or else of the environment.
+    """Return the token of the option, or else of the environment.
 
     Raises
     ------

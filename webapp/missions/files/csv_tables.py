@@ -134,7 +134,7 @@ class _Table:
             yield self.piece(track)
 
     def rest(self, findings: Findings) -> Iterator[Piece]:
-        """Give out all rows that are left."""
+        """Return the remaining rows."""
         if self.untimed:
             findings.note("rows without a time count as one second after the row before")
         for track in list(self.poses):
@@ -189,7 +189,7 @@ class _Table:
         return fields[column.index].strip() if column is not None and column.index < len(fields) else ""
 
     def number(self, fields: Sequence[str], name: str) -> float:
-        """Give a field as a number in its usual unit; NaN for what is none."""
+        """Return a field as a number in its usual unit; NaN for what is none."""
         text = self.text(fields, name)
         if not text:
             return math.nan

@@ -95,7 +95,7 @@ def _cut(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
 
 
 def _on_the_meridian(two: Poses) -> tuple[Poses, Poses]:
-    """Give the pose between two where they go over the meridian, as seen from the west and from the east."""
+    """Return the pose between two where they cross the meridian, as seen from the west and from the east."""
     a, b = two.latlon[:, 1].tolist()
     side = math.copysign(180.0, a)
     way = b + 2.0 * side - a

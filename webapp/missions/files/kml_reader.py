@@ -200,7 +200,7 @@ def opened_kml(path: Path) -> Iterator[BinaryIO]:
     Raises
     ------
     TrackError
-        It is no zip, has no KML, is encrypted or damaged, or claims to hold far more than a track; also
+        It is not a zip, has no KML, is encrypted or damaged, or claims to hold far more than a track; also
         while it is read.
     """
     try:

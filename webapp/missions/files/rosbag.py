@@ -230,7 +230,7 @@ def _reading() -> Iterator[None]:
 
 
 def _called(path: Path, suffix: str) -> Path:
-    """Give a path that says it has a suffix: the library takes the kind of a bag from it."""
+    """Return a path that says it has a suffix: the library takes the kind of a bag from it."""
     if path.suffix == suffix or not suffix:
         return path
 

@@ -140,7 +140,7 @@ class Findings:
             self.notes.append(sentence)
 
     def skipped(self) -> tuple[Skipped, ...]:
-        """Give what was left out, in the order in which it was met."""
+        """Return what was left out, in the order in which it was met."""
         return tuple(Skipped(reason, self._counts[reason], where) for reason, where in self._first.items())
 
 

@@ -38,7 +38,7 @@ def read(file: BinaryIO, layout: Layout, *, findings: Findings) -> Iterator[Robo
     Raises
     ------
     TrackError
-        It is no text, or has no pose.
+        It is not a text, or has no pose.
     """
     if layout == "kitti":
         findings.note("the poses have no times: they count as ten a second from 1970-01-01")

@@ -74,7 +74,7 @@ def export_mission_file(
 
 
 def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Download:
-    """Give a mission as a page, on the image of its map where that has a georeference.
+    """Return a mission as a page, on the image of its map where that has a georeference.
 
     Raises
     ------

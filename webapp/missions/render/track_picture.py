@@ -57,7 +57,7 @@ class Shown:
     gated : sequence of (LatLon, LatLon)
         Fixes that were left out, and where they were expected.
     pieces : sequence of float
-        Times at which corrected tracks begin anew.
+        Times at which corrected tracks restart.
     """
 
     tracks: Sequence[tuple[Source, Poses]]

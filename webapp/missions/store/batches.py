@@ -102,7 +102,7 @@ def remember(
     Parameters
     ----------
     keep : timedelta or None
-        What clients were answered longer ago is forgotten; what became of files, whose keys begin with
+        What clients were answered longer ago is forgotten; the results of files, whose keys begin with
         `FILE`, never is: somebody may find them again at any time.
     """
     if keep is not None:

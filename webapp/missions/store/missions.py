@@ -66,7 +66,7 @@ def create(
     Raises
     ------
     UsageError
-        The name or the note is no such thing.
+        The name or the note is invalid.
     """
     mission = Mission(
         name=checked_name(name), account_id=account_id, map_id=map_id, start=start, note=checked_note(note)
@@ -77,7 +77,7 @@ def create(
 
 
 def checked_name(name: str) -> str:
-    """Give a mission's name without outer spaces.
+    """Return a mission's name without outer spaces.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def checked_name(name: str) -> str:
 
 
 def checked_note(note: str) -> str:
-    """Give a note as it is kept.
+    """Return a note as it is kept.
 
     Raises
     ------
@@ -247,7 +247,7 @@ class Entry:
     Attributes
     ----------
     role : str or None
-        Of who asks.
+        Of the caller.
     slug : str or None
         Of its map.
     tracks : list of Track
@@ -268,7 +268,7 @@ class Entry:
 
     @property
     def spot(self) -> ListCursor:
-        """Where the list goes on after it."""
+        """Where the list continues after it."""
         return ListCursor(self.mission.changed_at, self.mission.id)
 
 

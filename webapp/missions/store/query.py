@@ -88,7 +88,7 @@ _TABLES = {"poses": _POSES, "objects": _OBJECTS, "sightings": _SIGHTINGS}
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What is asked, as it came.
+    """A query, as sent.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ def understand(mission_id: int, question: Question) -> Asked:
     Raises
     ------
     UsageError
-        It has a mistake; `where` names the field and the character.
+        Invalid syntax; `where` names the field and the character.
     """
     if question.table not in _TABLES:
         raise UsageError(
@@ -152,7 +152,7 @@ def understand(mission_id: int, question: Question) -> Asked:
 
 
 def answer(session: Session, asked: Asked) -> Iterator[tuple[Any, ...]]:
-    """Give the rows, one after the other.
+    """Yield the rows, one after the other.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def _expression(condition: Condition, table: Mapping[str, tuple[Kind, Any]]) -> 
 
 @contextmanager
 def _limited(session: Session) -> Iterator[None]:
-    """Have the database give up after `MAX_SECONDS`."""
+    """Make the database stop after `MAX_SECONDS`."""
     until = time.monotonic() + MAX_SECONDS
     connection = session.connection()
     driver = connection.connection.driver_connection

@@ -42,7 +42,7 @@ def read(database: Database, mission_id: int, *, most: int | None = None) -> Mis
     -------
     MissionOut
         Its functions read from the database when they are called; they raise `Conflict` where a track was
-        written anew in the meantime, so that no file ends early and looks whole.
+        rewritten in the meantime, so that no file ends early and looks whole.
 
     Raises
     ------

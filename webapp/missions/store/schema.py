@@ -16,7 +16,7 @@ from webapp.store.schema import Base, ShareColumns
 
 
 class Mission(Base):
-    """What one robot or person did in one go, on a map or somewhere on the globe."""
+    """What one robot or person recorded in one session, on a map or anywhere on the Earth."""
 
     __tablename__ = "mission"
     __table_args__ = ({"sqlite_autoincrement": True},)
@@ -216,7 +216,7 @@ class MissionPhoto(Base):
     )
     sha256: Mapped[str] = mapped_column(primary_key=True)
     name: Mapped[str]
-    """Of the file as it came."""
+    """Of the original file."""
     path: Mapped[str]
     """Relative to the mission's folder, with forward slashes."""
     width: Mapped[int]

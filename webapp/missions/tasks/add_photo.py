@@ -55,12 +55,13 @@ def add_mission_photo(
     source : Path
         Complete, on the same disk as the library; is moved or deleted.
     name : str
-        Of the file as it came; any text.
+        Of the original file; any text.
 
     Raises
     ------
     PhotoError
-        It is no photo of a known format, damaged, cut off, or larger than the limits. `source` is as it was.
+        It is not a photo of a known format, damaged, cut off, or larger than the limits. `source` is as it
+        was.
     NotFound
         The mission is gone.
     DiskFull, StorageError
@@ -102,7 +103,7 @@ def add_mission_photo(
 
 
 def original(library: Library, photo: MissionPhoto) -> Path:
-    """Find the file of a photo, as it came.
+    """Find the original file of a photo.
 
     Raises
     ------

@@ -24,7 +24,7 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 
 def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
-    """Have a mission deleted in the background; from now on nobody finds it.
+    """Queue the deletion of a mission, which is hidden from now on.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ FORMATS = ("kml", "kmz", *_WRITERS)
 KML = "application/vnd.google-earth.kml+xml"
 KMZ = "application/vnd.google-earth.kmz"
 LIVE_POSES = 2000
-"""Of each track in what a link fetches: programs draw it anew every few seconds."""
+"""Of each track in what a link fetches: programs redraw it every few seconds."""
 
 _BYTES_A_POSE = 120
 _LARGE_BYTES = 1_500_000_000
@@ -62,7 +62,7 @@ def export_mission(
     Returns
     -------
     Download
-        What is in the mission now. Its pieces raise `Conflict` where a track is written anew meanwhile.
+        What is in the mission now. Its pieces raise `Conflict` where a track is rewritten meanwhile.
 
     Raises
     ------
@@ -95,14 +95,14 @@ def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settin
 
 
 def export_mission_kml(mission: MissionOut) -> Download:
-    """Give a mission as KML; its objects are coloured pins."""
+    """Return a mission as KML; its objects are coloured pins."""
     return Download(f"{plain_name(mission.name)}.kml", KML, format_mission_kml(mission))
 
 
 def export_mission_kmz(
     mission: MissionOut, *, picture: Callable[[str], Path | None] | None = None
 ) -> Download:
-    """Give a mission as KMZ: its objects have the icons of their classes, which are inside.
+    """Return a mission as KMZ: its objects have the icons of their classes, which are inside.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def export_mission_kmz(
 
 
 def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
-    """Give a KML that has programs fetch `href` every `refresh_s` seconds.
+    """Return a KML that has programs fetch `href` every `refresh_s` seconds.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
 
 
 def _members(mission: MissionOut, picture: Callable[[str], Path | None]) -> Iterator[ZipMember]:
-    """Give pictures and icons, then the KML: it names those that are there."""
+    """Yield pictures and icons, then the KML: it names those that are there."""
     photos: dict[str, str] = {}
     for sha in dict.fromkeys(found.photo for found in mission.objects() if found.photo):
         path = picture(sha)

@@ -52,7 +52,7 @@ class Fixed:
 
 
 def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
-    """Have the fused track written in the background; `session` is one that writes."""
+    """Queue the fusion; `session` is one that writes."""
     return jobs.enqueue(
         session,
         JOB,

@@ -2,7 +2,7 @@
 
 The file is read twice: first all of it is checked and nothing is stored; then its parts, which are the same
 each time that it is read, are stored a few at a time, in one transaction with how many of them are there.
-Who is killed goes on after the last of them; who imports a file again finds all of them there.
+A killed import continues after the last of them; who imports a file again finds all of them there.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class ImportedTrack:
-    """A track that came of the file; the attributes are those of the track in the mission."""
+    """A track from the file; the attributes are those of the track in the mission."""
 
     id: int
     source: str
@@ -78,7 +78,7 @@ class ImportedTrack:
 
 @dataclass(frozen=True, slots=True)
 class TrackImport:
-    """What came of a file.
+    """The result of an import.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ def import_track_file(
     TrackError, UsageError
         The file cannot be read, or has nothing that can be used: nothing was stored.
     Cancelled
-        What was stored stays; the same import goes on.
+        What was stored stays; the same import continues.
     """
     progress, write = progress or Progress(), writes or library.database.write
     order = _with_start(library, mission_id, order)
@@ -199,7 +199,7 @@ def _parts(order: Order, progress: Progress) -> Iterator[Part]:
 
 
 def _groups(parts: Iterator[Part], stored: int) -> Iterator[tuple[int, list[Part]]]:
-    """Give the parts that are not stored yet, a few at a time, with the number of the first."""
+    """Return the parts that are not stored yet, a few at a time, with the number of the first."""
     group: list[Part] = []
     size = first = 0
     for number, part in enumerate(parts):
@@ -363,7 +363,7 @@ def source_of(text: str | None) -> Source | None:
     Raises
     ------
     UsageError
-        It is no source.
+        It is not a source.
     """
     if not text:
         return None

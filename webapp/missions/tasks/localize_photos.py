@@ -96,7 +96,7 @@ def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, An
 
 
 def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], account_id: int) -> Job:
-    """Have photos of a mission localized in the background.
+    """Queue the localization of photos of a mission.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], acc
 
 
 def map_of(mission: Mission) -> int:
-    """Give the id of the map that a mission is on.
+    """Return the id of the map that a mission is on.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _file(library: Library, photo: MissionPhoto) -> Path:
 
 
 def _kept(result: MissionPhoto, fix: dict[str, Any], write: Write) -> int:
-    """Keep what came of a photo; 0 where the photo is gone."""
+    """Store the result of a photo; 0 where the photo is gone."""
     with write() as session:
         photo = session.get(MissionPhoto, (result.mission_id, result.sha256))
         if photo is None:
@@ -226,7 +226,7 @@ def _pose(fix: Mapping[str, Any]) -> Poses:
 
 
 def _rebuild(session: Session, mission_id: int) -> None:
-    """Write the track anew from the fixes of all photos."""
+    """Rewrite the track from the fixes of all photos."""
     track = tracks.get_or_create(session, mission_id, source="visual", name=TRACK)
     tracks.clear(session, track)
     of_mission = select(MissionPhoto.fix).where(MissionPhoto.mission_id == mission_id)

@@ -23,7 +23,7 @@ _TYPES = {"json": "application/json", "csv": "text/csv; charset=utf-8"}
 def query_mission(library: Library, mission_id: int, *, question: Question, form: Form) -> Download:
     """Answer a question.
 
-    The whole answer is written to a temporary file before its first byte goes out: a mistake or a limit is
+    The whole answer is written to a temporary file before its first byte goes out: an error or a limit is
     reported as such and never as an answer that ends early, and the database is free while a slow client
     reads.
 
@@ -36,7 +36,7 @@ def query_mission(library: Library, mission_id: int, *, question: Question, form
     Raises
     ------
     UsageError
-        The question has a mistake, or takes too long.
+        The query is invalid, or takes too long.
     """
     asked = understand(mission_id, question)
     with ExitStack() as stack:

@@ -321,7 +321,7 @@ def _on_the_earth(latlon: np.ndarray) -> np.ndarray:
 
 
 def _tidy(seen: Sighting) -> Sighting:
-    """Give a sighting as it can be kept: names on one line and not endless, a confidence that is one."""
+    """Return a sighting as it can be kept: names on one line and not endless, a confidence that is one."""
     sure = seen.confidence is not None and 0.0 <= seen.confidence <= 1.0
     return replace(
         seen,
@@ -332,7 +332,7 @@ def _tidy(seen: Sighting) -> Sighting:
 
 
 def _one_line(text: str, *, most: int = _MAX_NAME) -> str:
-    """Give a name without what cannot be shown; `?` for one that has nothing else."""
+    """Return a name without what cannot be shown; `?` for one that has nothing else."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     return " ".join(printable.split())[:most].strip() or "?"
 

@@ -118,7 +118,7 @@ def _build_coarser(session: Session, track: Track, chunk: int) -> None:
 
 
 def table_of(poses: Poses, *, first: int) -> NDArray[np.float64]:
-    """Give poses as points, (n, 5) float64: number, time_s, lat, lon, heading_deg."""
+    """Return poses as points, (n, 5) float64: number, time_s, lat, lon, heading_deg."""
     numbers = np.arange(first, first + len(poses), dtype=np.float64)
     return np.column_stack([numbers, poses.times_s, poses.latlon, poses.heading_deg])
 

@@ -61,7 +61,7 @@ class BatchKeyIn(Schema):
 
 
 class BatchOut(Schema):
-    """What became of a batch: it is on the disk."""
+    """The acknowledgement of a batch: it is on the disk."""
 
     next = Integer(allow_none=True, metadata={"description": "Number of the record that comes next."})
     stored = Integer(metadata={"description": "Records that are new."})

@@ -96,7 +96,7 @@ class _Follower:
         return None if before is None else before[0]
 
     def next(self) -> str | None:
-        """Give the next event; an empty text when nothing is new, None when the mission is gone."""
+        """Return the next event; an empty text when nothing is new, None when the mission is gone."""
         with self._database.read() as session:
             revision = revision_of(session, self._mission_id)
             if revision is None or revision == self._revision:

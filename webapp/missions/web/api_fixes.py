@@ -170,7 +170,7 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.post("/photos/<string(length=64):sha256>/fix")
 @blueprint.output(QueuedOut, status_code=202)
 def fix_later(mission_id: int, sha256: str) -> dict[str, int]:
-    """Have a photo of the mission localized in the background."""
+    """Queue the localization of a photo of the mission."""
     mission = open_mission(mission_id, "editor")
     with library().database.write() as session:
         row = session.get_one(Mission, mission.id)
@@ -182,7 +182,7 @@ def fix_later(mission_id: int, sha256: str) -> dict[str, int]:
 @blueprint.post("/fuse")
 @blueprint.output(QueuedOut, status_code=202)
 def fuse(mission_id: int) -> dict[str, int]:
-    """Have odometry, GPS and visual fixes put together to a corrected track, in the background."""
+    """Queue the fusion of odometry, GPS and visual fixes to a corrected track."""
     mission = open_mission(mission_id, "editor")
     with library().database.write() as session:
         job = fuse_mission.queue(session, session.get_one(Mission, mission.id), account_id=account().id)

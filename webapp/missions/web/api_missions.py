@@ -79,7 +79,7 @@ class MissionSummary(Schema):
     name = String()
     url = String(metadata={"description": "Of its page."})
     map = String(allow_none=True, metadata={"description": "Slug of its map."})
-    role = String(metadata={"enum": list(ROLES), "description": "Of who asks."})
+    role = String(metadata={"enum": list(ROLES), "description": "Of the caller."})
     can_edit = Boolean()
     binned = Boolean()
     revision = Integer(metadata={"description": "Counts the changes."})

@@ -55,7 +55,7 @@ class MissionPhotoOut(Schema):
     """A photo of a mission."""
 
     sha256 = String()
-    name = String(metadata={"description": "Of the file as it came."})
+    name = String(metadata={"description": "Name of the original file."})
     width = Integer()
     height = Integer()
     time_s = Float(allow_none=True)
@@ -154,9 +154,9 @@ def thumb(mission_id: int, sha256: str) -> Response:
 
 
 @blueprint.get(f"/{_SHA}/original")
-@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+@blueprint.doc(responses=file_answer("The original file.", "image/*"))
 def original(mission_id: int, sha256: str) -> Response:
-    """Get the file of a photo as it came."""
+    """Get the original file of a photo."""
     photo = _find(mission_id, sha256)
     path = add_photo.original(library(), photo)
     response = _lasting(path, etag=sha256)

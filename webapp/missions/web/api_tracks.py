@@ -80,7 +80,7 @@ class ProfileOut(Schema):
 
 
 def points_json(points: NDArray[np.float64]) -> list[list[float | None]]:
-    """Give points (n, 5) as JSON has them: number, time_s, lat, lon, heading_deg; degrees to a millimetre."""
+    """Return points (n, 5) as JSON: number, time_s, lat, lon, heading_deg; degrees to a millimetre."""
     rows = np.round(points, 8).tolist()
     return [
         [int(n), time, lat, lon, None if heading != heading else heading]
@@ -89,7 +89,7 @@ def points_json(points: NDArray[np.float64]) -> list[list[float | None]]:
 
 
 def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
-    """Give a track as a line, as `LineQuery` asks for it; the fields of `LineOut`.
+    """Return a track as a line, as `LineQuery` asks for it; the fields of `LineOut`.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
 
 
 def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
-    """Give the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
+    """Return the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
     samples = track_display.track_profile(session, track, points=query["points"])
     if not track.timed:
         samples[:, 2] = np.nan  # no speed comes of times that only keep the order

@@ -31,7 +31,7 @@ _WAIT_S = 1
 
 
 def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mission:
-    """Find a mission that who asks may use in a role, as `open_map` finds maps.
+    """Find a mission that the caller may use in a role, as `open_map` finds maps.
 
     Raises
     ------

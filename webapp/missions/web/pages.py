@@ -62,7 +62,7 @@ def _list(*, binned: bool) -> str:
 
 
 def _services() -> tuple[TileService, ...]:
-    """Give the tile services that the owner configured; without that, no page asks other hosts for tiles."""
+    """Return the configured tile services; without them, no page asks other hosts for tiles."""
     file = settings().tile_services
     return () if file is None else tile_services(file)
 

@@ -1,4 +1,4 @@
-"""Where everything in the park stands: drawn by lot, without things in each other's way."""
+"""Where everything in the park stands: drawn at random, without things in each other's way."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class ParkPlan:
 
 
 def draw_plan(rng: np.random.Generator) -> ParkPlan:
-    """Draw the layout of a park by lot."""
+    """Draw the layout of a park at random."""
     loop = _loop(rng)
     link, square = _link(rng, loop)
     paths = np.concatenate([loop, link])

@@ -22,7 +22,7 @@ _TOKEN_PREFIX = "expmap_"  # so that scanners of leaked secrets can know it
 
 
 def ensure_owner(session: Session) -> Account:
-    """Give the first account that owns the library; a new library gets one."""
+    """Return the first account that owns the library; a new library gets one."""
     found = session.scalars(select(Account).where(Account.is_owner).order_by(Account.id)).first()
     return found or create(session, OWNER, is_owner=True)
 
@@ -49,7 +49,7 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
 
 
 def rename(session: Session, account: Account, *, name: str) -> None:
-    """Give an account another name.
+    """Rename an account.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
 
 
 def plain(name: str) -> str:
-    """Give a name without what does not matter in it: capital letters, and how much space there is."""
+    """Return a name without what does not matter in it: capital letters, and how much space there is."""
     return " ".join(name.split()).casefold()
 
 

@@ -44,7 +44,7 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
 
 
 def checked_name(name: str) -> str:
-    """Give a map's name without outer spaces.
+    """Return a map's name without outer spaces.
 
     Raises
     ------

@@ -79,5 +79,5 @@ def begun_before(session: Session, moment: datetime) -> list[Upload]:
 
 
 def known_ids(session: Session) -> set[str]:
-    """Give the ids of all uploads."""
+    """Return the ids of all uploads."""
     return set(session.scalars(select(Upload.id)))

@@ -291,7 +291,7 @@ def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dic
     -------
     dict
         `id, kind, state, done, total, note, error, result, seconds_left, created_at, mine, map`; `mine` says
-        whether who asks has started it, `map` is the slug.
+        whether the caller has started it, `map` is the slug.
     """
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
     left = seconds_left(job, at=now())

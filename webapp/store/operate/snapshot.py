@@ -43,7 +43,7 @@ class SnapshotContents:
     files : frozenset of (str, str)
         Slug of the map and path in its folder, of all photos and images.
     queries : frozenset of (int, str)
-        Id of the map and name of the file, of all photos that were asked about.
+        Id of the map and name of the file, of the photos of all queries.
     parts : dict of str to PartContents
         What else is there, by the name of its reader.
     """
@@ -73,7 +73,7 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
     Raises
     ------
     UsageError
-        It is no SQLite database.
+        It is not a SQLite database.
     StorageError, DiskFull
         The disk refused.
     """

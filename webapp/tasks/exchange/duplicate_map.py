@@ -138,7 +138,7 @@ def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress:
 
 
 def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator[Path]:
-    """List what belongs to a map, besides its texts, which are written anew."""
+    """List what belongs to a map, besides its texts, which are rewritten."""
     yield from (folder / photo.path for photo in photos)
     if record.satellite_path is not None:
         yield folder / record.satellite_path
@@ -161,7 +161,7 @@ def _is_inside(file: Path, folder: Path) -> bool:
 
 
 def _link(source: Path, target: Path) -> None:
-    """Give a file a second name; copy it where the disk knows no such thing."""
+    """Link a file under a second name; copy it where the disk has no links."""
     try:
         os.link(source, target)
     except OSError:

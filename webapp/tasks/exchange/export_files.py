@@ -33,7 +33,7 @@ GROUND_SIDE = 2048
 
 
 def export_map_zip(library: Library, map_id: int, *, progress: Progress | None = None) -> Download:
-    """Give a map of the library as a zip, made while it is taken.
+    """Return a map of the library as a zip, made while it is taken.
 
     Photos that are missing on the disk are missing in it too: the linter reports them after an import.
 
@@ -87,7 +87,7 @@ def _path(cfg: Path, name: str) -> Path | None:
 
 
 def export_map_cfg(library: Library, map_id: int, *, placement: str | None = None) -> Download:
-    """Give a map file.
+    """Return a map file.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def export_map_cfg(library: Library, map_id: int, *, placement: str | None = Non
 
 
 def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, bytes]:
-    """Give the text files of a map, all of one state.
+    """Return the text files of a map, all of one state.
 
     As they are on the disk; where somebody has changed the `.cfg` there, as the database has them.
 
@@ -138,7 +138,7 @@ def texts_of(map_: Map) -> dict[str, bytes]:
 
 
 def export_map_kml(source: Source) -> Download:
-    """Give the photos of a map as KML.
+    """Return the photos of a map as KML.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def export_map_kml(source: Source) -> Download:
 
 
 def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
-    """Give the photos of a map as KMZ, made while it is taken.
+    """Return the photos of a map as KMZ, made while it is taken.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | N
 
 
 def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> Iterator[ZipMember]:
-    """Give the pictures, then the KML: it names those that could be made."""
+    """Yield the pictures, then the KML: it names those that could be made."""
     there: dict[int, str] = {}
     progress.size(len(source.map.experiences))
     for e in source.map.experiences:
@@ -187,7 +187,7 @@ def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> I
 
 
 def export_map_geojson(source: Source) -> Download:
-    """Give the photos of a map as points on the Earth.
+    """Return the photos of a map as points on the Earth.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class Source:
     unplaced: tuple[str, ...] = ()
 
     def georeference(self) -> Georeference:
-        """Give the georeference.
+        """Return the georeference.
 
         Raises
         ------

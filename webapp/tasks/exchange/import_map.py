@@ -181,7 +181,7 @@ def import_map(
     Raises
     ------
     InputError
-        It is no zip, is not safe, or holds no map or several.
+        It is not a zip, is not safe, or holds no map or several.
     MapRefused
         The map in it has errors; with what the linter found.
     StorageError, UsageError, Cancelled

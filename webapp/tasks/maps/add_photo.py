@@ -46,7 +46,7 @@ _HASH_DIGITS = (8, 16, 64)
 
 @dataclass(frozen=True, slots=True)
 class Intake:
-    """What became of a file.
+    """The result for a file.
 
     Attributes
     ----------
@@ -85,14 +85,15 @@ def add_photo(
     source : Path
         Complete, on the same disk as the library (its uploads folder); is moved or deleted.
     name : str
-        Of the file as it came; any text.
+        Of the original file; any text.
     by_gps : bool
         Place it by its GPS where map and photo know where they are.
 
     Raises
     ------
     PhotoError
-        It is no photo of a known format, damaged, cut off, or larger than the limits. `source` is as it was.
+        It is not a photo of a known format, damaged, cut off, or larger than the limits. `source` is as it
+        was.
     NotFound
         The map is gone.
     DiskFull, StorageError
@@ -121,12 +122,12 @@ def add_photo(
 
 
 def suffix_of(facts: PhotoFacts) -> str:
-    """Give the ending of a photo's file, by its content."""
+    """Return the ending of a photo's file, by its content."""
     return _SUFFIXES[facts.format]
 
 
 def tidy_name(name: str) -> str:
-    """Give a file's name as it can be kept: no control characters, no halves of characters, not endless."""
+    """Return a file's name as it can be kept: no control characters, no halves of characters, not endless."""
     text = name.encode("utf-8", "replace").decode("utf-8")
     text = "".join(c for c in text if unicodedata.category(c) != "Cc").strip()
     return text[-_MAX_NAME:] or "photo"

@@ -169,7 +169,7 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
 
 
 def queue_derived(session: Session, record: MapRecord) -> None:
-    """Have the worker make what is derived from a map that came as a whole: its index, tiles of its image."""
+    """Queue what is derived from an imported map: its index, tiles of its image."""
     if record.photos:
         jobs.enqueue(session, INDEX_JOB, map_id=record.id)
     if max(record.satellite_width or 0, record.satellite_height or 0) > DISPLAY_SIDE_PX:
@@ -224,7 +224,7 @@ def tray_row(path: Path, *, limits: PhotoLimits) -> Photo:
     Raises
     ------
     PhotoError
-        It is no photo.
+        It is not a photo.
     """
     row = Photo(name=path.name)
     _look(row, path, limits=limits)

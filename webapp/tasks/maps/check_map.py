@@ -1,4 +1,4 @@
-"""Says what is wrong with a map and how to fix it, all of it in one go."""
+"""Checks a map: all that is wrong with it, and how to fix it."""
 
 from __future__ import annotations
 

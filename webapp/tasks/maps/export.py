@@ -2,7 +2,7 @@
 
 The database is the truth, and an edit is acknowledged once it is in there (`Library.changing`). The files
 follow: the worker calls `export_late_maps` twice a second, so that many quick edits cost one export; after a
-kill it goes on where it was. Whoever reads the files, or gives them out, calls `export_map` before.
+kill it continues where it was. Whoever reads the files, or gives them out, calls `export_map` before.
 """
 
 from __future__ import annotations

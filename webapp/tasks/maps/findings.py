@@ -203,7 +203,7 @@ def _problem(group: Sequence[Finding], ids: tuple[int, ...]) -> Problem:
 
 
 def _ids(map_: Map, group: Sequence[Finding]) -> tuple[int, ...]:
-    """Give the photos that findings are about: line 2 is the first."""
+    """Return the photos that findings are about: line 2 is the first."""
     lines = [finding.line - 2 for finding in group]
     return tuple(map_.experiences[line].id for line in lines if 0 <= line < len(map_.experiences))
 
@@ -250,7 +250,7 @@ def fix_findings(
     NotFound
         A photo that the map has not.
     Conflict
-        There is nothing to put right any more.
+        There is nothing left to fix.
     MapError, PhotoError, StorageError
     """
     if fix not in FIX_NAMES:

@@ -126,7 +126,7 @@ def map_from_photos(
     before = read_map(options.cfg) if options.cfg.exists() else None
     positions = read_positions(options.positions) if options.positions else None
     _check_sources(options, positions)
-    # the image comes before the photos: a mistake in it shows at once
+    # the image comes before the photos: an error in it shows at once
     image = _georeferenced(options.satellite, options.source) if options.satellite else None
     _check_same_image(positions, image)
     names = list_files(folder, leave_out=[options.cfg.parent / DERIVED])

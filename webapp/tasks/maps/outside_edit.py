@@ -1,4 +1,4 @@
-"""A `map.cfg` that was changed outside of the library: compared, shown, and taken over or written anew."""
+"""A `map.cfg` that was changed outside of the library: compared, shown, and applied or written again."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
 
 
 def discard(library: Library, map_id: int, *, sha256: str) -> None:
-    """Write the file anew from the records.
+    """Write the file again from the records.
 
     Raises
     ------
@@ -348,7 +348,7 @@ def _named(row: Photo) -> dict[str, Any]:
 
 
 def _differences(e: Experience, row: Photo) -> dict[str, Any]:
-    """Give the fields that the file says otherwise; what a `.cfg` cannot hold it does not say otherwise."""
+    """Return the fields that the file says otherwise; what a `.cfg` cannot hold it does not say otherwise."""
     differs: dict[str, Any] = {"removed": False} if row.removed else {}
     at = None if row.x_px is None or row.y_px is None else MapPixel(row.x_px, row.y_px)
     if at is None or whole_pixel(at) != whole_pixel(e.position):

@@ -117,7 +117,7 @@ def parse_zone(text: str) -> tzinfo:
 
 
 def preview(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> Preview:
-    """Say where the photos in the tray would come; nothing is changed.
+    """Preview where the photos in the tray would be placed; nothing is changed.
 
     Raises
     ------

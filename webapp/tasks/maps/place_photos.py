@@ -24,7 +24,7 @@ from webapp.settings import PhotoLimits
 
 
 class FileState(StrEnum):
-    """What became of a file."""
+    """The result for a file."""
 
     PLACED = "placed"
     NO_POSITION = "no position"
@@ -127,7 +127,7 @@ def _look(path: Path, name: str, *, positions: Positions | None, limits: PhotoLi
 
 @dataclass(frozen=True, slots=True)
 class FileResult:
-    """What became of one file of the folder.
+    """The result for one file of the folder.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ class MapImage:
 
 
 def unplaced(s: Surveyed) -> FileResult:
-    """Give the verdict on a file that the survey has given up."""
+    """Return the verdict on a file that the survey has given up."""
     assert s.state is not None
     return FileResult(s.name, s.state, s.reason, notes=s.facts.notes if s.facts else ())
 

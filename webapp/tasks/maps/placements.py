@@ -99,7 +99,7 @@ def check_name(session: Session, record: MapRecord, name: str) -> None:
     Raises
     ------
     MapError
-        It is no name at all.
+        It is not a name at all.
     UsageError
     """
     check_placement_name(name)

@@ -75,14 +75,14 @@ class Placing:
 
 
 def image_of(record: MapRecord) -> MapImage | None:
-    """Give the satellite image of a map; None as long as there is none."""
+    """Return the satellite image of a map; None as long as there is none."""
     if record.satellite_path is None or not record.satellite_width or not record.satellite_height:
         return None
     return MapImage(record.satellite_width, record.satellite_height, georeference(record))
 
 
 def needed_image(record: MapRecord, *, with_georeference: bool) -> MapImage:
-    """Give the satellite image of a map.
+    """Return the satellite image of a map.
 
     Raises
     ------

@@ -24,7 +24,7 @@ _ROUNDING = 1e-6
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
-    """Find the file of a photo, as it came.
+    """Find the original file of a photo.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def boxes_of(photo: Photo) -> list[BlurBox]:
 
 
 def look_of(photo: Photo) -> str | None:
-    """Give a word that changes with what is blurred; None where nothing is."""
+    """Return a word that changes with what is blurred; None where nothing is."""
     boxes = boxes_of(photo)
     return hashlib.sha256(repr(boxes).encode()).hexdigest()[:12] if boxes else None
 

@@ -1,4 +1,4 @@
-"""Small pictures of a map's photos for exports: encoded anew, so that no EXIF goes along."""
+"""Small pictures of a map's photos for exports: encoded again, so that they have no EXIF."""
 
 from __future__ import annotations
 

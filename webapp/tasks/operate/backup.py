@@ -60,7 +60,7 @@ class LibraryPart(Protocol):
 
 
 def readers(parts: Iterable[LibraryPart]) -> Mapping[str, Reader]:
-    """Give what reads each part's contents from a copy of the database."""
+    """Return what reads each part's contents from a copy of the database."""
     return {part.name: part.contents for part in parts}
 
 
@@ -223,7 +223,7 @@ class _Copying:
 
 @contextmanager
 def _no_export(folder: Path) -> Iterator[None]:
-    """Have the writers of a map's files wait; a map without a folder has none."""
+    """Lock the files of a map; a map without a folder has none."""
     with ExitStack() as stack:
         try:
             (folder / _DERIVED).mkdir(exist_ok=True)

@@ -79,7 +79,7 @@ def restore(
     Conflict
         A server or a worker is running on it.
     InputError
-        It is no backup, or is damaged; nothing was changed.
+        It is not a backup, or is damaged; nothing was changed.
     StorageError, DiskFull
         The disk refused.
     Cancelled
@@ -165,7 +165,7 @@ def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> SnapshotContents:
 
 
 def _swap(folder: Path, stage: Path, there: list[Path]) -> Path | None:
-    """Give the new library its place: all by renaming, the database last."""
+    """Move the new library to its place: all by renaming, the database last."""
     before = folder / f"{_BEFORE}{now():%Y%m%dT%H%M%S}" if there else None
     moves = [(path, before / path.name) for path in there if before is not None]
     moves += [(path, folder / path.name) for path in sorted(stage.iterdir(), key=lambda p: p.name == INNER)]

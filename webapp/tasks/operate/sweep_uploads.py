@@ -16,7 +16,7 @@ from webapp.tasks.maps.add_photo import PHOTOS, named_by_content
 
 
 def sweep_uploads(library: Library, *, settings: Settings) -> int:
-    """Give up uploads that nobody has gone on with for `upload.keep_hours`.
+    """Delete uploads that have not continued for `upload.keep_hours`.
 
     Returns
     -------

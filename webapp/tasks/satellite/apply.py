@@ -1,4 +1,4 @@
-"""Gives a library map a new satellite image or georeference, as one edit with what becomes of its photos."""
+"""Gives a library map a new satellite image or georeference, as one edit that also moves its photos."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class NewImage:
 
 @dataclass(frozen=True, slots=True)
 class ImageChoice:
-    """Who gives a map an image, and what becomes of positions that would not lie on it.
+    """Options of a new image: who sets it, and how to treat positions that would not lie on it.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Applied:
 
 
 def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageChoice) -> Applied:
-    """Give a map an image.
+    """Set the image of a map.
 
     Photos in the tray that have a GPS position are placed when the map had no georeference before. The same
     file again, without a georeference, does not take the map's georeference away.
@@ -129,7 +129,7 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageCh
 def set_georeference(
     changing: Changing, map_id: int, *, georeference: Georeference | None, choice: ImageChoice
 ) -> Applied:
-    """Say where the present image is on the Earth; None takes that away.
+    """Set the georeference of the present image; None removes it.
 
     Raises
     ------
@@ -235,7 +235,7 @@ class ImageChange:
     scale: bool = False
 
     def moved(self, positions: Sequence[MapPixel]) -> list[MapPixel]:
-        """Give the places on the new image; NaN where there is none."""
+        """Return the places on the new image; NaN where there is none."""
         if not positions or self.old is None or self.same_file:
             return list(positions)
         before, after = self.old.georeference, self.new.georeference
@@ -254,7 +254,7 @@ class ImageChange:
         return inside(position, width=self.new.width, height=self.new.height)
 
     def placed(self, photo: Photo, at: MapPixel) -> dict[str, Any]:
-        """Give the fields of a photo that was placed and comes to `at`, were it not for its GPS."""
+        """Return the fields of a photo that was placed and comes to `at`, were it not for its GPS."""
         before = _position(photo)
         gps = _gps(photo)
         if not self.same_file or self.old is None:
@@ -270,7 +270,7 @@ class ImageChange:
         return fields
 
     def from_tray(self, photo: Photo) -> dict[str, Any] | None:
-        """Give the place of a photo in the tray by its GPS, when the map gets its first georeference."""
+        """Return the place of a photo in the tray by its GPS, when the map gets its first georeference."""
         gps = _gps(photo)
         if gps is None or self.new.georeference is None:
             return None

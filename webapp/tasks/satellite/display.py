@@ -55,7 +55,7 @@ class DisplayFile:
 
 
 def key_of(library: Library, record: MapRecord) -> str | None:
-    """Give the key of a map's image file; None where there is none."""
+    """Return the key of a map's image file; None where there is none."""
     if record.satellite_path is None:
         return None
     path = photo_path(library.cfg(record.slug), record.satellite_path)
@@ -69,7 +69,7 @@ def has_tiles(library: Library, record: MapRecord) -> bool:
 
 
 def whole(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
-    """Give the image for display: itself, or a smaller copy of a large or unusual one.
+    """Return the image for display: itself, or a smaller copy of a large or unusual one.
 
     Raises
     ------
@@ -86,17 +86,17 @@ def whole(library: Library, record: MapRecord, *, settings: Settings) -> Display
 
 
 def copy(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
-    """Give a copy without anything that the file says besides its pixels; see `whole`."""
+    """Return a copy without anything that the file says besides its pixels; see `whole`."""
     return _small(library, record, _original(library, record), name="preview", settings=settings)
 
 
 def thumbnail(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
-    """Give a small copy for lists; see `whole`."""
+    """Return a small copy for lists; see `whole`."""
     return _small(library, record, _original(library, record), name="thumbnail", settings=settings)
 
 
 def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> DisplayFile:
-    """Give a tile.
+    """Return a tile.
 
     Raises
     ------

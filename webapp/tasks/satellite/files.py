@@ -115,7 +115,7 @@ def source_of(folder: Path, name: str) -> dict[str, Any]:
 
 
 def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
-    """Give an upright PNG or JPEG of an uploaded image: itself, or a copy beside `scratch`.
+    """Return an upright PNG or JPEG of an uploaded image: itself, or a copy beside `scratch`.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def taken_back_if_refused(library: Library, map_id: int, *, name: str) -> Iterat
 
 
 def sweep(library: Library, map_id: int, *, keep: timedelta) -> int:
-    """Delete images that a killed process has left, once they are old enough to be nobody's any more.
+    """Delete images that a killed process has left, once they are old enough.
 
     Returns
     -------

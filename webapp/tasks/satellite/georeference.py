@@ -110,7 +110,7 @@ def preview(found: GeoreferenceFit, wish: GeoWish, *, width: int, height: int) -
 
 
 def on_earth(georeference: Georeference, *, width: int, height: int) -> dict[str, Any]:
-    """Give the image's `corners`, `metres_per_pixel` and `north_deg` in its middle; null where unknown."""
+    """Return the image's `corners`, `metres_per_pixel` and `north_deg` in its middle; null where unknown."""
     names = ("top_left", "top_right", "bottom_right", "bottom_left")
     around = georeference.latlon_from_pixel([(0, 0), (width, 0), (width, height), (0, height)])
     middle = MapPixel(width / 2, height / 2)

@@ -29,7 +29,7 @@ SMALLEST_PX, LARGEST_PX = 100, 10_000
 
 @dataclass(frozen=True, slots=True)
 class Uploaded:
-    """What became of an uploaded image.
+    """The result of an uploaded image.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ def store_upload(
     Raises
     ------
     PhotoError
-        It is no PNG, JPEG or TIFF, damaged, or larger than the limits.
+        It is not a PNG, JPEG or TIFF, damaged, or larger than the limits.
     GeoreferenceError
         What was wished gives no georeference.
     UsageError

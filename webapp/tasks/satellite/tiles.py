@@ -109,7 +109,7 @@ def fetch_tiles(
 ) -> Fetched:
     """Fetch an area and keep its image in the map's folder; `satellite_apply.set_image` gives it to the map.
 
-    Tiles that were fetched stay in the library's cache: work that is stopped goes on where it was.
+    Tiles that were fetched stay in the library's cache: work that is stopped continues where it was.
 
     Parameters
     ----------

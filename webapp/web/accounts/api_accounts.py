@@ -1,4 +1,4 @@
-"""API of accounts: one's own with its tokens, those of others for the owner of the library, and who asks.
+"""API of accounts: one's own with its tokens, those of others for the owner of the library, and the caller.
 
 Passwords and sessions are left to the pages.
 """

@@ -54,7 +54,7 @@ def allow_framing() -> None:
 
 
 def init_app(app: Flask) -> None:
-    """Have every request checked and every answer protected."""
+    """Register the checks of requests and the headers of responses."""
     app.config.update(
         SESSION_COOKIE_NAME="expmap",
         SESSION_COOKIE_HTTPONLY=True,

@@ -28,7 +28,7 @@ class User(UserMixin):  # type: ignore[misc]
         self.account = account
 
     def get_id(self) -> str:
-        """Give what the session holds; it is worth nothing once the account's epoch is another."""
+        """Return what the session holds; it is worth nothing once the account's epoch is another."""
         return f"{self.account.id}.{self.account.epoch}"
 
 
@@ -45,7 +45,7 @@ def is_api() -> bool:
 
 
 def bearer() -> str | None:
-    """Give the token of the request, which counts for the API alone."""
+    """Return the token of the request, which counts for the API alone."""
     given = request.authorization
     return given.token if given is not None and given.type == "bearer" and is_api() else None
 

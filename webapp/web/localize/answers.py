@@ -81,7 +81,7 @@ class AnswerOut(Located):
 
 
 def answer_colours() -> dict[str, Any]:
-    """Give the colours of the pictures to the page: fill and text for each percent of probability."""
+    """Return the colours of the pictures for the page: fill and text for each percent of probability."""
     scale = [probability_colour(step / _STEPS) for step in range(_STEPS + 1)]
     return {
         "scale": [_css(colour) for colour in scale],

@@ -219,7 +219,7 @@ def received(
 
 
 def _choice(method: Method, features: str) -> MethodChoice:
-    """Give method and features as asked for, where this server has what they need."""
+    """Return method and features as asked for, where this server has what they need."""
     folder = settings().models
     here = usable_features(folder, method=method)
     if (choose(method).name if features == "auto" else features) in here:

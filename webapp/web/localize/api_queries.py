@@ -1,4 +1,4 @@
-"""Photos that were asked about, through the API: the history of a map, and what becomes of them."""
+"""Queries of a map, through the API: the history, and what to do with an answer."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ListIn(Schema):
 
 
 class QueryOut(Schema):
-    """A photo that was asked about."""
+    """A query."""
 
     id = Integer()
     name = String()
@@ -108,7 +108,7 @@ def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get(f"/{_ID}")
 @blueprint.output(QueryOut)
 def show(slug: str, id: int) -> dict[str, Any]:
-    """Give one answer."""
+    """Get one answer."""
     record = open_map(slug)
     with library().database.read() as session:
         return _queries_json(session, record, [queries.find(session, record, id)])[0]
@@ -117,7 +117,7 @@ def show(slug: str, id: int) -> dict[str, Any]:
 @blueprint.get(f"/{_ID}/matches")
 @blueprint.output(MatchesList)
 def matches(slug: str, id: int) -> dict[str, Any]:
-    """Give the matches with photos of the map."""
+    """Return the matches with photos of the map."""
     record = open_map(slug)
     with library().database.read() as session:
         return {"matches": queries.find(session, record, id).evidence}
@@ -160,9 +160,9 @@ def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, An
 
 
 @blueprint.get(f"/{_ID}/photo")
-@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+@blueprint.doc(responses=file_answer("The original file.", "image/*"))
 def photo(slug: str, id: int) -> Response:
-    """Get the file of a query as it came."""
+    """Get the original file of a query."""
     row = _find(slug, id)
     path = show_query.original(library(), row)
     response = _lasting(path)

@@ -28,13 +28,13 @@ _MOST = 10_000
 _HEALTH_JOB = "health"
 
 LABELS: dict[Fix, LazyString] = {
-    "to-tray": lazy_gettext("Put back into the tray"),
-    "remove": lazy_gettext("Take out of the map"),
+    "to-tray": lazy_gettext("Move to the tray"),
+    "remove": lazy_gettext("Remove from the map"),
     "swap": lazy_gettext("Swap x and y"),
     "adopt": lazy_gettext("Add to the tray"),
-    "image-size": lazy_gettext("Use the true size"),
-    "outside-take": lazy_gettext("Take the changes over"),
-    "outside-discard": lazy_gettext("Write the file anew"),
+    "image-size": lazy_gettext("Use the actual size"),
+    "outside-take": lazy_gettext("Apply the changes"),
+    "outside-discard": lazy_gettext("Overwrite the file"),
 }
 """Words on the button of each fix."""
 
@@ -155,7 +155,7 @@ def show_health(slug: str) -> dict[str, Any]:
 @checks_api.post("/health")
 @checks_api.output(HealthOut, status_code=202)
 def find_health(slug: str) -> dict[str, Any]:
-    """Have the weak places of the map found out by a job."""
+    """Queue the survey of the weak places of the map."""
     record, who = open_map(slug), account()
     with library().database.write() as session:
         jobs.enqueue(session, _HEALTH_JOB, map_id=record.id, account_id=who.id)
@@ -185,7 +185,7 @@ def take_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
 @checks_api.input(OutsideSeen, arg_name="wish")
 @checks_api.output(OutsideOut)
 def discard_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
-    """Write the file anew, as the map is here."""
+    """Write the file again, as the map is here."""
     record = open_map(slug, "editor")
     if outside_edit.show(library(), record.id, settings=settings()) is None:
         raise Conflict("the file has not changed", hint="reload and compare again")
@@ -233,7 +233,7 @@ class EvaluationRequest(Schema):
 @evaluation_api.input(EvaluationRequest, arg_name="wish")
 @evaluation_api.output(JobSchema, status_code=202)
 def evaluate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
-    """Have every photo of the map localized as if it were not on it; the job's result has the figures."""
+    """Queue the evaluation of the map on its own photos; the job's result has the figures."""
     record, who = open_map(slug, "editor"), account()
     with library().database.write() as session:
         job = jobs.enqueue(session, _EVALUATE_JOB, map_id=record.id, account_id=who.id, arguments=wish)

@@ -104,7 +104,7 @@ def export(slug: str, form: str) -> Response:
 @blueprint.input(ExportIn, arg_name="wish")
 @blueprint.output(JobOut, status_code=202)
 def export_by_job(slug: str, wish: dict[str, str]) -> dict[str, int]:
-    """Have a large export made by a job; its result names the file to fetch."""
+    """Queue a large export; the job's result names the file to fetch."""
     record, who = open_map(slug), account()
     with library().database.write() as session:
         job = jobs.enqueue(

@@ -134,7 +134,7 @@ def show(slug: str) -> dict[str, Any]:
 @blueprint.input(NewMap, arg_name="wish")
 @blueprint.output(MapSummary)
 def rename(slug: str, wish: dict[str, str]) -> dict[str, Any]:
-    """Give a map another name; its address stays."""
+    """Rename a map; its address stays."""
     record, who = open_map(slug, "owner"), account()
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id)

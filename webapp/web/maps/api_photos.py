@@ -53,7 +53,7 @@ class ErrorOut(Schema):
 
 
 class IntakeOut(Schema):
-    """What became of a file: a photo, or an error."""
+    """The result for a file: a photo, or an error."""
 
     name = String()
     id = Integer(metadata={"description": "of the photo in the map"})
@@ -125,9 +125,9 @@ def preview(slug: str, id: int) -> Response:
 
 
 @photos_api.get("/<int(max=2147483647):id>/original")
-@photos_api.doc(responses=file_answer("The file as it came.", "image/*"))
+@photos_api.doc(responses=file_answer("The original file.", "image/*"))
 def original(slug: str, id: int) -> Response:
-    """Get the file of a photo as it came."""
+    """Get the original file of a photo."""
     record, photo = _find(slug, id)
     path = show_photo.original(library(), record.slug, photo=photo)
     response = _lasting(path, etag=photo.sha256)
@@ -180,7 +180,7 @@ class BlurIn(Schema):
 @blur_api.input(BlurIn, arg_name="wish")
 @blur_api.output(EditAnswer)
 def blur(slug: str, id: int, wish: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
-    """Blur parts of a photo in every picture of it; its file stays as it came, and visitors never get it."""
+    """Blur parts of a photo in every picture of it; visitors never get the original file."""
     record = open_map(slug, "editor")
     boxes = [BlurBox(**box) for box in wish["boxes"]]
     revision = show_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
@@ -211,7 +211,7 @@ class UploadOut(Schema):
 
 
 class PieceOut(IntakeOut):
-    """How far an upload is; with the last piece also what became of the file."""
+    """How far an upload is; with the last chunk also the result for the file."""
 
     offset = Integer()
 
@@ -257,7 +257,7 @@ def look(slug: str, id: str) -> dict[str, Any]:
 @uploads_api.output(PieceOut)
 @uploads_api.doc(
     description="The body is the piece, its place the header `Upload-Offset`. A piece that does not fit is "
-    "answered by 409 with the right `offset`. The last piece is answered by what became of the file; where "
+    "answered by 409 with the right `offset`. The last chunk is answered by the result for the file; where "
     "all bytes have arrived and that answer did not come, an empty piece at the end asks for it."
 )
 def send(slug: str, id: str) -> dict[str, Any]:
@@ -283,7 +283,7 @@ def send(slug: str, id: str) -> dict[str, Any]:
 @uploads_api.delete("/<id>")
 @uploads_api.output({}, status_code=204)
 def give_up(slug: str, id: str) -> str:
-    """Give an upload up: what has arrived is deleted."""
+    """Cancel an upload: what has arrived is deleted."""
     upload = _find_upload(open_map(slug, "editor"), id)
     with one_at_a_time(_part(upload)):
         _give_up(upload)

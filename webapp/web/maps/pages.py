@@ -40,7 +40,7 @@ class MapCard:
 
 @blueprint.get("/")
 def index() -> str:
-    """List the maps that are shared with who asks."""
+    """List the maps that are shared with the caller."""
     with library().database.read() as session:
         cards = _cards(session, account(), binned=False)
         binned = len(maps.listed(session, account(), binned=True))
@@ -79,7 +79,7 @@ def settings(slug: str) -> str:
 
 @blueprint.post("/maps/<slug>/settings/name")
 def rename(slug: str) -> Response | tuple[str, int]:
-    """Give the map another name; its address stays."""
+    """Rename the map; its address stays."""
     record = open_map(slug, "owner")
     try:
         with library().database.write() as db:

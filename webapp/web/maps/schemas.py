@@ -32,7 +32,7 @@ class PhotoOut(Schema):
     """A photo of a map; one that was taken out has `id`, `removed` and `revision` alone."""
 
     id = Integer()
-    name = String(metadata={"description": "Of the file as it came."})
+    name = String(metadata={"description": "Name of the original file."})
     x_px = Float(allow_none=True, metadata={"description": "null: in the tray, without a place."})
     y_px = Float(allow_none=True)
     heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
@@ -128,7 +128,7 @@ class MapState(_Changed):
 
     slug = String()
     name = String()
-    role = String(metadata={"enum": list(_ROLES), "description": "Of who asks."})
+    role = String(metadata={"enum": list(_ROLES), "description": "Of the caller."})
     can_edit = Boolean()
     binned = Boolean()
     revision = Integer()

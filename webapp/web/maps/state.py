@@ -125,7 +125,7 @@ def image(record: MapRecord, *, base: str | None = None) -> dict[str, Any]:
 
 
 def _georeference(record: MapRecord, found: Georeference, size: tuple[int, int]) -> dict[str, Any]:
-    """Give the georeference as `map.json` has it, with its scale, and sampled for the page."""
+    """Return the georeference as `map.json` has it, with its scale, and sampled for the page."""
     grid = latlon_grid(found, size)
     scale = found.metres_per_pixel(MapPixel(size[0] / 2, size[1] / 2))
     return {
@@ -161,7 +161,7 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
 
 
 def _gps_spots(record: MapRecord, photos: list[Photo]) -> dict[int, dict[str, Any]]:
-    """Give the GPS of photos by id, with its place on the image where the map knows."""
+    """Return the GPS of photos by id, with its place on the image where the map knows."""
     known = [p for p in photos if p.gps_lat is not None and p.gps_lon is not None]
     found = georeference(record) if known else None
     latlon = np.array([[p.gps_lat, p.gps_lon] for p in known], float).reshape(-1, 2)
@@ -203,7 +203,7 @@ def _history(session: Session, record: MapRecord, *, account: Account) -> dict[s
 
 
 def satellite_json(record: MapRecord, *, base: str | None = None) -> dict[str, Any] | None:
-    """Give address and size of a map's image; None without one.
+    """Return address and size of a map's image; None without one.
 
     Parameters
     ----------

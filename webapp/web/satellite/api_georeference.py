@@ -91,7 +91,7 @@ def preview(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(GeoreferenceIn, arg_name="given")
 @blueprint.output(ImageAnswer)
 def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Say where the image is, as one step that can be undone."""
+    """Set the georeference of the image, as one step that can be undone."""
     record = open_map(slug, "editor")
     _, _, found = _fitted(record, given)
     choice = ImageChoice(account().id, seen=given["seen"])

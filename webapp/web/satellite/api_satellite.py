@@ -40,7 +40,7 @@ _WORLDFILE_BYTES = 10_000
 
 
 class OutsideIn(Schema):
-    """What becomes of photos that would not lie on the new image."""
+    """The treatment of photos that would not lie on the new image."""
 
     scale = Boolean(
         load_default=False,
@@ -139,7 +139,7 @@ def service_json(service: Any) -> dict[str, Any]:
 @blueprint.input(ImageIn, location="form_and_files", arg_name="given")
 @blueprint.output(ImageAnswer)
 def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Give a map an uploaded image: PNG, JPEG, TIFF or GeoTIFF."""
+    """Set the image of a map from an upload: PNG, JPEG, TIFF or GeoTIFF."""
     record, file = open_map(slug, "editor"), given["file"]
     wish = _wish(given)
     part = library().uploads / f"{secrets.token_hex(16)}.image"
@@ -155,7 +155,7 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(BlankIn, arg_name="given")
 @blueprint.output(ImageAnswer)
 def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Give a map a blank plan, of a size in pixels or around the GPS positions of its photos."""
+    """Set a blank plan as the image of a map: of a size in pixels, or around its photos' GPS positions."""
     record = open_map(slug, "editor")
     width, height = given["width"], given["height"]
     if (width is None) != (height is None):
@@ -169,7 +169,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(TilesIn, arg_name="given")
 @blueprint.output(TilesOut, status_code=202)
 def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Have an area fetched from a tile service by a job, which then gives its image to the map."""
+    """Queue the download of an area from a tile service, which becomes the image of the map."""
     record, who = open_map(slug, "editor"), account()
     box = GeoBox(given["north"], given["south"], given["west"], given["east"])
     wish = TileWish(given["service"], box, given["zoom"])
@@ -200,21 +200,21 @@ def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/maps/<slug>/satellite")
 @blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
 def get_image(slug: str) -> Response:
-    """Give the image for display."""
+    """Return the image for display."""
     return _sent(display.whole(library(), open_map(slug), settings=settings()))
 
 
 @blueprint.get("/maps/<slug>/thumbnail")
 @blueprint.doc(responses=file_answer("A picture of at most 480 pixels a side.", "image/*"))
 def get_thumbnail(slug: str) -> Response:
-    """Give a small copy of the image, for lists."""
+    """Return a small copy of the image, for lists."""
     return _sent(display.thumbnail(library(), open_map(slug, binned=True), settings=settings()))
 
 
 @blueprint.get("/maps/<slug>/satellite/tiles/<int:z>/<int:x>/<int:y>")
 @blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def get_tile(slug: str, *, z: int, x: int, y: int) -> Response:
-    """Give a tile of a large image; at the largest zoom its pixels are the image's."""
+    """Return a tile of a large image; at the largest zoom its pixels are the image's."""
     return _sent(display.tile(library(), open_map(slug), z=z, x=x, y=y))
 
 
@@ -235,7 +235,7 @@ def _choice(given: dict[str, Any]) -> ImageChoice:
 
 
 def _sent(shown: DisplayFile) -> Response:
-    """Send a file; who asks by its key may keep it for good."""
+    """Send a file; a request with its key may be cached for good."""
     if request.if_none_match.contains_weak(shown.key):
         response = Response(status=304)
         response.set_etag(shown.key)

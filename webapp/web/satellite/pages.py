@@ -47,7 +47,7 @@ def show(slug: str) -> str:
 
 
 def _earth(record: MapRecord) -> dict[str, Any] | None:
-    """Give the present georeference, in words of the page."""
+    """Return the present georeference, in words of the page."""
     found, image = georeference(record), image_of(record)
     if found is None or image is None:
         return None
@@ -55,7 +55,7 @@ def _earth(record: MapRecord) -> dict[str, Any] | None:
 
 
 def _where(photos: list[Photo]) -> dict[str, float] | None:
-    """Give the area of the photos' GPS positions, for the map to begin with."""
+    """Return the area of the photos' GPS positions, for the map to begin with."""
     known = [(p.gps_lat, p.gps_lon) for p in photos if p.gps_lat is not None and p.gps_lon is not None]
     if not known:
         return None

@@ -119,7 +119,7 @@ def photo_preview(token: str, id: int) -> Response:
 
 @blueprint.get(f"/photos/{_ID}/original")
 @public
-@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+@blueprint.doc(responses=file_answer("The original file.", "image/*"))
 def photo_original(token: str, id: int) -> Response:
     """Get the file of a photo of the map, where the owner gives files out."""
     opened = _opened(token, originals=True)
@@ -148,7 +148,7 @@ def query_preview(token: str) -> Response:
 
 @blueprint.get("/query/original")
 @public
-@blueprint.doc(responses=file_answer("The file as it came.", "image/*"))
+@blueprint.doc(responses=file_answer("The original file.", "image/*"))
 def query_original(token: str) -> Response:
     """Get the file of the photo of the shared answer, where the owner gives files out."""
     query = shared_state.query(_opened(token, originals=True))

@@ -61,7 +61,7 @@ def photo(session: Session, opened: Opened, *, id: int) -> tuple[MapRecord, Phot
 
 
 def query(opened: Opened) -> QueryRecord:
-    """Give the answer whose photo a share gives.
+    """Return the answer whose photo a share gives.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def query(opened: Opened) -> QueryRecord:
 
 
 def located(form: dict[str, Any], *, exif: bool) -> dict[str, Any]:
-    """Give an answer, as `localize --json` has it, to visitors: without what EXIF or the file's name says."""
+    """Return an answer as `localize --json`, for visitors: without EXIF and file name."""
     return form if exif else {**form, "query": "", **dict.fromkeys(_OF_EXIF)}
 
 

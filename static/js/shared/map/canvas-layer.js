@@ -1,4 +1,4 @@
-/** A canvas over all of a map, drawn anew at every move; while a zoom is animated it is scaled with the map. */
+/** A canvas over all of a map, redrawn at every move; while a zoom is animated it is scaled with the map. */
 
 import { rafThrottle } from "../timing.js";
 

@@ -1,6 +1,6 @@
 /**
  * All photos of the image on one canvas: dots, where they look, the selection, the GPS circle of the current photo.
- * Drawn anew at every move: some thousand dots take a few milliseconds.
+ * Redrawn at every move: some thousand dots take a few milliseconds.
  */
 
 import { CanvasLayer } from "./canvas-layer.js";
