@@ -31,7 +31,12 @@ _PAGES = {
     "templates": [("**.html", "jinja2")],
 }
 _SCRIPTS = {"static/js": [("**.js", "javascript")]}
-_KEYWORDS: dict[str, tuple[int, ...] | None] = {"_": None, "gettext": None, "lazy_gettext": None, "ngettext": (1, 2)}
+_KEYWORDS: dict[str, tuple[int, ...] | None] = {
+    "_": None,
+    "gettext": None,
+    "lazy_gettext": None,
+    "ngettext": (1, 2),
+}
 _SCRIPT_KEYWORDS: dict[str, tuple[int, ...] | None] = {"t": None, "tn": (1, 2)}
 _HEADER = "# Texts are gathered by docs/make_translations.py; translations are written by hand."
 _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last-Tr", "Language-T")
