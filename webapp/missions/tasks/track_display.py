@@ -17,10 +17,9 @@ from sqlalchemy.orm import Session
 from webapp.core.trajectory.distance import profile
 from webapp.core.trajectory.records import Poses
 from webapp.core.trajectory.simplify import simplified
-from webapp.missions.store import track_pieces, tracks
+from webapp.missions.store import tracks
 from webapp.missions.store.schema import Track
-from webapp.missions.store.track_pieces import POINT, Piece
-from webapp.missions.store.tracks import PIECE
+from webapp.missions.store.tracks import PIECE, POINT, Piece
 from webapp.progress import Progress
 from webapp.store.library import Library
 
@@ -93,9 +92,9 @@ def _build_next(track_id: int, write: Write) -> bool:
         poses = tracks.read(session, track, first=track.built_to, stop=track.built_to + PIECE)
         points = table_of(poses, first=track.built_to)
         points = points[simplified(points[:, 2:4], FINEST_M)]
-        track_pieces.add(session, track, level=0, chunk=chunk, count=PIECE, points=points)
+        tracks.add_piece(session, track, level=0, chunk=chunk, count=PIECE, points=points)
         samples = profile(poses.times_s, poses.travelled_m, height_m=poses.height_m, points=_PROFILE_POINTS)
-        track_pieces.add_profile(session, track, chunk=chunk, points=samples)
+        tracks.add_profile(session, track, chunk=chunk, points=samples)
         _build_coarser(session, track, chunk)
         track.built_to += PIECE
     return True
@@ -109,10 +108,10 @@ def _build_coarser(session: Session, track: Track, chunk: int) -> None:
             return
         session.flush()
         below = range(chunk * _COARSER, (chunk + 1) * _COARSER)
-        points = np.concatenate(track_pieces.points(session, track, level=level - 1, chunks=below))
+        points = np.concatenate(tracks.piece_points(session, track, level=level - 1, chunks=below))
         # What the level below has left out lies within its tolerance: together it is that of this level.
         points = points[simplified(points[:, 2:4], tolerance_of(level) - tolerance_of(level - 1))]
-        track_pieces.add(
+        tracks.add_piece(
             session, track, level=level, chunk=chunk, count=PIECE * _COARSER**level, points=points
         )
 
@@ -209,7 +208,7 @@ def _chosen(session: Session, track: Track, *, level: int, view: LineView) -> li
     found: list[tuple[int, Piece]] = []
     covered = 0
     for below in range(max(level, 0), -1, -1):
-        pieces = [p for p in track_pieces.listed(session, track, level=below) if p.first_number >= covered]
+        pieces = [p for p in tracks.list_pieces(session, track, level=below) if p.first_number >= covered]
         if pieces:
             covered = pieces[-1].first_number + pieces[-1].count
         found += [(below, piece) for piece in pieces if _is_seen(piece, view)]
@@ -255,7 +254,7 @@ def _points(session: Session, track: Track, pieces: list[tuple[int, Piece]]) -> 
     tables: list[NDArray[np.float64]] = []
     for level in sorted({level for level, _ in pieces}, reverse=True):
         chunks = [piece.chunk for own, piece in pieces if own == level]
-        tables += track_pieces.points(session, track, level=level, chunks=chunks)
+        tables += tracks.piece_points(session, track, level=level, chunks=chunks)
     return tables
 
 
@@ -330,7 +329,7 @@ def track_profile(session: Session, track: Track, *, points: int) -> NDArray[np.
     (n, 4) float64
         time_s, travelled_m, speed_mps, height_m; NaN where something is not known.
     """
-    table = np.empty((0, 4)) if track.poses <= _DIRECT else track_pieces.profiles(session, track)
+    table = np.empty((0, 4)) if track.poses <= _DIRECT else tracks.profiles(session, track)
     first = track.built_to if len(table) else 0
     if track.poses - first <= _DIRECT:
         tail = tracks.read(session, track, first=first)
