@@ -158,7 +158,7 @@ def test_a_blank_plan(image_page):
     assert (state()["satellite"]["width"], state()["satellite"]["height"]) == (800, 900)
 
 
-def test_photos_outside_are_asked_about(image_page, api, context, small_photos):
+def test_photos_outside_need_a_decision(image_page, api, context, small_photos):
     page, state = image_page
     slug = page.url.split("/")[-2]
     part = {"name": "a.jpg", "mimeType": "image/jpeg", "buffer": small_photos[0].read_bytes()}

@@ -137,7 +137,7 @@ def test_an_answer_that_got_lost_is_not_asked_for_twice(phone, api, shots, sampl
     phone.watch.faults = [fault for fault in phone.watch.faults if "ERR_CONNECTION_RESET" not in fault]
 
 
-def test_what_is_no_photo_is_reported_and_can_be_taken_away(phone, sample_map, tmp_path):
+def test_a_file_that_is_not_a_photo_is_reported_and_can_be_taken_away(phone, sample_map, tmp_path):
     phone.watch.expect(422)
     page = open_field(phone, sample_map)
     (tmp_path / "odd.jpg").write_bytes(b"no photo")

@@ -41,7 +41,7 @@ def test_from_a_file_to_a_file(mission, tmp_path):
     assert "waypoint" in (tmp_path / "yard-objects.csv").read_text()
 
 
-def test_a_trajectory_goes_on_from_a_start_of_its_own(mission, tmp_path):
+def test_a_trajectory_continues_from_a_start_of_its_own(mission, tmp_path):
     mission("new", "Yard")
     path = tmp_path / "way.txt"
     path.write_text("0 0 0 0 0 0 0 1\n1 5 0 0 0 0 0 1\n")

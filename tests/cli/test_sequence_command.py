@@ -59,7 +59,7 @@ def test_evaluation_says_that_it_was_a_sequence(expmap, cfg):
     assert [query["path"] for query in figures["per_query"]] == [f"photos/{i}.jpg" for i in (0, 2, 4)]
 
 
-def test_a_broken_frame_is_reported_and_the_others_go_on(expmap, cfg, tmp_path):
+def test_a_broken_frame_is_reported_and_the_others_continue(expmap, cfg, tmp_path):
     photo, broken = cfg.parent / "photos" / "1.jpg", tmp_path / "broken.jpg"
     broken.write_bytes(b"no photo")
     code, out, err = expmap("localize", cfg, photo, broken, photo, "--sequence", "--json")

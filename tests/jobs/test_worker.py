@@ -46,7 +46,7 @@ def test_a_job_that_cannot_be_done_says_why(work, queue, seen, caplog):
     assert seen(last)["state"] == "done"
 
 
-def test_a_job_that_lost_a_process_goes_on_but_not_for_ever(work, queue, seen, settings):
+def test_a_job_that_lost_a_process_continues_but_not_for_ever(work, queue, seen, settings):
     id = queue("lose", arguments={"times": 2})
     work()
     assert (seen(id)["state"], seen(id)["result"]) == ("done", {"tries": 3})
@@ -76,7 +76,7 @@ def test_progress_is_seen_and_cancel_heard(library, start, queue, seen, wait_for
     assert seen(id)["result"] == {"steps": 2}
 
 
-def test_after_kill_9_another_worker_goes_on_at_once(library, start, queue, seen, wait_for):
+def test_after_kill_9_another_worker_continues_at_once(library, start, queue, seen, wait_for):
     id = queue("count", arguments={"steps": 12, "seconds": 0.25})
     first, second = start(lease_s=600.0), start(lease_s=600.0)  # nobody can wait for the lease to run out
     wait_for(lambda: steps(library) >= 2)

@@ -163,7 +163,7 @@ def port():
         yield port
 
 
-def test_a_client_killed_on_a_full_disk_goes_on_there(disk, port, tmp_path, until):
+def test_a_client_killed_on_a_full_disk_continues_there(disk, port, tmp_path, until):
     spool, file = disk.folder / "spool", tmp_path / "stored"
     words = ("walker", f"http://127.0.0.1:{port}", spool, 600)
     walker = run(*words)

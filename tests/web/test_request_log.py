@@ -65,7 +65,7 @@ def test_no_secret_is_in_it(app, library, owner, lines):
         assert secret not in log
 
 
-def test_a_mistake_of_the_program_is_a_line_with_its_traceback(app, library, owner, lines, monkeypatch):
+def test_a_bug_is_a_line_with_its_traceback(app, library, owner, lines, monkeypatch):
     app.testing = False
     monkeypatch.setattr("webapp.web.accounts.pages.render_template", lambda *_, **__: 1 / 0)
     app.test_client().get("/sign-in/" + "x" * 32)

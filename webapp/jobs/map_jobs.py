@@ -22,7 +22,7 @@ from webapp.tasks.maps import export, health
 from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.files import taken_back_if_refused
-from webapp.tasks.satellite.tiles import TileWish
+from webapp.tasks.satellite.tiles import TileRequest
 
 _NAMED = 100
 """At most so many photos or findings are named in a result."""
@@ -143,7 +143,7 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
     fetched = tiles.fetch_tiles(
         context.library,
         record.id,
-        wish=TileWish(str(asked["service"]), box, int(asked["zoom"])),
+        request=TileRequest(str(asked["service"]), box, int(asked["zoom"])),
         settings=context.settings,
         progress=context.progress,
     )

@@ -218,7 +218,7 @@ class _Heart:
         self._beat_at = 0.0
 
     def beat(self, *, always: bool = False) -> None:
-        """Write at once what has changed, and else once a second, which is when a wish to stop is seen."""
+        """Write at once what has changed, and else once a second, which is when a request to stop is seen."""
         progress = self._context.progress.state()
         if not always and progress == self._written and time.monotonic() < self._beat_at:
             return

@@ -249,7 +249,7 @@ def draw_map(
     panels = [_panel(satellite, themap, view, answer=answer, truth=truth) for view in (whole, close) if view]
     if close is not None:
         _outline(panels[0], whole, close)
-    at = _places(panels, beside=not _is_wide(whole))
+    at = _places(panels, side_by_side=not _is_wide(whole))
     width = max(LEAST_WIDTH_PX, *(x + p.size[0] for (x, _), p in zip(at, panels, strict=True)))
     height = max(y + p.size[1] for (_, y), p in zip(at, panels, strict=True))
     canvas = Canvas(np.full((height + BAND_PX, width, 3), PAPER, dtype=np.uint8))
@@ -276,9 +276,9 @@ def _views(themap: Map, answer: Answer, truth: MapPixel | None) -> tuple[MapView
     return whole, detail(themap, whole, centre=centre, size=(DETAIL_PX, whole.size[1]))
 
 
-def _places(panels: list[Canvas], *, beside: bool) -> list[tuple[int, int]]:
+def _places(panels: list[Canvas], *, side_by_side: bool) -> list[tuple[int, int]]:
     width, height = panels[0].size
-    second = (width + GAP_PX, 0) if beside else (0, height + GAP_PX)
+    second = (width + GAP_PX, 0) if side_by_side else (0, height + GAP_PX)
     return [(0, 0), second][: len(panels)]
 
 

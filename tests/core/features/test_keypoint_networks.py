@@ -97,7 +97,7 @@ def test_places_are_those_of_the_full_photo(opened, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_found_beside_the_photo_is_dropped(opened, kind):
+def test_keypoints_outside_the_photo_are_dropped(opened, kind):
     gray = dotted((70, 101))
     gray[:, -1] = gray[-1] = 251  # repeated, this fills the rest with light
     found = features(kind, opened(kind, brightest(kind, count=3000)), gray=gray, keypoints=1000)

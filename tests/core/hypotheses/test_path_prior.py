@@ -18,7 +18,7 @@ def moved(position, variance, paths):
     return np.array(at) - position, left
 
 
-def test_what_is_beside_a_row_is_drawn_across_to_it():
+def test_positions_next_to_a_row_are_moved_towards_it():
     step, left = moved((1010.0, 990.0), 100.0, ROW)
     assert step[0] == pytest.approx(-step[1], abs=0.1)
     assert -10.0 < step[0] < -7.0

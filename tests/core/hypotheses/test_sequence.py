@@ -176,7 +176,7 @@ def test_it_is_hardly_surer_than_right_also_where_frames_err_together(together, 
     assert np.mean(right) > 0.7
 
 
-def test_from_beside_a_row_of_photos_positions_are_drawn_to_it_and_from_far_they_are_not():
+def test_positions_next_to_a_row_are_moved_towards_it_and_far_ones_are_not():
     _, (beside,) = walk([answer(place(500.0, 125.0))])
     _, (far,) = walk([answer(place(500.0, 180.0))])
     assert beside.hypotheses[0].position.y < 120.0

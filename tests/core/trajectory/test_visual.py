@@ -46,7 +46,7 @@ def test_pixels_that_are_no_squares():
         (answer(radius_px=None), "accuracy"),
     ],
 )
-def test_what_is_no_fix_says_why(answer, why):
+def test_what_is_not_a_fix_says_why(answer, why):
     fix = visual_fix(answer, EVEN)
     assert not fix
     assert why in fix.reason

@@ -229,7 +229,7 @@ def test_a_jpeg_without_its_last_bytes_is_refused():
     ],
 )
 @pytest.mark.parametrize("read", [read_facts, read_gray, read_upright])
-def test_what_is_no_photo_is_refused(data, read):
+def test_a_file_that_is_not_a_photo_is_refused(data, read):
     with pytest.raises(PhotoError):
         read(data, limits=LIMITS)
 

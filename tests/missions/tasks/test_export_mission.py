@@ -118,7 +118,7 @@ def test_many_more_poses_take_no_more_memory(large, form, poses):
     assert most < 1.2 * small + 200_000 and most < 12_000_000
 
 
-def test_a_track_that_is_written_anew_meanwhile_ends_no_file_early(library, new_mission):
+def test_a_track_that_is_rewritten_meanwhile_ends_no_file_early(library, new_mission):
     mission = new_mission(10_000)
     pieces = export.export_mission(library, mission, form="csv").pieces
     next(pieces), next(pieces)

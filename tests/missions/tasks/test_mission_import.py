@@ -92,7 +92,7 @@ def test_what_is_stored_is_what_is_read(library, mission, log, small_parts):
 
 
 @pytest.mark.parametrize("after_commit", [False, True])
-def test_killed_anywhere_it_goes_on_and_stores_each_pose_once(
+def test_killed_anywhere_it_continues_and_stores_each_pose_once(
     library, mission, log, small_parts, after_commit
 ):
     with library.database.write() as session:

@@ -96,7 +96,7 @@ def test_another_mission_stays_closed(ask, new_mission):
         ({"table": "account"}, "from"),
     ],
 )
-def test_mistakes_are_reported_with_their_place(ask, new_mission, wish, where):
+def test_errors_are_reported_with_their_position(ask, new_mission, wish, where):
     with pytest.raises(UsageError) as caught:
         ask(new_mission(), **wish)
     assert caught.value.where == where

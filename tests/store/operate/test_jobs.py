@@ -170,7 +170,7 @@ def test_a_job_on_which_workers_die_fails(do, take, at, seen):
     assert job["done"] < job["total"]
 
 
-def test_a_job_that_gets_on_between_deaths_goes_on_but_not_for_ever(do, take, at, seen):
+def test_a_job_that_gets_on_between_deaths_continues_but_not_for_ever(do, take, at, seen):
     id = do(jobs.enqueue, "x").id
     for fence in range(1, 31):
         held = take()

@@ -124,6 +124,6 @@ def test_a_damaged_block_is_replaced_and_noted():
     assert isinstance(read_facts(data, limits=LIMITS).gps, Gps)
 
 
-def test_what_is_no_photo_is_rejected():
+def test_a_file_that_is_not_a_photo_is_rejected():
     with pytest.raises(PhotoError):
         with_position(b"hello", HERE, heading_deg=None, limits=LIMITS)

@@ -219,7 +219,7 @@ def test_full_segments_stay_when_small_ones_are_joined(tmp_path, make_map, build
     assert [s.photos for s in now] == [4, 4, 4]
 
 
-def test_a_segment_with_much_that_is_gone_is_written_anew(tmp_path, make_map, build, described, edit):
+def test_a_segment_with_much_that_is_gone_is_rewritten(tmp_path, make_map, build, described, edit):
     cfg = make_map(tmp_path, 10)
     folder = build(cfg).folder
     described.clear()
@@ -231,7 +231,7 @@ def test_a_segment_with_much_that_is_gone_is_written_anew(tmp_path, make_map, bu
     assert report.descriptors == len(read_segment(segment).xy)
 
 
-def test_a_map_that_has_grown_much_is_divided_anew(tmp_path, make_map, build, described):
+def test_a_map_that_has_grown_much_is_partitioned_again(tmp_path, make_map, build, described):
     cfg = make_map(tmp_path, 12)
     lines = cfg.read_text().splitlines(keepends=True)
     cfg.write_text("".join(lines[:3]))

@@ -82,7 +82,7 @@ def test_the_way_of_searching_can_change_and_nothing_is_described_again(
 
 
 @pytest.mark.parametrize("damaged", ["*.vlad", "*.codebook"])
-def test_what_is_damaged_is_made_anew(tmp_path, make_map, opening, damaged, quick):
+def test_what_is_damaged_is_made_again(tmp_path, make_map, opening, damaged, quick):
     cfg = make_map(tmp_path, 5)
     folder = opening(cfg, matcher="vlad").folder.folder
     before = {p.name: p.read_bytes() for p in folder.glob("*.*") if p.suffix != ".json"}
@@ -97,7 +97,7 @@ def test_what_is_damaged_is_made_anew(tmp_path, make_map, opening, damaged, quic
     assert before.items() <= after.items()
 
 
-def test_a_build_that_was_stopped_before_its_signatures_goes_on(
+def test_a_build_that_was_stopped_before_its_signatures_continues(
     tmp_path, make_map, opening, described, first_named, monkeypatch
 ):
     cfg = make_map(tmp_path, 5)
@@ -139,7 +139,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file() and p.suffix != ".json"}
 
 
-def test_a_build_that_was_killed_among_its_signatures_goes_on(
+def test_a_build_that_was_killed_among_its_signatures_continues(
     tmp_path, make_map, opening, described, first_named, monkeypatch
 ):
     monkeypatch.setattr(segments, "PHOTOS_PER_SEGMENT", 3)

@@ -65,7 +65,7 @@ def test_other_options_need_another(cfg, made, options):
     assert len(made) == 2
 
 
-def test_a_killed_calibration_goes_on_where_it_was(cfg, monkeypatch):
+def test_a_killed_calibration_continues_where_it_was(cfg, monkeypatch):
     class Killed(BaseException):
         pass
 

@@ -245,7 +245,7 @@ def test_a_map_without_photos_or_texture_is_a_bad_map(tmp_path, make_map, openin
         opening(cfg)
 
 
-def test_a_reader_beside_a_build_takes_the_new_manifest(tmp_path, make_map, opening, build, monkeypatch):
+def test_a_reader_during_a_build_takes_the_new_manifest(tmp_path, make_map, opening, build, monkeypatch):
     cfg = make_map(tmp_path, 9)
     opening(cfg)
     load, calls = open_map._load, []

@@ -141,7 +141,7 @@ def test_of_two_photos_with_one_content_the_first_has_the_depths(cfg):
     assert len(lines) - 1 not in photos
 
 
-def test_files_of_an_older_program_are_made_anew(cfg, monkeypatch):
+def test_files_of_an_older_program_are_made_again(cfg, monkeypatch):
     found = opened(cfg)
     old = orientations.FORMAT - 1
     with monkeypatch.context() as patch:
@@ -159,7 +159,7 @@ def test_what_is_stored_of_pairs_gives_the_depths_that_are_kept(cfg):
     assert orient_map.sightings(opened(cfg), map_fov_deg=None) is None
 
 
-def test_what_is_known_is_not_worked_out_again(cfg):
+def test_what_is_known_is_not_computed_again(cfg):
     counted = Counting()
     oriented(cfg, counted)
     assert counted.total == 0
@@ -176,7 +176,7 @@ def test_a_moved_photo_costs_no_new_comparison(cfg):
     assert found.indexed.extrinsics.trust[0] >= 0.0
 
 
-def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(cfg):
+def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_computed_again(cfg):
     found = opened(cfg)
     stored = orient_map.newest(found)
     position = found.indexed.position.copy()
@@ -191,7 +191,7 @@ def test_a_photo_that_was_moved_far_is_not_trusted_until_it_is_worked_out_again(
     assert (np.delete(trust, trusted) == np.delete(stored.orientations.trust, trusted)).all()
 
 
-def test_stopped_in_between_it_goes_on(cfg, monkeypatch):
+def test_stopped_in_between_it_continues(cfg, monkeypatch):
     derived = next(cfg.parent.rglob("orientations-*.arrays")).parent
     whole = oriented(cfg).indexed.extrinsics
     for path in derived.glob("*-ivf.arrays"):
@@ -218,7 +218,7 @@ def test_a_new_photo_alone_is_compared(cfg):
     assert counted.total == 1
 
 
-def test_damaged_files_are_made_anew(cfg):
+def test_damaged_files_are_made_again(cfg):
     derived = next(cfg.parent.rglob("orientations-*.arrays")).parent
     for path in derived.glob("*-ivf.arrays"):
         path.write_bytes(path.read_bytes()[:100])
@@ -315,7 +315,7 @@ def test_orientations_of_the_map_as_it_is_come_before_better_ones_of_what_it_was
     assert (orient_map.newest(now).orientations.trust == usual.trust).all()
 
 
-def test_another_file_of_the_network_compares_anew(with_network):
+def test_another_file_of_the_network_compares_again(with_network):
     thoroughly(with_network)
     with_network.indexed.pair_matcher.weights = "another"
     counted = Counting()
@@ -355,7 +355,7 @@ def test_photos_of_the_same_content_have_the_same_orientation(cfg):
     assert again.trust[0] == held.trust[0] > 0.0
 
 
-def test_stopped_while_a_network_compares_it_goes_on(with_network, monkeypatch):
+def test_stopped_while_a_network_compares_it_continues(with_network, monkeypatch):
     monkeypatch.setattr(orient_map, "_AT_ONCE_BY_NETWORK", 2)
     monkeypatch.setattr(orient_map, "_SAVED_EVERY_S", 0.0)
     with pytest.raises(Cancelled):

@@ -100,7 +100,7 @@ def desk(tmp_path):
     desk.library.database.close()
 
 
-def test_a_photo_is_kept_as_it_came(desk):
+def test_a_photo_is_kept_unchanged(desk):
     data = jpeg(exif=exif_bytes(CameraTags(taken_at=datetime(2026, 5, 1, 12), focal_35mm=26)))
     intake = desk.give(data, "výlet do lesa (2).JPG")
     (row,) = desk.rows()
@@ -177,7 +177,7 @@ def bomb():
         (bomb(), "megapixels|pixels"),
     ],
 )
-def test_what_is_no_photo_is_refused_by_name(desk, data, says):
+def test_a_file_that_is_not_a_photo_is_refused_by_name(desk, data, says):
     with pytest.raises(PhotoError, match=says) as caught:
         desk.give(data, "mine.jpg")
     assert caught.value.where == "mine.jpg"
@@ -280,7 +280,7 @@ def test_a_photo_with_gps_is_placed_by_itself(desk):
     assert (row.heading_deg, row.gps_accuracy_m) == pytest.approx((90.0, 4.0))
 
 
-def test_a_photo_beside_the_image_says_how_far(desk):
+def test_a_photo_outside_the_image_says_how_far(desk):
     desk.georeference()
     intake = desk.give(jpeg(exif=at(500.0, 0.0)))
     assert not intake.placed

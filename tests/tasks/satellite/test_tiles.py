@@ -20,7 +20,7 @@ from webapp.store.operate import jobs
 from webapp.store.schema import Account, Job, MapRecord
 from webapp.tasks.satellite import tiles as satellite_tiles
 from webapp.tasks.satellite.files import source_of
-from webapp.tasks.satellite.tiles import TileWish
+from webapp.tasks.satellite.tiles import TileRequest
 
 LANDMARKS = [(50.0765, 14.4164), (50.0771, 14.4187), (50.0779, 14.4172)]
 BOX = GeoBox(north=50.0783, south=50.0760, west=14.4155, east=14.4196)
@@ -62,9 +62,9 @@ def map_id(library):
 @pytest.fixture
 def fetch(library, map_id, settings):
     def run(box=BOX, zoom=17, service="Local", progress=None):
-        wish = TileWish(service, box, zoom)
+        wish = TileRequest(service, box, zoom)
         return satellite_tiles.fetch_tiles(
-            library, map_id, wish=wish, settings=settings, progress=progress or Progress()
+            library, map_id, request=wish, settings=settings, progress=progress or Progress()
         )
 
     return run
@@ -165,7 +165,7 @@ class TestPoliteness:
         assert fetch().missing == 0
         assert server.asked[f"/17/{x // 256}/{y // 256}"] == 3
 
-    def test_stopped_work_goes_on_where_it_was(self, fetch, server):
+    def test_stopped_work_continues_where_it_was(self, fetch, server):
         class Stop(Progress):
             done = 0
 

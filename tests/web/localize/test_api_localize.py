@@ -267,7 +267,7 @@ def test_the_first_thorough_answer_has_its_calibration_made_once(
 
 
 @pytest.mark.parametrize("before", ["done", "failed"])
-def test_a_calibration_of_an_older_program_is_made_anew(client, library, sample, ask, queries, before):
+def test_a_calibration_of_an_older_program_is_made_again(client, library, sample, ask, queries, before):
     with library.database.write() as session:
         session.execute(update(Job).values(state=before, ended_at=func.now()))
     (kept,) = library.map_folder("sample").glob("derived/**/calibration-verified-ivf.json")

@@ -59,7 +59,7 @@ def test_odd_names_are_refused(client, sample, ask, queries, library, id):
     assert not (library.inner / "sequences").exists()
 
 
-def test_photos_that_tell_no_heading_have_the_one_that_was_worked_out(library, sample):
+def test_photos_without_a_heading_have_the_one_that_was_computed(library, sample):
     localizer = MapCache(library, Settings()).get(sample, MethodChoice()).pipeline
     indexed, experiences = localizer.opened.indexed, localizer.map.experiences
     turned = np.radians(np.where(np.arange(len(experiences)) % 2, 90.0, 270.0))

@@ -181,7 +181,7 @@ def test_an_edit_whose_files_cannot_be_written_is_safe_all_the_same(client, libr
     assert "0;photos/0.jpg;7;8" in library.cfg("park").read_text()
 
 
-def test_a_mistake_of_the_program_is_none_of_the_disk(app, client, monkeypatch):
+def test_a_bug_is_not_taken_for_a_full_disk(app, client, monkeypatch):
     app.testing = False
 
     def broken(*_):

@@ -248,7 +248,7 @@ def test_pieces_have_a_largest_size(sender, client):
     assert client.get(f"{sender.url}/{id}").json["offset"] == 0
 
 
-def test_what_is_no_photo_is_refused_at_the_end(sender, photos, library):
+def test_a_file_that_is_not_a_photo_is_refused_at_the_end(sender, photos, library):
     data = jpeg()[:15_000]
     answer = sender.rest(sender.begin(data, "cut.jpg").json, data)
     assert answer.status_code == 422

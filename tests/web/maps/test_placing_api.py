@@ -253,7 +253,7 @@ def test_bad_clocks_are_refused(map_, fields):
 
 
 @pytest.mark.parametrize("content", ["", "<gpx/>", "<!DOCTYPE x><gpx/>", "<gpx>" * 100, b"\xff\xd8\xff"])
-def test_what_is_no_track_is_reported(map_, content):
+def test_a_file_without_a_track_is_reported(map_, content):
     map_.image()
     answer = map_.post("gpx", content, "walk.gpx")
     assert (answer.status_code, answer.json["error"]["where"]) == (422, "walk.gpx")

@@ -70,7 +70,7 @@ def test_every_picture_is_blurred_and_the_file_is_not(client, full):
     assert fetched(client, f"/api/v1/maps/{full}/photos/0/original") == stripes()
 
 
-def test_pictures_that_are_made_anew_are_blurred_too(client, full, library):
+def test_pictures_that_are_made_again_are_blurred_too(client, full, library):
     blur(client, full, BOX)
     for file in (library.folder / full / "derived" / "previews").iterdir():
         file.unlink()

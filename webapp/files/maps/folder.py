@@ -86,17 +86,17 @@ def read_map(cfg_path: Path) -> Map:
         photos.
     """
     base = read_cfg(cfg_path).map
-    beside = read_map_json(cfg_path)
-    experiences = tuple(_completed(e, beside.experiences.get(e.id), base) for e in base.experiences)
+    extras = read_map_json(cfg_path)
+    experiences = tuple(_completed(e, extras.experiences.get(e.id), base) for e in base.experiences)
     return replace(
         base,
         experiences=experiences,
-        georeference=beside.georeference,
+        georeference=extras.georeference,
         placements=tuple(
-            _read_placement(cfg_path, base, name=n, exact=p) for n, p in beside.placements.items()
+            _read_placement(cfg_path, base, name=n, exact=p) for n, p in extras.placements.items()
         ),
-        next_id=max(base.next_id, beside.next_id),
-        revision=beside.revision,
+        next_id=max(base.next_id, extras.next_id),
+        revision=extras.revision,
     )
 
 
@@ -118,7 +118,7 @@ def write_map(cfg_path: Path, map_: Map) -> None:
     StorageError
         The disk refused.
     """
-    cfg, beside = format_cfg(map_), format_map_json(map_)
+    cfg, extras = format_cfg(map_), format_map_json(map_)
     placed = [(placement_path(cfg_path, p.name), format_cfg(placed_map(map_, p))) for p in map_.placements]
     names = [path.name.casefold() for path, _ in placed] + [cfg_path.name.casefold()]
     if len(set(names)) < len(names):
@@ -126,7 +126,7 @@ def write_map(cfg_path: Path, map_: Map) -> None:
     for path, content in placed:
         write_bytes(path, content)
     if json_path(cfg_path).exists() or parse_cfg(cfg).map != map_:
-        write_bytes(json_path(cfg_path), beside)
+        write_bytes(json_path(cfg_path), extras)
     write_bytes(cfg_path, cfg)
 
 

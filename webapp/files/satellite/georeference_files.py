@@ -129,10 +129,10 @@ def find_worldfile(image: Path) -> Path:
     ending = image.suffix[1:].lower()
     endings = [f".{ending[:1]}{ending[-1:]}w", f".{ending}w", ".wld"]
     names = [f"{image.stem}{e}" for e in endings] + [f"{image.name}w", f"{image.name}.wld"]
-    beside = {p.name.lower(): p for p in sorted(image.parent.iterdir())} if image.parent.is_dir() else {}
+    siblings = {p.name.lower(): p for p in sorted(image.parent.iterdir())} if image.parent.is_dir() else {}
     for name in names:
-        if name.lower() in beside:
-            return beside[name.lower()]
+        if name.lower() in siblings:
+            return siblings[name.lower()]
     raise GeoreferenceError(
         "the image has no world file beside it",
         where=str(image),
@@ -163,7 +163,7 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
         mirrored.
     """
     text = read_text(path, error=GeoreferenceError)
-    return parse_worldfile(text, where=str(path), width=width, height=height, crs=crs or _beside(path))
+    return parse_worldfile(text, where=str(path), width=width, height=height, crs=crs or _sibling_prj(path))
 
 
 def parse_worldfile(
@@ -207,7 +207,7 @@ def _six_numbers(text: str, where: str) -> list[float]:
     return numbers
 
 
-def _beside(path: Path) -> str | None:
+def _sibling_prj(path: Path) -> str | None:
     for ending in (".prj", ".PRJ"):
         prj = path.with_suffix(ending)
         if prj.is_file():

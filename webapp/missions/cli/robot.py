@@ -109,12 +109,12 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
     if (mission is None) == (new is None):
         raise UsageError("a new spool needs a mission", hint="give either --mission N or --new NAME")
     if mission is None:
-        wish = {"name": new, "map": chosen["map_slug"], "start": parse_start(chosen["start"])}
-        mission = make_mission(url, token, wish={key: value for key, value in wish.items() if value})
+        fields = {"name": new, "map": chosen["map_slug"], "start": parse_start(chosen["start"])}
+        mission = make_mission(url, token, fields={key: value for key, value in fields.items() if value})
     return Target(url, token, mission)
 
 
-def make_mission(url: str, token: str, *, wish: dict[str, Any]) -> int:
+def make_mission(url: str, token: str, *, fields: dict[str, Any]) -> int:
     """Make a mission on the server; return its number.
 
     Raises
@@ -123,7 +123,7 @@ def make_mission(url: str, token: str, *, wish: dict[str, Any]) -> int:
         The server refuses, or does not answer.
     """
     uplink = Uplink(url, token, timeout_s=_PATIENCE_S)
-    answer = uplink.post("/missions", wish)
+    answer = uplink.post("/missions", fields)
     uplink.close()
     if isinstance(answer, NoResponse) or answer.status != 201:
         raise answer.as_error()

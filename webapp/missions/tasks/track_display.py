@@ -226,8 +226,8 @@ def _is_seen(piece: Piece, view: LineView) -> bool:
         return True
     south, west, north, east = piece.bounds
     low, left, high, right = view.box
-    beside = east < left or west > right if left <= right else west > right and east < left
-    return not (north < low or south > high or beside)
+    outside = east < left or west > right if left <= right else west > right and east < left
+    return not (north < low or south > high or outside)
 
 
 def _read(
@@ -291,10 +291,10 @@ def _touches(
     """Return which segments from a to b have a bounding box that meets a box."""
     south, west, north, east = box
     low, high = np.minimum(a, b), np.maximum(a, b)
-    beside = (high[:, 1] < west) | (low[:, 1] > east)
+    outside = (high[:, 1] < west) | (low[:, 1] > east)
     if west > east:
-        beside = (low[:, 1] > east) & (high[:, 1] < west)
-    return np.asarray(~((high[:, 0] < south) | (low[:, 0] > north) | beside))
+        outside = (low[:, 1] > east) & (high[:, 1] < west)
+    return np.asarray(~((high[:, 0] < south) | (low[:, 0] > north) | outside))
 
 
 def _thinned(

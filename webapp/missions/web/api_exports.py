@@ -160,8 +160,8 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool 
 
 def link(name: str, *, token: str, every: int) -> Response:
     """Send a KML that has programs fetch a shared mission again and again."""
-    wish: dict[str, Any] = {"token": token, "ending": "kmz", "points": LIVE_POSES}
-    href = url_for("public_mission_pages.export", _external=True, **wish)
+    data: dict[str, Any] = {"token": token, "ending": "kmz", "points": LIVE_POSES}
+    href = url_for("public_mission_pages.export", _external=True, **data)
     return sent(lambda: export_network_link(name, href=href, refresh_s=every))
 
 

@@ -186,19 +186,19 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.post("")
-@blueprint.input(NewMission, arg_name="wish")
+@blueprint.input(NewMission, arg_name="data")
 @blueprint.output(MissionSummary, status_code=201)
-def create(wish: dict[str, Any]) -> dict[str, Any]:
+def create(data: dict[str, Any]) -> dict[str, Any]:
     """Make a mission without tracks; on a map, its editors may."""
-    who, map_id = account(), _map_id(wish.get("map"))
+    who, map_id = account(), _map_id(data.get("map"))
     with library().database.write() as session:
         mission = missions.create(
             session,
-            wish["name"],
+            data["name"],
             account_id=who.id,
             map_id=map_id,
-            start=wish.get("start"),
-            note=wish.get("note", ""),
+            start=data.get("start"),
+            note=data.get("note", ""),
         )
         return state.summary(session, mission, account=who)
 
@@ -213,21 +213,21 @@ def show(mission_id: int) -> dict[str, Any]:
 
 
 @blueprint.patch(f"/{_ID}")
-@blueprint.input(MissionChange, arg_name="wish")
+@blueprint.input(MissionChange, arg_name="data")
 @blueprint.output(MissionSummary)
-def change(mission_id: int, wish: dict[str, Any]) -> dict[str, Any]:
+def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Change a mission's name, note or start; its owners can put it on another map."""
-    mission, who = open_mission(mission_id, "owner" if "map" in wish else "editor"), account()
-    map_id = _map_id(wish.get("map"))
+    mission, who = open_mission(mission_id, "owner" if "map" in data else "editor"), account()
+    map_id = _map_id(data.get("map"))
     with library().database.write() as session:
         row = session.get_one(Mission, mission.id)
-        row.name = missions.checked_name(wish.get("name", row.name))
-        row.note = missions.checked_note(wish.get("note", row.note))
-        row.start = wish.get("start", row.start)
-        if "map" in wish and map_id != row.map_id:
+        row.name = missions.checked_name(data.get("name", row.name))
+        row.note = missions.checked_note(data.get("note", row.note))
+        row.start = data.get("start", row.start)
+        if "map" in data and map_id != row.map_id:
             if map_id is not None and shares.listed(session, row):
                 # Who opens the mission's links sees the image of its map: that is for owners of the map.
-                maps.find(session, wish["map"], account=who, role="owner")
+                maps.find(session, data["map"], account=who, role="owner")
             row.map_id = map_id
         missions.changed(row)
         return state.summary(session, row, account=who)

@@ -71,28 +71,28 @@ def list_shares(mission_id: int) -> dict[str, Any]:
 
 
 @blueprint.post("")
-@blueprint.input(MissionShareIn, arg_name="wish")
+@blueprint.input(MissionShareIn, arg_name="data")
 @blueprint.output(MissionShareOut, status_code=201)
-def create(mission_id: int, wish: dict[str, bool]) -> dict[str, Any]:
+def create(mission_id: int, data: dict[str, bool]) -> dict[str, Any]:
     """Share a mission; the addresses of a secret link are in this answer and nowhere else."""
     mission, who = open_mission(mission_id, "owner"), account()
     with library().database.write() as session:
         missions.find(session, mission.id, account=who, role="owner")  # it may have come onto another map
         share, token = mission_shares.create(
-            session, mission, photos=wish["photos"], account_id=who.id, public=wish["public"]
+            session, mission, photos=data["photos"], account_id=who.id, public=data["public"]
         )
     return _share_json(mission, share, token=token)
 
 
 @blueprint.patch(f"/{_ID}")
-@blueprint.input(MissionAllows, arg_name="wish")
+@blueprint.input(MissionAllows, arg_name="data")
 @blueprint.output(MissionShareOut)
-def change(mission_id: int, id: int, *, wish: dict[str, bool]) -> dict[str, Any]:
+def change(mission_id: int, id: int, *, data: dict[str, bool]) -> dict[str, Any]:
     """Let a share give more, or less; its address stays."""
     mission = open_mission(mission_id, "owner")
     with library().database.write() as session:
         share = mission_shares.find(session, mission, id=id)
-        share.photos = wish["photos"]
+        share.photos = data["photos"]
         return _share_json(mission, share)
 
 

@@ -25,19 +25,19 @@ from webapp.settings import PhotoLimits, Settings
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class SideFiles:
     """Findings about the files beside a `.cfg`, and the georeference that `map.json` gives."""
 
     findings: list[Finding] = field(default_factory=list)
     georeference: Georeference | None = None
 
 
-def check_beside(cfg_path: Path, pieces: Scan) -> Beside:
+def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
     """Check `map.json` and the placements it names against the lines of the `.cfg`.
 
     Returns
     -------
-    Beside
+    SideFiles
         Empty where there is no `map.json`.
     """
     file = json_path(cfg_path).name
@@ -46,7 +46,7 @@ def check_beside(cfg_path: Path, pieces: Scan) -> Beside:
     except MapError as error:
         fix = error.hint or "restore the file, or delete it: the .cfg alone is a map"
         message = f"{error.where}: {error.message}" if error.where else error.message
-        return Beside([Finding(Code.MAP_JSON_DAMAGED, 1, 1, message, fix, file)])
+        return SideFiles([Finding(Code.MAP_JSON_DAMAGED, 1, 1, message, fix, file)])
     lines = {line.id: line for line in pieces.photos if line.id is not None}
     findings = [*_stale(known, lines, file=file), *_positions(known, lines, file=file)]
     if json_path(cfg_path).exists() and known.next_id < free_id(pieces.photos):
@@ -55,7 +55,7 @@ def check_beside(cfg_path: Path, pieces: Scan) -> Beside:
         findings.append(Finding(Code.NEXT_ID_TOO_SMALL, 1, 1, message, fix, file))
     for name in known.placements:
         findings += _placement(cfg_path, name, pieces=pieces)
-    return Beside(findings, known.georeference)
+    return SideFiles(findings, known.georeference)
 
 
 def _stale(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Iterator[Finding]:
@@ -176,9 +176,9 @@ def check_map(
         The user stopped it.
     """
     pieces = scan(read_bytes(cfg_path) if content is None else content)
-    beside = check_beside(cfg_path, pieces)
-    findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *beside.findings]
-    judge = _Judge(cfg_path, settings.photo, beside.georeference)
+    side_files = check_side_files(cfg_path, pieces)
+    findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *side_files.findings]
+    judge = _Judge(cfg_path, settings.photo, side_files.georeference)
     facts = _folder_facts(judge, pieces, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))

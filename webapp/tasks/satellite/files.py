@@ -104,11 +104,11 @@ def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
 
 def source_of(folder: Path, name: str) -> dict[str, Any]:
     """Read where an image comes from; empty where nothing is known."""
-    beside = (folder / name).with_suffix(".json")
-    if not name.startswith("satellite-") or not beside.is_file():
+    sidecar = (folder / name).with_suffix(".json")
+    if not name.startswith("satellite-") or not sidecar.is_file():
         return {}
     try:
-        content = json.loads(beside.read_text("utf-8"))
+        content = json.loads(sidecar.read_text("utf-8"))
     except (OSError, ValueError):  # only words are lost: the image is shown all the same
         return {}
     return content if isinstance(content, dict) else {}

@@ -30,7 +30,7 @@ Kind = Literal["corners", "control-points", "worldfile"]
 
 
 @dataclass(frozen=True, slots=True)
-class GeoWish:
+class GeoreferenceRequest:
     """What a person says about where an image is.
 
     Attributes
@@ -52,7 +52,7 @@ class GeoWish:
     crs: str | None = None
 
 
-def fit(wish: GeoWish, *, width: int, height: int) -> GeoreferenceFit:
+def fit(request: GeoreferenceRequest, *, width: int, height: int) -> GeoreferenceFit:
     """Make the georeference that a person describes.
 
     Raises
@@ -62,27 +62,29 @@ def fit(wish: GeoWish, *, width: int, height: int) -> GeoreferenceFit:
     GeoreferenceError
         It describes none.
     """
-    if wish.kind == "corners":
-        if wish.corners is None:
+    if request.kind == "corners":
+        if request.corners is None:
             raise UsageError(
                 "the corners are missing", where="corners", hint="give top_left and bottom_right"
             )
-        return from_corners(wish.corners, width=width, height=height)
-    if wish.kind == "worldfile":
-        if wish.worldfile is None:
+        return from_corners(request.corners, width=width, height=height)
+    if request.kind == "worldfile":
+        if request.worldfile is None:
             raise UsageError("the world file is missing", where="worldfile", hint="send its six lines")
         return parse_worldfile(
-            wish.worldfile, where="world file", width=width, height=height, crs=wish.crs or None
+            request.worldfile, where="world file", width=width, height=height, crs=request.crs or None
         )
-    return from_control_points(wish.points, width=width, height=height, model=wish.model)
+    return from_control_points(request.points, width=width, height=height, model=request.model)
 
 
-def preview(found: GeoreferenceFit, wish: GeoWish, *, width: int, height: int) -> dict[str, Any]:
+def preview(
+    found: GeoreferenceFit, request: GeoreferenceRequest, *, width: int, height: int
+) -> dict[str, Any]:
     """Describe a georeference, for somebody to judge it.
 
     Parameters
     ----------
-    wish : GeoWish
+    request : GeoreferenceRequest
         That it was made from.
     width, height : int
         Of the image, pixels.
@@ -103,7 +105,9 @@ def preview(found: GeoreferenceFit, wish: GeoWish, *, width: int, height: int) -
         "residuals": residuals,
         "rms_m": math.sqrt(sum(r * r for r in residuals) / len(residuals)) if residuals else None,
         "warnings": list(found.warnings),
-        "points": _points(georeference, wish.points, residuals) if wish.kind == "control-points" else [],
+        "points": _points(georeference, request.points, residuals)
+        if request.kind == "control-points"
+        else [],
         "georeference": georeference_fields(georeference),
         **on_earth(georeference, width=width, height=height),
     }

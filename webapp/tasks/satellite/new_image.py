@@ -22,7 +22,7 @@ from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, Applied, ImageChoice, NewImage, set_image
 from webapp.tasks.satellite.files import as_shown, keep_file, keep_pixels, taken_back_if_refused
-from webapp.tasks.satellite.georeference import GeoWish, fit
+from webapp.tasks.satellite.georeference import GeoreferenceRequest, fit
 
 SMALLEST_PX, LARGEST_PX = 100, 10_000
 
@@ -46,7 +46,7 @@ def store_upload(
     map_id: int,
     *,
     file: Path,
-    wish: GeoWish | None,
+    request: GeoreferenceRequest | None,
     choice: ImageChoice,
     settings: Settings,
 ) -> Uploaded:
@@ -56,7 +56,7 @@ def store_upload(
     ----------
     file : Path
         In the library's uploads folder; is gone afterwards.
-    wish : GeoWish or None
+    request : GeoreferenceRequest or None
         Where it is on the Earth. None takes what a GeoTIFF says, else nothing.
 
     Raises
@@ -80,10 +80,10 @@ def store_upload(
             width, height = raster.width, raster.height
             # reads all of it: what is damaged or cut off is refused before the map changes
             small = reduced(raster, display.PREVIEW_PX)
-        if wish is None:
+        if request is None:
             georeference, warnings = _own(file)
         else:
-            found = fit(wish, width=width, height=height)
+            found = fit(request, width=width, height=height)
             georeference, warnings = found.georeference, found.warnings
         name = keep_file(shown, folder)
     display.write_small(folder, name, small=small, large=max(width, height) > DISPLAY_SIDE_PX)

@@ -34,7 +34,7 @@ _PNG = b"\x89PNG"
 
 
 @dataclass(frozen=True, slots=True)
-class TileWish:
+class TileRequest:
     """What is wanted from a service.
 
     Attributes
@@ -78,7 +78,7 @@ class Fetched:
         return (f"the service has no image for {self.missing} of {self.tiles} tiles: they are grey",)
 
 
-def plan(wish: TileWish, *, settings: Settings) -> tuple[TileService, TileCut]:
+def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, TileCut]:
     """Find what would be fetched, and refuse what is too much.
 
     Raises
@@ -88,16 +88,18 @@ def plan(wish: TileWish, *, settings: Settings) -> tuple[TileService, TileCut]:
     UsageError, GeoreferenceError
         The area is none, or too large for this zoom; or the service has no such zoom.
     """
-    service = named(tile_services(settings.tile_services), wish.service)
-    if wish.zoom > service.max_zoom:
+    service = named(tile_services(settings.tile_services), request.service)
+    if request.zoom > service.max_zoom:
         raise UsageError(
-            f"{service.name} has no zoom {wish.zoom}", where="zoom", hint=f"choose at most {service.max_zoom}"
+            f"{service.name} has no zoom {request.zoom}",
+            where="zoom",
+            hint=f"choose at most {service.max_zoom}",
         )
-    cut = cut_of(wish.box, wish.zoom)
+    cut = cut_of(request.box, request.zoom)
     most = min(settings.tiles.max_tiles, service.max_tiles or settings.tiles.max_tiles)
     if cut.tile_count > most:
         raise UsageError(
-            f"this area has {cut.tile_count} tiles at zoom {wish.zoom}, and {most} are allowed",
+            f"this area has {cut.tile_count} tiles at zoom {request.zoom}, and {most} are allowed",
             where="zoom",
             hint="choose a smaller area or a smaller zoom",
         )
@@ -105,7 +107,7 @@ def plan(wish: TileWish, *, settings: Settings) -> tuple[TileService, TileCut]:
 
 
 def fetch_tiles(
-    library: Library, map_id: int, *, wish: TileWish, settings: Settings, progress: Progress
+    library: Library, map_id: int, *, request: TileRequest, settings: Settings, progress: Progress
 ) -> Fetched:
     """Fetch an area and keep its image in the map's folder; `satellite_apply.set_image` gives it to the map.
 
@@ -124,7 +126,7 @@ def fetch_tiles(
         The service does not answer, refuses, or has no tile of the area at all.
     StorageError, Cancelled
     """
-    service, cut = plan(wish, settings=settings)
+    service, cut = plan(request, settings=settings)
     with library.database.read() as session:
         folder = library.map_folder(session.get_one(MapRecord, map_id).slug)
     progress.size(cut.tile_count)
@@ -133,11 +135,11 @@ def fetch_tiles(
     canvas, missing, lossless = _stitch(cut, fetcher, progress=progress)
     if missing == cut.tile_count:
         raise InputError(
-            f"{service.name} has no image of this area at zoom {wish.zoom}",
+            f"{service.name} has no image of this area at zoom {request.zoom}",
             hint="choose a smaller zoom or another service",
         )
     name = keep_pixels(canvas, folder, lossless=lossless)
-    keep_source(folder, name, source=_source(service, wish, missing=missing))
+    keep_source(folder, name, source=_source(service, request, missing=missing))
     small = display.shrunk(canvas, display.PREVIEW_PX)[:, :, ::-1]
     large = max(cut.width, cut.height) > DISPLAY_SIDE_PX
     display.write_small(folder, name, small=small, large=large)
@@ -194,13 +196,13 @@ def _paste(canvas: NDArray[np.uint8], pixels: NDArray[np.uint8], *, left: int, t
     part[:] = pixels[y : y + part.shape[0], x : x + part.shape[1]]
 
 
-def _source(service: TileService, wish: TileWish, *, missing: int) -> Mapping[str, Any]:
+def _source(service: TileService, request: TileRequest, *, missing: int) -> Mapping[str, Any]:
     return {
         "source": "tiles",
         "service": service.name,
         "attribution": service.attribution,
-        "zoom": wish.zoom,
-        "box": wish.box._asdict(),
+        "zoom": request.zoom,
+        "box": request.box._asdict(),
         "missing_tiles": missing,
         "fetched_at": now().isoformat(timespec="seconds"),
     }

@@ -81,15 +81,15 @@ def show() -> dict[str, Any]:
 
 
 @account_api.patch("")
-@account_api.input(AccountIn, arg_name="wish")
+@account_api.input(AccountIn, arg_name="data")
 @account_api.output(AccountOut)
-def change(wish: dict[str, str | None]) -> dict[str, Any]:
+def change(data: dict[str, str | None]) -> dict[str, Any]:
     """Take another name or language."""
     with library().database.write() as session:
         me = session.get_one(Account, account().id)
-        if (name := wish.get("name")) is not None:
+        if (name := data.get("name")) is not None:
             accounts.rename(session, me, name=name)
-        me.language = wish.get("language", me.language)
+        me.language = data.get("language", me.language)
     return account_json(me)
 
 
@@ -102,12 +102,12 @@ def list_tokens() -> dict[str, Any]:
 
 
 @account_api.post("/tokens")
-@account_api.input(TokenIn, arg_name="wish")
+@account_api.input(TokenIn, arg_name="data")
 @account_api.output(NewToken, status_code=201)
-def new_token(wish: dict[str, str]) -> dict[str, Any]:
+def new_token(data: dict[str, str]) -> dict[str, Any]:
     """Make a token."""
     with library().database.write() as session:
-        secret = accounts.new_token(session, account(), name=wish["name"])
+        secret = accounts.new_token(session, account(), name=data["name"])
         made = accounts.tokens(session, account())[-1]
     return {**_token(made), "token": secret}
 
@@ -194,12 +194,12 @@ def list_accounts() -> dict[str, Any]:
 
 
 @people_api.post("")
-@people_api.input(PersonIn, arg_name="wish")
+@people_api.input(PersonIn, arg_name="data")
 @people_api.output(SignInLinkOut, status_code=201)
-def add(wish: dict[str, str]) -> dict[str, Any]:
+def add(data: dict[str, str]) -> dict[str, Any]:
     """Make an account, and a link to sign in to it."""
     with library().database.write() as session:
-        return _link(session, accounts.create(session, wish["name"]))
+        return _link(session, accounts.create(session, data["name"]))
 
 
 @people_api.post(f"/{_ID}/link")

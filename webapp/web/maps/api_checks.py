@@ -134,13 +134,13 @@ def show_findings(slug: str) -> dict[str, Any]:
 
 
 @checks_api.post("/findings/fix")
-@checks_api.input(FixIn, arg_name="wish")
+@checks_api.input(FixIn, arg_name="data")
 @checks_api.output(EditAnswer)
-def fix(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+def fix(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Put something right; undo takes it back."""
     record, who = open_map(slug, "editor"), account()
     revision = findings.fix_findings(
-        library(), record.id, fix=wish["code"], ids=wish["ids"], account_id=who.id, settings=settings()
+        library(), record.id, fix=data["code"], ids=data["ids"], account_id=who.id, settings=settings()
     )
     return _answer(record, revision)
 
@@ -170,26 +170,26 @@ def show_outside(slug: str) -> dict[str, Any]:
 
 
 @checks_api.post("/outside-edit/take")
-@checks_api.input(OutsideSeen, arg_name="wish")
+@checks_api.input(OutsideSeen, arg_name="data")
 @checks_api.output(OutsideAnswer)
-def take_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+def take_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
     """Take the changed file over as one edit, which undo takes back."""
     record, who = open_map(slug, "editor"), account()
     taken = outside_edit.take(
-        library(), record.id, account_id=who.id, settings=settings(), sha256=wish["sha256"]
+        library(), record.id, account_id=who.id, settings=settings(), sha256=data["sha256"]
     )
     return {**_answer(record, taken.revision), "left_out": taken.left_out}
 
 
 @checks_api.post("/outside-edit/discard")
-@checks_api.input(OutsideSeen, arg_name="wish")
+@checks_api.input(OutsideSeen, arg_name="data")
 @checks_api.output(OutsideOut)
-def discard_outside(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+def discard_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
     """Write the file again, as the map is here."""
     record = open_map(slug, "editor")
     if outside_edit.show(library(), record.id, settings=settings()) is None:
         raise Conflict("the file has not changed", hint="reload and compare again")
-    outside_edit.discard(library(), record.id, sha256=wish["sha256"])
+    outside_edit.discard(library(), record.id, sha256=data["sha256"])
     return _outside(record)
 
 
@@ -230,12 +230,12 @@ class EvaluationRequest(Schema):
 
 
 @evaluation_api.post("/evaluation")
-@evaluation_api.input(EvaluationRequest, arg_name="wish")
+@evaluation_api.input(EvaluationRequest, arg_name="data")
 @evaluation_api.output(JobSchema, status_code=202)
-def evaluate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+def evaluate(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Queue the evaluation of the map on its own photos; the job's result has the figures."""
     record, who = open_map(slug, "editor"), account()
     with library().database.write() as session:
-        job = jobs.enqueue(session, _EVALUATE_JOB, map_id=record.id, account_id=who.id, arguments=wish)
+        job = jobs.enqueue(session, _EVALUATE_JOB, map_id=record.id, account_id=who.id, arguments=data)
         session.flush()
         return jobs.to_json(session, job, account_id=who.id)

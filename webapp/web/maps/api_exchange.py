@@ -101,14 +101,14 @@ def export(slug: str, form: str) -> Response:
 
 
 @blueprint.post("/<slug>/exports")
-@blueprint.input(ExportIn, arg_name="wish")
+@blueprint.input(ExportIn, arg_name="data")
 @blueprint.output(JobOut, status_code=202)
-def export_by_job(slug: str, wish: dict[str, str]) -> dict[str, int]:
+def export_by_job(slug: str, data: dict[str, str]) -> dict[str, int]:
     """Queue a large export; the job's result names the file to fetch."""
     record, who = open_map(slug), account()
     with library().database.write() as session:
         job = jobs.enqueue(
-            session, "export", map_id=record.id, account_id=who.id, arguments=wish, key=wish["format"]
+            session, "export", map_id=record.id, account_id=who.id, arguments=data, key=data["format"]
         )
         session.flush()
         return {"job": job.id}
@@ -159,12 +159,12 @@ def import_zip(given: dict[str, Any]) -> Any:
 
 
 @blueprint.post("/<slug>/duplicate")
-@blueprint.input(CopyIn, arg_name="wish")
+@blueprint.input(CopyIn, arg_name="data")
 @blueprint.output(NewMapOut, status_code=201)
-def duplicate(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+def duplicate(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Copy a map; who copies it owns the copy."""
     record, who = open_map(slug), account()
-    name = wish["name"] or _("%(name)s (copy)", name=record.name)[:_MAX_NAME]
+    name = data["name"] or _("%(name)s (copy)", name=record.name)[:_MAX_NAME]
     copy = duplicate_map.duplicate_map(library(), record.id, account_id=who.id, name=name)
     return {"slug": copy, "job": None, "findings": [], "left_out": []}
 

@@ -110,14 +110,14 @@ def list_maps(query: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.post("")
-@blueprint.input(NewMap, arg_name="wish")
+@blueprint.input(NewMap, arg_name="data")
 @blueprint.output(MapSummary, status_code=201)
-def create(wish: dict[str, str]) -> dict[str, Any]:
+def create(data: dict[str, str]) -> dict[str, Any]:
     """Make an empty map."""
     who, place = account(), library()
     folders = [path.name for path in place.folder.iterdir()]
     with place.database.write() as session:
-        record = maps.create(session, wish["name"], account_id=who.id, folders=folders)
+        record = maps.create(session, data["name"], account_id=who.id, folders=folders)
         return state.summary(session, record, account=who)
 
 
@@ -131,14 +131,14 @@ def show(slug: str) -> dict[str, Any]:
 
 
 @blueprint.patch("/<slug>")
-@blueprint.input(NewMap, arg_name="wish")
+@blueprint.input(NewMap, arg_name="data")
 @blueprint.output(MapSummary)
-def rename(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+def rename(slug: str, data: dict[str, str]) -> dict[str, Any]:
     """Rename a map; its address stays."""
     record, who = open_map(slug, "owner"), account()
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id)
-        row.name = maps.checked_name(wish["name"])
+        row.name = maps.checked_name(data["name"])
         return state.summary(session, row, account=who)
 
 
@@ -175,33 +175,33 @@ def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
 
 
 @blueprint.patch("/<slug>/experiences")
-@blueprint.input(EditRequest, arg_name="wish")
+@blueprint.input(EditRequest, arg_name="data")
 @blueprint.output(EditAnswer)
-def edit_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+def edit_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn photos, all of them or none."""
     wanted: dict[int, dict[str, Any]] = {}
-    for change in wish["changes"]:
+    for change in data["changes"]:
         wanted.setdefault(change.pop("id"), {}).update(change)
-    edit = RequestedEdit(wish["kind"], wanted, placement=wish["placement"], seen=wish.get("seen"))
+    edit = RequestedEdit(data["kind"], wanted, placement=data["placement"], seen=data.get("seen"))
     return _edited(slug, edit)
 
 
 @blueprint.delete("/<slug>/experiences")
-@blueprint.input(RemoveRequest, arg_name="wish")
+@blueprint.input(RemoveRequest, arg_name="data")
 @blueprint.output(EditAnswer)
-def remove_many(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Take photos out of the map; undo brings them back."""
-    gone = {id: {"removed": True} for id in wish["ids"]}
-    return _edited(slug, RequestedEdit("remove", gone, seen=wish.get("seen")))
+    gone = {id: {"removed": True} for id in data["ids"]}
+    return _edited(slug, RequestedEdit("remove", gone, seen=data.get("seen")))
 
 
 @blueprint.patch("/<slug>/experiences/<int:id>")
-@blueprint.input(PhotoChange, arg_name="wish")
+@blueprint.input(PhotoChange, arg_name="data")
 @blueprint.output(EditAnswer)
-def edit_one(slug: str, id: int, wish: dict[str, Any]) -> dict[str, Any]:
+def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn one photo; `If-Match` has the revision that you know."""
-    kind = "move" if "x_px" in wish else "turn"
-    return _edited(slug, RequestedEdit(kind, {id: wish}, seen=_if_match()))
+    kind = "move" if "x_px" in data else "turn"
+    return _edited(slug, RequestedEdit(kind, {id: data}, seen=_if_match()))
 
 
 @blueprint.delete("/<slug>/experiences/<int:id>")

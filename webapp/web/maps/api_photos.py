@@ -177,12 +177,12 @@ class BlurIn(Schema):
 
 
 @blur_api.put("/<int(max=2147483647):id>/blur")
-@blur_api.input(BlurIn, arg_name="wish")
+@blur_api.input(BlurIn, arg_name="data")
 @blur_api.output(EditAnswer)
-def blur(slug: str, id: int, wish: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
+def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
     """Blur parts of a photo in every picture of it; visitors never get the original file."""
     record = open_map(slug, "editor")
-    boxes = [BlurBox(**box) for box in wish["boxes"]]
+    boxes = [BlurBox(**box) for box in data["boxes"]]
     revision = show_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)

@@ -215,23 +215,23 @@ class PlacementIn(Schema):
 
 
 @placements_api.put("/<string(maxlength=60):name>")
-@placements_api.input(PlacementIn, arg_name="wish")
+@placements_api.input(PlacementIn, arg_name="data")
 @placements_api.output(EditAnswer)
-def put(slug: str, name: str, *, wish: dict[str, Any]) -> dict[str, Any]:
+def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
     """Make a placement, or replace it."""
     record, who = open_map(slug, "editor"), account()
-    if wish["positions"] is not None and wish["clusters_px"] is not None:
+    if data["positions"] is not None and data["clusters_px"] is not None:
         raise UsageError("positions and clusters_px exclude each other", where="clusters_px")
     positions = None
-    if wish["positions"] is not None:
-        positions = {id: MapPixel(x, y) for id, (x, y) in wish["positions"].items()}
+    if data["positions"] is not None:
+        positions = {id: MapPixel(x, y) for id, (x, y) in data["positions"].items()}
     revision = placements.put(
         library(),
         record.id,
         name=name,
         account_id=who.id,
         positions=positions,
-        clusters_px=wish["clusters_px"],
+        clusters_px=data["clusters_px"],
     )
     return _answer(record, revision)
 

@@ -19,7 +19,7 @@ from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite import georeference as satellite_georeference
 from webapp.tasks.satellite.apply import Applied, ImageChoice, set_georeference
-from webapp.tasks.satellite.georeference import GeoWish
+from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
@@ -83,8 +83,8 @@ class ImageAnswer(EditAnswer):
 @blueprint.output(PreviewOut)
 def preview(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     """Compute a georeference and how well it fits; nothing is changed."""
-    image, wish, found = _fitted(open_map(slug, "editor"), given)
-    return satellite_georeference.preview(found, wish, width=image.width, height=image.height)
+    image, data, found = _fitted(open_map(slug, "editor"), given)
+    return satellite_georeference.preview(found, data, width=image.width, height=image.height)
 
 
 @blueprint.put("")
@@ -110,11 +110,13 @@ def delete(slug: str) -> dict[str, Any]:
     return answer(record, applied)
 
 
-def _fitted(record: MapRecord, given: dict[str, Any]) -> tuple[MapImage, GeoWish, GeoreferenceFit]:
+def _fitted(
+    record: MapRecord, given: dict[str, Any]
+) -> tuple[MapImage, GeoreferenceRequest, GeoreferenceFit]:
     image = needed_image(record, with_georeference=False)
     corners = given["corners"]
     points = [ControlPoint(MapPixel(p["x"], p["y"]), LatLon(p["lat"], p["lon"])) for p in given["points"]]
-    wish = GeoWish(
+    data = GeoreferenceRequest(
         given["kind"],
         corners=None if corners is None else parse_corners(json.dumps(corners).encode()),
         points=points,
@@ -122,7 +124,7 @@ def _fitted(record: MapRecord, given: dict[str, Any]) -> tuple[MapImage, GeoWish
         worldfile=given["worldfile"],
         crs=given["crs"],
     )
-    return image, wish, satellite_georeference.fit(wish, width=image.width, height=image.height)
+    return image, data, satellite_georeference.fit(data, width=image.width, height=image.height)
 
 
 def answer(record: MapRecord, applied: Applied, *, warnings: Sequence[str] = ()) -> dict[str, Any]:

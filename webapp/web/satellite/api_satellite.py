@@ -23,9 +23,9 @@ from webapp.tasks.satellite import display, new_image
 from webapp.tasks.satellite import tiles as satellite_tiles
 from webapp.tasks.satellite.apply import ImageChoice
 from webapp.tasks.satellite.display import DisplayFile
-from webapp.tasks.satellite.georeference import GeoWish
+from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.tasks.satellite.new_image import Sheet
-from webapp.tasks.satellite.tiles import TILES_JOB, TileWish
+from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.openapi import file_answer
 from webapp.web.satellite.api_georeference import ImageAnswer, answer
@@ -141,12 +141,12 @@ def service_json(service: Any) -> dict[str, Any]:
 def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     """Set the image of a map from an upload: PNG, JPEG, TIFF or GeoTIFF."""
     record, file = open_map(slug, "editor"), given["file"]
-    wish = _wish(given)
+    georeference = _georeference_request(given)
     part = library().uploads / f"{secrets.token_hex(16)}.image"
     with show_file_as(tidy_name(file.filename or ""), part):
         receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
         uploaded = new_image.store_upload(
-            library(), record.id, file=part, wish=wish, choice=_choice(given), settings=settings()
+            library(), record.id, file=part, request=georeference, choice=_choice(given), settings=settings()
         )
     return answer(record, uploaded.applied, warnings=uploaded.warnings)
 
@@ -172,17 +172,17 @@ def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     """Queue the download of an area from a tile service, which becomes the image of the map."""
     record, who = open_map(slug, "editor"), account()
     box = GeoBox(given["north"], given["south"], given["west"], given["east"])
-    wish = TileWish(given["service"], box, given["zoom"])
-    service, cut = satellite_tiles.plan(wish, settings=settings())
+    data = TileRequest(given["service"], box, given["zoom"])
+    service, cut = satellite_tiles.plan(data, settings=settings())
     arguments = {
-        "service": wish.service,
-        "zoom": wish.zoom,
+        "service": data.service,
+        "zoom": data.zoom,
         **box._asdict(),
         "scale": given["scale"],
         "tray": given["tray"],
     }
     with library().database.write() as session:
-        # the newest wish is the one that counts: others that wait are forgotten
+        # the newest request is the one that counts: others that wait are forgotten
         job = jobs.enqueue(session, TILES_JOB, map_id=record.id, account_id=who.id, arguments=arguments)
         job.arguments = arguments
         session.flush()
@@ -218,16 +218,18 @@ def get_tile(slug: str, *, z: int, x: int, y: int) -> Response:
     return _sent(display.tile(library(), open_map(slug), z=z, x=x, y=y))
 
 
-def _wish(given: dict[str, Any]) -> GeoWish | None:
+def _georeference_request(given: dict[str, Any]) -> GeoreferenceRequest | None:
     if given.get("corners") and given.get("worldfile"):
         raise UsageError("corners and a world file are given", hint="give one of them")
     if given.get("corners"):
-        return GeoWish("corners", corners=parse_corners(given["corners"].encode("utf-8", "replace")))
+        return GeoreferenceRequest(
+            "corners", corners=parse_corners(given["corners"].encode("utf-8", "replace"))
+        )
     file: FileStorage | None = given.get("worldfile")
     if file is None:
         return None
     text = file.stream.read(_WORLDFILE_BYTES).decode("utf-8", "replace")
-    return GeoWish("worldfile", worldfile=text, crs=given.get("crs"))
+    return GeoreferenceRequest("worldfile", worldfile=text, crs=given.get("crs"))
 
 
 def _choice(given: dict[str, Any]) -> ImageChoice:

@@ -79,32 +79,32 @@ def list_shares(slug: str) -> dict[str, Any]:
 
 
 @shares_api.post("")
-@shares_api.input(ShareIn, arg_name="wish")
+@shares_api.input(ShareIn, arg_name="data")
 @shares_api.output(ShareOut, status_code=201)
-def create(slug: str, wish: dict[str, Any]) -> dict[str, Any]:
+def create(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Share the map or one answer; the address of a secret link is in this answer and nowhere else."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
         share, token = sharing.create(
             session,
             record,
-            allows=_allows(wish),
+            allows=_allows(data),
             account_id=account().id,
-            query_id=wish["query"],
-            public=wish["public"],
+            query_id=data["query"],
+            public=data["public"],
         )
     return _share_json(record, share, token=token)
 
 
 @shares_api.patch(f"/{_ID}")
-@shares_api.input(AllowsIn, arg_name="wish")
+@shares_api.input(AllowsIn, arg_name="data")
 @shares_api.output(ShareOut)
-def change(slug: str, id: int, wish: dict[str, bool]) -> dict[str, Any]:
+def change(slug: str, id: int, data: dict[str, bool]) -> dict[str, Any]:
     """Let a share give more, or less; its address stays."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
         share = sharing.find(session, record, id)
-        sharing.change(share, _allows(wish))
+        sharing.change(share, _allows(data))
         return _share_json(record, share)
 
 
@@ -118,8 +118,8 @@ def revoke(slug: str, id: int) -> str:
     return ""
 
 
-def _allows(wish: dict[str, Any]) -> Allows:
-    return Allows(photos=wish["photos"], localize=wish["localize"], originals=wish["originals"])
+def _allows(data: dict[str, Any]) -> Allows:
+    return Allows(photos=data["photos"], localize=data["localize"], originals=data["originals"])
 
 
 def _share_json(record: MapRecord, share: Share, *, token: str | None = None) -> dict[str, Any]:
@@ -178,15 +178,15 @@ def list_members(slug: str) -> dict[str, Any]:
 
 
 @members_api.post("")
-@members_api.input(MemberIn, arg_name="wish")
+@members_api.input(MemberIn, arg_name="data")
 @members_api.output(MemberOut)
-def set_role(slug: str, wish: dict[str, str]) -> dict[str, Any]:
+def set_role(slug: str, data: dict[str, str]) -> dict[str, Any]:
     """Share the map with somebody, or change what somebody may do."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
-        person = accounts.named(session, wish["name"])
-        accounts.set_member_role(session, record, account=person, role=wish["role"])
-    return _member_as_json(person, wish["role"])
+        person = accounts.named(session, data["name"])
+        accounts.set_member_role(session, record, account=person, role=data["role"])
+    return _member_as_json(person, data["role"])
 
 
 @members_api.delete("/<int(max=2147483647):account_id>", endpoint="remove")

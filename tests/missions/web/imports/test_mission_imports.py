@@ -82,7 +82,7 @@ def test_what_the_job_refuses_is_not_kept(upload, library, work):
         (b"PK\x03\x04", "zip is damaged"),
     ],
 )
-def test_what_is_no_track_is_refused_at_once(upload, library, data, message):
+def test_a_file_without_a_track_is_refused_at_once(upload, library, data, message):
     answer = upload(data, "x.gpx")
     assert answer.status_code == 422 or answer.status_code == 400
     assert message in answer.json["error"]["message"]

@@ -119,7 +119,7 @@ def test_a_box_that_the_line_leaves_has_gaps(build, line):
     assert set(long) <= set(found.gaps)
 
 
-def test_a_box_beside_it_is_empty(build, line):
+def test_a_box_outside_it_is_empty(build, line):
     build()
     assert not len(line(box=(-10.0, 3.0, 10.0, 4.0)).points)
     assert not len(line(box=(-10.0, 170.0, 10.0, -170.0)).points)
