@@ -132,7 +132,7 @@ class ServeSettings:
     """The processes that answer requests."""
 
     workers: int = 3
-    """Processes; the option `--workers` goes before it."""
+    """Processes; the option `--workers` overrides it."""
 
     threads: int = 8
     """Requests at once in each of them."""

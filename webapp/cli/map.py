@@ -159,7 +159,7 @@ def _copy_line(one: PhotoCopy) -> str:
 @click.option("--crs", metavar="CRS", help="Coordinate system of the world file or GeoTIFF: EPSG:32633 ...")
 @click.option(
     "--model", type=click.Choice(["similarity", "affine", "projective"]),
-    help="How control points are fitted; default: the richest that their number allows.",
+    help="How control points are fitted; default: the most general that their number allows.",
 )  # fmt: skip
 @click.option("--blank", is_flag=True, help="Make a blank plan around the photos instead of an image.")
 @click.option(

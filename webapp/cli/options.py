@@ -147,7 +147,7 @@ _SEQUENCE_OPTIONS = [
         "--speed",
         type=click.FloatRange(0.0, min_open=True),
         metavar="PX",
-        help="With --sequence: usual way from a frame to the next.  [default: what --right-within is]",
+        help="With --sequence: usual distance from a frame to the next.  [default: what --right-within is]",
     ),
     click.option("--smooth", is_flag=True, help="With --sequence: the frames after it count, too."),
 ]

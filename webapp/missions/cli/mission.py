@@ -67,7 +67,7 @@ def list_missions(slug: str | None, library: Path | None) -> None:
 
 @click.command()
 @click.argument("name")
-@click.option("--map", "slug", metavar="SLUG", help="On that map.  [default: on the globe]")
+@click.option("--map", "slug", metavar="SLUG", help="On that map.  [default: no map]")
 @_start_option
 @click.option("--note", default="", metavar="TEXT", help="For people.")
 @library_option
