@@ -70,7 +70,7 @@ function drawClosing(pen, frame, { closing }, { line, received }) {
   if (!closing || !line?.length) return;
   const end = line.length - 1;
   const [from, to] = [end, 0].map((n) => ({ x: frame.x(line.x[n]), y: frame.y(line.y[n]) }));
-  const text = t("Gap {gap} ({share} of the way)", { gap: lengthText(closing.gap_m), share: percentText(closing.share) });
+  const text = t("Gap {gap} ({share} of the distance)", { gap: lengthText(closing.gap_m), share: percentText(closing.share) });
   for (const [width, colour] of [[5, frame.ink.rim], [2.5, frame.ink.current]]) {
     pen.beginPath();
     pen.setLineDash([6, 5]);

@@ -121,7 +121,7 @@ function kindName(kind) {
   const names = {
     corners: t("corners"),
     worldfile: t("world file"),
-    similarity: t("similarity: shift, turn, one scale"),
+    similarity: t("similarity: shift, rotation, one scale"),
     affine: t("affine: two scales and a skew"),
     projective: t("projective: images taken at an angle"),
   };

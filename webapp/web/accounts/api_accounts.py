@@ -182,7 +182,7 @@ class AccountList(Schema):
 def only_owners() -> None:
     """Let in who owns the library."""
     if not account().is_owner:
-        raise NotAllowed("this is for the owner of the library")
+        raise NotAllowed("only the owner of the library may do this")
 
 
 @people_api.get("")

@@ -127,7 +127,7 @@ def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
 def only_owners() -> None:
     """Let in who owns the library."""
     if not account().is_owner:
-        raise NotAllowed(_("this is for the owner of the library"))
+        raise NotAllowed(_("only the owner of the library may do this"))
 
 
 @people_pages.get("")
