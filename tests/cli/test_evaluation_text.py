@@ -14,7 +14,16 @@ from webapp.tasks.localize.evaluation_types import Evaluation, Scheme, Subject
 def an_evaluation(scheme: Scheme = "queries", hide_within_px: float | None = None) -> Evaluation:
     results = (QueryResult("a.jpg", MapPixel(0, 0), None, "broken"),) * 3
     subject = Subject(
-        Path(), "vote", "orb", Map(SatelliteImage("p.png", 9, 9), ()), "", 20.0, 2.5, None, 1_000_000
+        Path(),
+        "vote",
+        "orb",
+        Map(SatelliteImage("p.png", 9, 9), ()),
+        "",
+        20.0,
+        "metric",
+        2.5,
+        None,
+        1_000_000,
     )
     summary = summarise(results, place_radius_px=20, rng=np.random.default_rng(0))
     return Evaluation(subject, scheme, hide_within_px, Path(), results, summary, 0, 12.0, {})

@@ -13,7 +13,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 
 ANSWER = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
-    "off_map_probability", "statistics", "seconds", "map_revision",
+    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px",
 }  # fmt: skip
 HYPOTHESIS = {
     "rank", "kind", "x_px", "y_px", "radius_px", "heading_deg", "lat", "lon", "radius_m", "probability",

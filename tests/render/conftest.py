@@ -50,7 +50,7 @@ def make_evaluation(folder: Path) -> Evaluation:
         QueryResult("q2.jpg", MapPixel(160, 150), none),
         QueryResult("<script>.jpg", MapPixel(160, 150), None, "the file is <b>no</b> photo"),
     )
-    subject = Subject(folder, "verified", "sift", themap, "c0ffee", 20.0, 1.0, None, 5_000_000)
+    subject = Subject(folder, "verified", "sift", themap, "c0ffee", 20.0, "metric", 1.0, None, 5_000_000)
     return Evaluation(
         subject=subject,
         scheme="queries",

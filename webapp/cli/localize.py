@@ -65,6 +65,8 @@ def _verdict(answer: Answer) -> str:
     if answer.abstained:
         return "probably not on this map"
     where = f"x {best.position.x:.0f}, y {best.position.y:.0f}"
+    if best.kind == "area":
+        return f"in the area at {where}"
     if best.kind == "photo":
         return f"near the photo with id {best.experiences[0]} at {where}"
     return f"at {where}"
@@ -217,6 +219,8 @@ class _Output:
             self.pipeline.features,
             the_map.georeference,
             the_map.revision,
+            map_kind=self.pipeline.map_kind,
+            place_radius_px=self.pipeline.place_radius_px,
             sequence=self.sequence,
         )
         return answer_to_json(answer, query=str(photo), source=source)

@@ -11,6 +11,7 @@ import click
 
 from webapp.configuration import load_settings, settings_table
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
+from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.errors import UsageError
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenOptions
@@ -117,6 +118,12 @@ _MAP_OPTIONS = [
         metavar="PX",
         help="An answer so near is right.  [default: twice the spacing of the map's photos]",
     ),
+    click.option(
+        "--map-kind",
+        type=click.Choice(MAP_KINDS),
+        help="What the positions of the map's photos are: metric: where they were taken; areas: photos of "
+        "one position stand for a room, a floor ...; schematic: a plan not to scale.  [default: detected]",
+    ),
 ]
 
 
@@ -179,4 +186,5 @@ def open_options(chosen: dict[str, Any]) -> OpenOptions:
         jobs=chosen["jobs"],
         map_fov_deg=chosen.get("map_fov"),
         right_within_px=chosen.get("right_within"),
+        map_kind=chosen.get("map_kind"),
     )

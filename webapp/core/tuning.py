@@ -25,6 +25,8 @@ class RetrievalTuning:
     shortlist: int = 12
     """Photos with most votes that are verified geometrically."""
 
+    voters: int = 30
+    """Photos with most votes whose votes count for the places around them."""
     rotation_tolerance_deg: float = 20.0
     """Largest deviation of a match from the dominant rotation between query and map, degrees."""
 
@@ -97,21 +99,19 @@ class PoseTuning:
 class PlacesTuning:
     """From poses and votes to places with an uncertainty."""
 
-    most: int = 6
+    most: int = 8
     """Places, or half of the shortlist where that is more."""
 
     min_weight: float = 0.02
     """Trust in a relative pose from which on its bearing is used, 0 to 1."""
 
-    support_weight: float = 0.5
-    """Merit of a place with all votes, in photos that are fully trusted."""
-
-    support_reach: float = 2.0
-    """Standard deviation of the window in which votes count for a place, place radii."""
-
-    apart: float = 2.0
-    """Places nearer to each other, place radii, could both be right: the better one stands for both."""
-
+    support_reaches: tuple[float, float] = (0.5, 2.0)
+    """Standard deviations of the windows in which votes count for a place: close to it, and its surroundings,
+    place radii."""
+    apart: float = 1.0
+    """Places nearer to each other than this, place radii, are one: the better one stands for both."""
+    anchor_reach: float = 3.0
+    """Photos farther from a computed position than this, place radii, do not say where it is."""
     min_agreement: float = 0.25
     """Agreement from which on a photo supports a place, 0 to 1."""
 

@@ -22,8 +22,8 @@ def test_no_place_is_off_the_map():
 
 
 def test_more_evidence_is_more_probable():
-    weak, _ = probabilities(np.array([[1.0, 0.2, 0.0, 0.3]]), DEFAULT)
-    strong, _ = probabilities(np.array([[5.0, 0.8, 0.0, 1.0]]), DEFAULT)
+    weak, _ = probabilities(np.array([[0.0, 0.2, 0.1, 0.3, 0.3]]), DEFAULT)
+    strong, _ = probabilities(np.array([[4.0, 0.8, 1.0, 2.0, 1.0]]), DEFAULT)
     assert weak[0] < 0.5 < 0.9 < strong[0]
 
 
@@ -35,6 +35,7 @@ def simulated(rng, count, truth):
             [
                 np.full(2, rng.uniform(0, 5)),
                 np.full(2, 0.5),
+                [0.3, rng.uniform(-1, 0)],
                 [0.0, rng.uniform(-1, 0)],
                 np.full(2, rng.uniform(0, 2)),
             ]
@@ -47,7 +48,7 @@ def simulated(rng, count, truth):
 
 def test_fit_finds_the_model_that_made_the_cases(monkeypatch):
     monkeypatch.setattr(calibration, "_PRIOR_WEIGHT", 0.01)
-    truth = Calibration(slope=(1.6, 2.0, 5.0, 0.5), offset=-5.0, radius_scale=1.0)
+    truth = Calibration(slope=(1.6, 2.0, 1.0, 5.0, 0.5), offset=-5.0, radius_scale=1.0)
     rng = np.random.default_rng(0)
     slope, offset = fit(simulated(rng, 4000, truth))
     fitted = Calibration(slope, offset, 1.0)
@@ -60,14 +61,14 @@ def test_fit_finds_the_model_that_made_the_cases(monkeypatch):
 
 def test_few_cases_change_the_default_little_and_none_not_at_all():
     assert fit([]) == (DEFAULT.slope, DEFAULT.offset)
-    one = [Case(np.array([[0.0, 0.1, 0.0, 0.0]]), np.array([True]))]
+    one = [Case(np.array([[0.0, 0.1, 0.0, 0.0, 0.0]]), np.array([True]))]
     slope, offset = fit(one)
     assert abs(offset - DEFAULT.offset) < 1.0
     assert np.abs(np.array(slope) - DEFAULT.slope).max() < 1.0
 
 
 def test_slopes_are_never_negative():
-    perverse = [Case(np.array([[5.0, 1.0, 0.0, 1.0]]), np.array([False]))] * 300
-    perverse += [Case(np.array([[0.0, 0.0, 0.0, 0.0]]), np.array([True]))] * 300
+    perverse = [Case(np.array([[5.0, 1.0, 0.0, 0.0, 1.0]]), np.array([False]))] * 300
+    perverse += [Case(np.array([[0.0, 0.0, 0.0, 0.0, 0.0]]), np.array([True]))] * 300
     slope, _ = fit(perverse)
     assert min(slope) >= 0.0

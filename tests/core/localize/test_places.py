@@ -1,11 +1,15 @@
 """Places from verified photos: where geometry says nothing, the photos of one place vote together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.localize.places import VerifiedPhoto, estimate_places
+from webapp.core.hypotheses.calibration import DEFAULT, probabilities
+from webapp.core.localize.evidence import Spots, evidence_vectors, photo_spots, support
+from webapp.core.localize.places import VerifiedPhoto, estimate_places, voters_of
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
@@ -42,28 +46,34 @@ def seen(photo, bearing_deg, *, inliers=100, of=120):
 
 def test_photos_of_one_place_vote_together():
     indexed = the_map((0, 0), (500, 0), (504, 0), (500, 4))
-    places = estimate_places(indexed, [voted(0, 5.0), voted(1, 3.0), voted(2, 3.0), voted(3, 3.0)])
+    checked = [voted(0, 4.0), voted(1, 3.0), voted(2, 3.0), voted(3, 3.0)]
+    places = estimate_places(indexed, checked)
     assert [p.kind for p in places] == ["photo", "photo"]
     assert [p.position.x >= 500 for p in places] == [True, False]
-    assert places[0].support == pytest.approx(9 / 14, abs=0.02)
-    assert places[0].merit > places[1].merit > 0.0 == places[0].score
+    assert best_first(indexed, places, checked) == [0, 1]
+    shares = support(indexed, voters_of(checked), photo_spots(indexed, np.array([1, 0])), reach=2.0)
+    assert shares == pytest.approx([27 / 43, 16 / 43], abs=0.02)
 
 
 def test_geometry_is_worth_more_than_votes():
     around = [(100, 92), (108, 100), (100, 108), (900, 900)]
     indexed = the_map(*around)
     checked = [seen(0, 0.0), seen(1, 90.0), seen(2, 180.0), voted(3, 40.0)]
-    best, other = estimate_places(indexed, checked)[:2]
+    places = estimate_places(indexed, checked)
+    best, *others = places
     assert best.kind == "position"
     assert np.hypot(best.position.x - 100, best.position.y - 100) < 5.0
-    assert other.position == (900.0, 900.0)
-    assert other.support > best.support
+    assert (900.0, 900.0) in [p.position for p in others]
+    evidence = vectors(indexed, places, checked)
+    assert evidence[0, 0] > 3.0 and not evidence[1:, 0].any()
 
 
 def test_a_hair_of_geometry_does_not_outweigh_the_votes():
     indexed = the_map((0, 0), (500, 0), (504, 0))
     weak = seen(0, 0.0, inliers=12, of=60)
-    assert estimate_places(indexed, [weak, voted(1, 30.0), voted(2, 30.0)])[0].position.x >= 500
+    checked = [weak, voted(1, 30.0), voted(2, 30.0)]
+    places = estimate_places(indexed, checked)
+    assert places[best_first(indexed, places, checked)[0]].position.x >= 500
 
 
 def test_places_are_apart_and_nothing_gives_nothing():
@@ -71,5 +81,35 @@ def test_places_are_apart_and_nothing_gives_nothing():
     places = estimate_places(indexed, [voted(n, 1.0 + n) for n in range(30)])
     x = sorted(p.position.x for p in places)
     assert len(places) > 1
-    assert min(np.diff(x)) > 20.0
+    assert min(np.diff(x)) > 10.0
     assert estimate_places(indexed, []) == []
+
+
+def test_where_photos_stand_for_areas_an_area_is_the_answer():
+    indexed = replace(the_map((0, 0), (0, 0), (50, 0), (50, 0)), area=np.array([0, 0, 1, 1]))
+    checked = [seen(2, 0.0), voted(0, 4.0), voted(1, 4.0)]
+    places = estimate_places(indexed, checked)
+    assert [(p.kind, p.position, p.heading) for p in places] == [
+        ("area", (0.0, 0.0), None),
+        ("area", (50.0, 0.0), None),
+    ]
+    assert [v.matched.photo for v in places[0].photos] == [0, 1]
+
+
+def test_votes_are_compared_with_what_chance_gives():
+    positions = [(100.0 * n, 0) for n in range(40)]
+    together = the_map(*positions[:36], (5000, 0), (5001, 0), (5002, 0), (5003, 0))
+    voters = voters_of([voted(n, 3.0) for n in (36, 37, 38, 39, 3, 12, 20, 28)])
+    at = photo_spots(together, np.array([37, 12]))
+    there, elsewhere = evidence_vectors(together, voters, at, score=[0.0, 0.0])
+    assert there[2] > np.log(2.0) > 0.0 > elsewhere[2]
+
+
+def vectors(indexed, places, checked):
+    spots = Spots(np.array([p.position for p in places]), np.array([p.area for p in places]))
+    return evidence_vectors(indexed, voters_of(checked), spots, score=[p.score for p in places])
+
+
+def best_first(indexed, places, checked):
+    """The order of places by their probability."""
+    return np.argsort(-probabilities(vectors(indexed, places, checked), DEFAULT)[0]).tolist()

@@ -29,7 +29,13 @@ class NearestVisible:
     """Answers with the visible experience nearest to the number in the photo's name, 3 px too far right."""
 
     method, features, map, map_hash = "verified", "sift", LINE, "abc"
-    place_radius_px, build_seconds, calibration_seconds, index_bytes = 20.0, 1.5, None, 1234
+    place_radius_px, map_kind, build_seconds, calibration_seconds, index_bytes = (
+        20.0,
+        "metric",
+        1.5,
+        None,
+        1234,
+    )
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, int, frozenset[int]]] = []

@@ -22,6 +22,8 @@ class Localizer:
     fov_deg: float | None = None
     features: str = "any"
     map = SimpleNamespace(georeference=None)
+    map_kind = "metric"
+    place_radius_px = 20.0
 
 
 class Looks:

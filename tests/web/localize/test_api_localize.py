@@ -21,7 +21,7 @@ from webapp.web.localize import api_localize
 
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
-    "off_map_probability", "statistics", "seconds", "map_revision",
+    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px",
 }  # fmt: skip
 """Of `expmap localize --json`."""
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-EVIDENCE = 4
-"""Numbers that describe one place: see `verified.py`, which computes them."""
+EVIDENCE = 5
+"""Numbers that describe one place: see `localize.evidence`, which computes them."""
 
-_PRIOR_WEIGHT = 1.0
+_PRIOR_WEIGHT = 3.0
 """Pull towards the default, in units of one photo, times the root of their number."""
 
 _STEPS = 60
@@ -32,6 +32,10 @@ class Calibration:
         Log-odds of a place without any evidence, against "not on this map".
     radius_scale : float
         68 % radius over the spread that the estimate of a position states.
+    photo_sigma : float
+        How far a query is from the photo that matches it best, place radii.
+    schematic : bool
+        Computed positions contradict the map, and answers name photos.
     cases : int
         Photos it was fitted on; 0 for the default.
     """
@@ -39,11 +43,13 @@ class Calibration:
     slope: tuple[float, ...]
     offset: float
     radius_scale: float
+    photo_sigma: float = 0.5
+    schematic: bool = False
     cases: int = 0
 
 
-DEFAULT = Calibration(slope=(0.5, 4.5, 6.0, 0.5), offset=-3.7, radius_scale=1.0)
-"""Rounded from the fits on maps indoors and outdoors."""
+DEFAULT = Calibration(slope=(0.7, 0.3, 2.7, 0.6, 1.2), offset=-3.0, radius_scale=1.0)
+"""Fitted on the queries of maps of several kinds, each with the same weight; see `benchmarks/battery.py`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

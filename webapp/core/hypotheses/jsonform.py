@@ -8,6 +8,7 @@ from typing import Any
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.hypotheses.places import MapKind
 
 STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
 """Names of the times in `seconds`, in the order of the work."""
@@ -23,6 +24,10 @@ class AnswerSource:
         As `--method` and `--features` name them, the latter resolved.
     georeference : Georeference or None
         Of the map.
+    map_kind : MapKind
+        What the positions of its photos are.
+    place_radius_px : float or None
+        How far off a right hypothesis may be.
     sequence : bool
         The photo was one of a sequence, and those before it count, too.
     """
@@ -31,6 +36,8 @@ class AnswerSource:
     features: str
     georeference: Georeference | None
     map_revision: int
+    map_kind: MapKind = "metric"
+    place_radius_px: float | None = None
     sequence: bool = False
 
 
@@ -59,6 +66,8 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "statistics": asdict(answer.statistics),
         "seconds": {stage: answer.seconds.get(stage) for stage in STAGES},
         "map_revision": source.map_revision,
+        "map_kind": source.map_kind,
+        "place_radius_px": source.place_radius_px,
         **({"sequence": True} if source.sequence else {}),
     }
 

@@ -20,9 +20,9 @@ class Hypothesis:
     ----------
     rank : int
         From 1, most probable first.
-    kind : {"position", "photo"}
+    kind : {"position", "photo", "area"}
         "position": computed from what it shares with map photos; "photo": the place of one is all that is
-        known.
+        known; "area": the photos stand for a place as a whole, and so does the answer.
     probability : float
         That the truth lies within the map's `place_radius_px` of `position`; 0 to 1.
     radius_px : float or None
@@ -38,7 +38,7 @@ class Hypothesis:
     """
 
     rank: int
-    kind: Literal["position", "photo"]
+    kind: Literal["position", "photo", "area"]
     position: MapPixel
     probability: float
     radius_px: float | None

@@ -129,7 +129,7 @@ def apply_path_prior_to_answer(answer: Answer, paths: PathPrior, *, weight: Arra
 
 
 def _on_paths(hypothesis: Hypothesis, paths: PathPrior, weight: Array | None) -> Hypothesis:
-    if hypothesis.kind == "photo" or hypothesis.radius_px is None:
+    if hypothesis.kind != "position" or hypothesis.radius_px is None:
         return hypothesis
     position, variance = apply_path_prior(
         hypothesis.position, hypothesis.radius_px**2, paths=paths, weight=weight

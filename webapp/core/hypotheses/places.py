@@ -1,22 +1,128 @@
-"""What counts as one place."""
+"""What counts as one place, and what kind of map the positions of its photos make.
+
+On a *metric* map photos stand where they were taken. On a map of *areas* (rooms, floors, parts of a park)
+many photos stand for one place. A *mixed* map has both. Whether a map is *schematic*, a plan that is not to
+scale, shows only when positions are computed on it: see `tasks.localize.calibrate`.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geometry.extrinsics import MIN_TRUST
+
+MapKind = Literal["metric", "areas", "schematic", "mixed"]
+MAP_KINDS: tuple[MapKind, ...] = get_args(MapKind)
+
 RADIUS_OVER_SPACING = 2.0
+AREA_RADIUS_OVER_SPACING = 0.4
+"""Less than half: areas never overlap."""
+
 _SHARE_OF_SIDE = 0.05
 
+_SHARED = 3
+"""Photos at one position from which on it may be an area."""
 
-def spacing_px(position: NDArray[np.float64]) -> float | None:
+_PANORAMA = 12
+"""More photos at one position than anybody takes of a panorama: an area."""
+
+_CONFIRMED = 0.6
+"""Share of the photos at shared positions whose relative poses agree with these: then they are true."""
+
+_FEW, _MOST = 0.1, 0.9
+"""Share of photos in areas up to which a map is metric, and from which on it is one of areas."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapPlaces:
+    """What kind of map the positions make.
+
+    Attributes
+    ----------
+    area : (p,) int64
+        For each photo the number of its area; -1 where it stands where it was taken.
+    radius_px : float
+        How far from the truth an answer may be and still name the right place.
+    """
+
+    kind: MapKind
+    area: NDArray[np.int64]
+    radius_px: float
+
+
+def describe_places(
+    position: NDArray[np.float64],
+    *,
+    trust: NDArray[np.float64] | None,
+    width: int,
+    height: int,
+    kind: MapKind | None = None,
+) -> MapPlaces:
+    """Find out what kind of map it is.
+
+    Photos at a position that they share with two others are an area where they are more than a panorama has,
+    or where relative poses between positions do not agree with the positions: at a stand from which somebody
+    took five photos they do.
+
+    Parameters
+    ----------
+    position : (p, 2) float64
+        Of the map's photos, map pixels.
+    trust : (p,) float64 or None
+        As `MapExtrinsics` has it; None while relative poses are not known.
+    width, height : int
+        Of the satellite image.
+    kind : MapKind, optional
+        What the user says it is.
+    """
+    area = _areas(position, trust) if kind in (None, "mixed") else _all_areas(position, kind == "areas")
+    share = float((area >= 0).mean()) if len(area) else 0.0
+    if share <= _FEW:
+        area = np.full(len(position), -1, np.int64)
+        return MapPlaces(kind or "metric", area, place_radius_px(position, width=width, height=height))
+    side = _SHARE_OF_SIDE * max(width, height)
+    spacing = spacing_px(position, of=position[area >= 0])
+    radius = side if spacing is None else AREA_RADIUS_OVER_SPACING * spacing
+    if share >= _MOST:
+        return MapPlaces(kind or "areas", area, radius)
+    metric = place_radius_px(position[area < 0], width=width, height=height)
+    return MapPlaces("mixed", area, share * radius + (1.0 - share) * metric)
+
+
+def _all_areas(position: NDArray[np.float64], areas: bool) -> NDArray[np.int64]:
+    """Take each distinct position for an area, or none; (p,)."""
+    if not areas or not len(position):
+        return np.full(len(position), -1, np.int64)
+    return np.unique(position, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+def _areas(position: NDArray[np.float64], trust: NDArray[np.float64] | None) -> NDArray[np.int64]:
+    """Number the areas; (p,), -1 for photos in none."""
+    none = np.full(len(position), -1, np.int64)
+    if not len(position):
+        return none
+    _, number, count = np.unique(position, axis=0, return_inverse=True, return_counts=True)
+    number = number.ravel().astype(np.int64)
+    large, shared = count[number] > _PANORAMA, count[number] >= _SHARED
+    stands = shared & ~large
+    confirmed = trust is None or not stands.any() or float((trust[stands] >= MIN_TRUST).mean()) >= _CONFIRMED
+    return np.where(large if confirmed else shared, number, none)
+
+
+def spacing_px(position: NDArray[np.float64], *, of: NDArray[np.float64] | None = None) -> float | None:
     """Compute the median distance from each distinct position to the nearest other.
 
     Parameters
     ----------
     position : (p, 2) float64
         Map pixels.
+    of : (n, 2) float64, optional
+        Only for these of them.
 
     Returns
     -------
@@ -26,13 +132,14 @@ def spacing_px(position: NDArray[np.float64]) -> float | None:
     distinct = np.unique(position, axis=0).astype(np.float32)
     if len(distinct) < 2:
         return None
+    asked = distinct if of is None else np.unique(of, axis=0).astype(np.float32)
     trees = cv2.flann_Index(distinct, {"algorithm": 4})
-    _, squared = trees.knnSearch(distinct, 2, params={"checks": -1})
+    _, squared = trees.knnSearch(asked, 2, params={"checks": -1})
     return float(np.median(np.sqrt(squared[:, 1])))
 
 
 def place_radius_px(position: NDArray[np.float64], *, width: int, height: int) -> float:
-    """Choose how far from the truth an answer may be and still name the right place.
+    """Choose the place radius of a map whose photos stand where they were taken.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +14,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.extrinsics import MIN_TRUST
 from webapp.core.geometry.relative_pose import RelativePose
+from webapp.core.localize.evidence import Voters, photo_spots, support
 from webapp.core.localize.pose_refinement import PoseEstimate, estimate_poses
 from webapp.core.localize.pose_residuals import VerifiedView
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
@@ -61,7 +63,7 @@ class PlaceCandidate:
 
     Attributes
     ----------
-    kind : {"position", "photo"}
+    kind : {"position", "photo", "area"}
     heading : float or None
         Radians.
     sigma_px : float
@@ -70,41 +72,87 @@ class PlaceCandidate:
         That support it, the best first.
     score : float
         Sum of the trust in the photos that agree on it.
-    support : float
-        Share of the shortlist's votes that photos around it have, 0 to 1.
-    merit : float
-        What candidates are ranked by: the score, and where it is low, the votes.
+    anchor : MapPixel
+        Where the photo stands that matches best of these.
+    area : int
+        Number of the area; -1 for a place in none.
     """
 
-    kind: Literal["position", "photo"]
+    kind: Literal["position", "photo", "area"]
     position: MapPixel
     heading: float | None
     sigma_px: float
     photos: list[VerifiedPhoto]
     score: float
-    support: float
-    merit: float
+    anchor: MapPixel
+    area: int = -1
 
 
-def estimate_places(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[PlaceCandidate]:
+def estimate_places(
+    indexed: IndexedMap, checked: list[VerifiedPhoto], further: Sequence[VerifiedPhoto] = ()
+) -> list[PlaceCandidate]:
     """Cluster the photos of the shortlist into candidate places.
+
+    Parameters
+    ----------
+    further : sequence of VerifiedPhoto
+        Photos that only votes speak for.
 
     Returns
     -------
     list of PlaceCandidate
-        The best first, any two at least twice the place radius apart; at most six, or one of two photos.
+        Those by geometry first, then the others by the votes around them; any two more than a place radius
+        apart; at most eight, or one of two photos that were checked.
     """
     places: list[PlaceCandidate] = []
     others = [v for v in checked if not _has_extrinsics(indexed, v)]
-    for place in (*_from_poses(indexed, checked), *_from_bearings(indexed, checked, others=others)):
+    for place in (*_from_poses(indexed, checked), *_from_bearings(indexed, others=others)):
         if not _is_occupied(places, place.position, indexed):
             places.append(place)
-    where = indexed.position[[v.matched.photo for v in checked]]
-    support = support_at(indexed, checked, position=where)
-    for n in np.argsort(-support, kind="stable"):
-        if not _is_occupied(places, MapPixel(*map(float, where[n])), indexed):
-            places.append(_photo_place(indexed, [checked[n]], score=0.0, support=float(support[n])))
-    return sorted(places, key=lambda p: -p.merit)[: max(indexed.tuning.places.most, len(checked) // 2)]
+    most = max(indexed.tuning.places.most, len(checked) // 2)
+    voting = [*checked, *further]
+    for n in _by_votes(indexed, voting):
+        photo = voting[n].matched.photo
+        if len(places) >= most:
+            break
+        if indexed.area[photo] >= 0:
+            if all(p.area != indexed.area[photo] for p in places):
+                places.append(_area_place(indexed, voting, photo))
+        elif not _is_occupied(places, _position(indexed, photo), indexed):
+            places.append(_photo_place(indexed, [voting[n]], score=0.0))
+    return places
+
+
+def voters_of(checked: list[VerifiedPhoto]) -> Voters:
+    """Take the votes and the trust of verified photos, most votes first."""
+    votes = np.array([v.matched.votes for v in checked])
+    order = np.argsort(-votes, kind="stable")
+    photo = np.array([v.matched.photo for v in checked], np.int64)
+    return Voters(photo[order], votes[order], np.array([v.weight for v in checked])[order])
+
+
+def _by_votes(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[int]:
+    """Order photos by the votes close to them and in their surroundings, each over those of the best."""
+    if not checked:
+        return []
+    voters = voters_of(checked)
+    at = photo_spots(indexed, np.array([v.matched.photo for v in checked], np.int64))
+    found = [support(indexed, voters, at, reach=r) for r in indexed.tuning.places.support_reaches]
+    merit = sum(f / max(f.max(), np.finfo(float).tiny) for f in found)
+    return [int(n) for n in np.argsort(-np.asarray(merit), kind="stable")]
+
+
+def _area_place(indexed: IndexedMap, checked: list[VerifiedPhoto], photo: int) -> PlaceCandidate:
+    """Make a place of an area: that is all the answer there is, with the photos that name it."""
+    area = int(indexed.area[photo])
+    there = [v for v in checked if indexed.area[v.matched.photo] == area]
+    position = _position(indexed, photo)
+    order = sorted(there, key=lambda v: (-v.weight, -v.matched.votes))
+    return PlaceCandidate("area", position, None, 0.0, order, 0.0, position, area)
+
+
+def _position(indexed: IndexedMap, photo: int) -> MapPixel:
+    return MapPixel(*map(float, indexed.position[photo]))
 
 
 def _from_poses(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[PlaceCandidate]:
@@ -130,33 +178,23 @@ def _from_poses(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[Place
         photos = [v for _, v in sorted(near, key=lambda pair: -pair[0])]
         if not photos:
             continue
-        support = float(support_at(indexed, checked, position=np.array([[pose.x, pose.y]]))[0])
         if _sigma_from_matches(pose, tuning) > tuning.max_sigma * radius:
-            places.append(_photo_place(indexed, photos, score=pose.score, support=support))
+            places.append(_photo_place(indexed, photos, score=pose.score))
             continue
         sigma_px = _sigma_px(pose, radius, tuning=tuning)
-        places.append(_computed_place(indexed, pose, photos, sigma_px=sigma_px, support=support))
+        places.append(_computed_place(indexed, pose, photos, sigma_px=sigma_px))
     return places
 
 
 def _computed_place(
-    indexed: IndexedMap,
-    found: PoseEstimate | Fix,
-    photos: list[VerifiedPhoto],
-    *,
-    sigma_px: float,
-    support: float,
+    indexed: IndexedMap, found: PoseEstimate | Fix, photos: list[VerifiedPhoto], *, sigma_px: float
 ) -> PlaceCandidate:
-    return PlaceCandidate(
-        "position",
-        MapPixel(found.x, found.y),
-        found.heading,
-        sigma_px,
-        photos,
-        found.score,
-        support,
-        merit=found.score + indexed.tuning.places.support_weight * support,
-    )
+    at = MapPixel(found.x, found.y)
+    reach = indexed.tuning.places.anchor_reach * indexed.place_radius_px
+    near = [v for v in photos if math.dist(_position(indexed, v.matched.photo), at) <= reach]
+    best = max(near, key=lambda v: v.inliers, default=None)
+    anchor = at if best is None else _position(indexed, best.matched.photo)
+    return PlaceCandidate("position", at, found.heading, sigma_px, photos, found.score, anchor)
 
 
 def _sigma_px(pose: PoseEstimate, radius: float, *, tuning: PlacesTuning) -> float:
@@ -175,12 +213,11 @@ def _has_extrinsics(indexed: IndexedMap, verified: VerifiedPhoto) -> bool:
     return known is not None and bool(known.trust[verified.matched.photo] >= MIN_TRUST)
 
 
-def _from_bearings(
-    indexed: IndexedMap, checked: list[VerifiedPhoto], *, others: list[VerifiedPhoto]
-) -> list[PlaceCandidate]:
+def _from_bearings(indexed: IndexedMap, *, others: list[VerifiedPhoto]) -> list[PlaceCandidate]:
     """Estimate places from the bearings of `others`, whose extrinsics are not known; the best score first."""
     tuning = indexed.tuning.places
-    usable = sorted((v for v in others if v.weight >= tuning.min_weight), key=lambda v: -v.inliers)
+    usable = [v for v in others if v.weight >= tuning.min_weight and indexed.area[v.matched.photo] < 0]
+    usable.sort(key=lambda v: -v.inliers)
     places = []
     for fix in resect(
         _bearings(indexed, usable),
@@ -189,38 +226,9 @@ def _from_bearings(
         most=tuning.most,
     ):
         near = [v for v, a in zip(usable, fix.agreement, strict=True) if a >= tuning.min_agreement]
-        at = np.array([[fix.x, fix.y]])
         if near:
-            support = float(support_at(indexed, checked, position=at)[0])
-            places.append(_place_from_fix(indexed, near, fix, support=support))
+            places.append(_place_from_fix(indexed, near, fix))
     return places
-
-
-def support_at(
-    indexed: IndexedMap, checked: list[VerifiedPhoto], *, position: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Compute the share of the votes around positions: photos of one place vote together.
-
-    Parameters
-    ----------
-    checked : list of VerifiedPhoto
-        Whose votes count.
-    position : (m, 2) float64
-        Map pixels.
-
-    Returns
-    -------
-    (m,) float64
-        0 to 1.
-    """
-    votes = np.array([v.matched.votes for v in checked])
-    if not votes.any():
-        return np.zeros(len(position))
-    voters = indexed.position[[v.matched.photo for v in checked]]
-    squared = ((position[:, None] - voters[None]) ** 2).sum(-1)
-    near = np.exp(-squared / (2.0 * (indexed.tuning.places.support_reach * indexed.place_radius_px) ** 2))
-    share: NDArray[np.float64] = near @ votes / votes.sum()
-    return share
 
 
 def _bearings(indexed: IndexedMap, usable: list[VerifiedPhoto]) -> Bearings:
@@ -238,20 +246,14 @@ def _is_occupied(places: list[PlaceCandidate], position: MapPixel, indexed: Inde
     return any(math.dist(p.position, position) <= apart for p in places)
 
 
-def _place_from_fix(
-    indexed: IndexedMap, photos: list[VerifiedPhoto], fix: Fix, *, support: float
-) -> PlaceCandidate:
+def _place_from_fix(indexed: IndexedMap, photos: list[VerifiedPhoto], fix: Fix) -> PlaceCandidate:
     """Take the fix as it is, or with too few photos for one, the best photo's place."""
     if len(photos) < MIN_BEARINGS:
-        return _photo_place(indexed, photos, score=fix.score, support=support)
-    return _computed_place(indexed, fix, photos, sigma_px=fix.sigma_px, support=support)
+        return _photo_place(indexed, photos, score=fix.score)
+    return _computed_place(indexed, fix, photos, sigma_px=fix.sigma_px)
 
 
-def _photo_place(
-    indexed: IndexedMap, photos: list[VerifiedPhoto], *, score: float, support: float
-) -> PlaceCandidate:
-    position = MapPixel(*map(float, indexed.position[photos[0].matched.photo]))
-    tuning = indexed.tuning.places
-    merit = score + tuning.support_weight * support
-    sigma_px = tuning.photo_sigma * indexed.place_radius_px
-    return PlaceCandidate("photo", position, None, sigma_px, photos, score, support, merit)
+def _photo_place(indexed: IndexedMap, photos: list[VerifiedPhoto], *, score: float) -> PlaceCandidate:
+    position = _position(indexed, photos[0].matched.photo)
+    sigma_px = indexed.tuning.places.photo_sigma * indexed.place_radius_px
+    return PlaceCandidate("photo", position, None, sigma_px, photos, score, position)

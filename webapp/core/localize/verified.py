@@ -7,6 +7,7 @@
    of known depth even by one photo; where orientations are not known, bearings to three or more photos do.
    Separate solutions are separate hypotheses. Where the position stays open, the best photo's own place is
    all that is known.
+   On a map of areas an area is all there is to find.
 4. Probability: a calibrated softmax over the places found and "not on this map".
 """
 
@@ -16,17 +17,20 @@ import math
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
+from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.extrinsics import KeypointDepths, empty_depths
-from webapp.core.geometry.relative_pose import INLIER_SCALE, Camera, RelativePose, relative_pose
-from webapp.core.hypotheses.calibration import EVIDENCE, Calibration, probabilities
+from webapp.core.geometry.relative_pose import Camera, RelativePose, relative_pose
+from webapp.core.hypotheses.calibration import DEFAULT, Calibration, probabilities
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis
-from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, estimate_places, support_at
+from webapp.core.localize.evidence import Spots, evidence_vectors
+from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, estimate_places, voters_of
 from webapp.core.localize.vote import match_statistics
 from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
@@ -52,9 +56,7 @@ class PlaceSearch:
     places : list of PlaceCandidate
         The best first.
     evidence : (h, EVIDENCE) float64
-        Of each place: log of the inliers that agree on the best place, share of the votes that photos
-        around the best place have, log of the place's merit over the best one's, and log of the most votes
-        of a photo over the median.
+        Of each place; see `evidence_vectors`.
     answer : Answer
         Statistics and seconds, and the reason where there is no place.
     """
@@ -124,11 +126,13 @@ def find_places(
     nearest = candidates(indexed, query.descriptors, k=indexed.tuning.retrieval.neighbours + 1, hide=hide)
     found = filter_by_rotation(indexed, query, found=nearest)
     votes = weighted_votes(found, len(indexed.ids))
-    listed = shortlist(indexed, query, found=found, votes=votes, most=indexed.tuning.retrieval.shortlist)
-    voted = len(listed)
+    tuning = indexed.tuning.retrieval
+    voting = shortlist(indexed, query, found=found, votes=votes, most=max(tuning.voters, tuning.shortlist))
+    listed, further = voting[: tuning.shortlist], voting[tuning.shortlist :]
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
         listed += _shortlist_among(indexed, query, votes=votes, closer=closer)
+        further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
     if indexed.pair_matcher is not None:
         listed = rematch_with_network(indexed, query, listed=listed, matcher=indexed.pair_matcher)
@@ -138,15 +142,18 @@ def find_places(
         depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
     checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=depths), listed)
     clock.append(time.perf_counter())
-    places = estimate_places(indexed, checked)
+    voting = [_unverified(f) for f in further]
+    places = estimate_places(indexed, checked, voting)
+    evidence = _evidence_vectors(indexed, places, checked=[*checked, *voting])
+    order = np.argsort(-(evidence @ np.array(DEFAULT.slope)), kind="stable")
     clock.append(time.perf_counter())
     first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
     left = int((found.photo[:, 0] >= 0).sum())
     reason = "no keypoints" if not len(query) else "no match with any photo of the map"
     stages = ("retrieve", "verify", "position")
     return PlaceSearch(
-        places,
-        _evidence_vectors(indexed, places, voted=checked[:voted]),
+        [places[n] for n in order],
+        evidence[order],
         Answer(
             hypotheses=(),
             off_map_probability=1.0,
@@ -227,45 +234,69 @@ def _verify(
     )
 
 
-_NO_VOTES = 1e-6
-"""Stands for the votes where no photo had any, and those in a circle were looked at."""
-
-_NO_MERIT = 0.02
-"""Stands for the merit of a place that has next to none."""
+def _unverified(listed: ShortlistedPhoto) -> VerifiedPhoto:
+    """Take a photo for its votes alone."""
+    no_rays, unknown = np.zeros((0, 3)), np.zeros(0)
+    return VerifiedPhoto(listed, NoPose("not verified"), no_rays, no_rays, unknown, unknown, (0.0, 0.0))
 
 
 def _evidence_vectors(
-    indexed: IndexedMap, places: list[PlaceCandidate], *, voted: list[VerifiedPhoto]
+    indexed: IndexedMap, places: list[PlaceCandidate], *, checked: list[VerifiedPhoto]
 ) -> NDArray[np.float64]:
-    """Describe each place for its probability, by the photos that had most votes; see `Found`."""
-    if not places:
-        return np.zeros((0, EVIDENCE))
-    best = places[0]
-    votes = np.array([v.matched.votes for v in voted] or [_NO_VOTES])
-    agreed = math.log1p(INLIER_SCALE * best.score)
-    at = np.array([best.position])
-    around = float(support_at(indexed, voted, position=at)[0]) if voted else 0.0
-    peak = math.log(votes.max() / np.median(votes))
-    merits = [math.log((p.merit + _NO_MERIT) / (best.merit + _NO_MERIT)) for p in places]
-    return np.array([(agreed, around, merit, peak) for merit in merits])
+    at = Spots(
+        np.array([p.position for p in places], np.float64).reshape(-1, 2),
+        np.array([p.area for p in places], np.int64),
+    )
+    return evidence_vectors(indexed, voters_of(checked), at, score=[p.score for p in places])
 
 
 def _hypothesis(
     indexed: IndexedMap, place: PlaceCandidate, *, rank: int, probability: float, calibration: Calibration
 ) -> Hypothesis:
-    radius = place.sigma_px * (calibration.radius_scale if place.kind == "position" else 1.0)
+    located = locate(place, calibration=calibration, place_radius_px=indexed.place_radius_px)
     best = place.photos[0]
     return Hypothesis(
         rank=rank,
-        kind=place.kind,
-        position=place.position,
+        kind=located.kind,
+        position=located.position,
         probability=float(probability),
-        radius_px=min(radius, indexed.place_radius_px),
-        heading_deg=None if place.heading is None else math.degrees(place.heading),
+        radius_px=None if located.kind == "area" else min(located.sigma_px, indexed.place_radius_px),
+        heading_deg=None if located.heading is None else math.degrees(located.heading),
         experiences=tuple(int(indexed.ids[v.matched.photo]) for v in place.photos),
         inliers=best.inliers,
         matches=len(best.matched.query_row),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class LocatedPlace:
+    """Where a place is, by its geometry and its photos together."""
+
+    kind: Literal["position", "photo", "area"]
+    position: MapPixel
+    sigma_px: float
+    heading: float | None
+
+
+def locate(place: PlaceCandidate, *, calibration: Calibration, place_radius_px: float) -> LocatedPlace:
+    """Combine a computed position with that of the photo which matches best, by inverse variance.
+
+    Along its line of sight a camera's motion is hard to see, so that a computed position can be far off in
+    this direction and look certain. How much the photo says is fitted on the map: on one that is not to scale
+    it says all.
+    """
+    if place.kind != "position":
+        return LocatedPlace(place.kind, place.position, place.sigma_px, None)
+    if calibration.schematic:
+        return LocatedPlace("photo", place.anchor, calibration.photo_sigma * place_radius_px, None)
+    computed = place.sigma_px**-2
+    photo = (calibration.photo_sigma * place_radius_px) ** -2 if place.anchor != place.position else 0.0
+    x, y = (
+        (computed * p + photo * a) / (computed + photo)
+        for p, a in zip(place.position, place.anchor, strict=True)
+    )
+    sigma_px = calibration.radius_scale * (computed + photo) ** -0.5
+    return LocatedPlace("position", MapPixel(x, y), sigma_px, place.heading)
 
 
 def _evidence(indexed: IndexedMap, photo: VerifiedPhoto) -> Evidence:

@@ -15,6 +15,7 @@ from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
 from webapp.core.geometry.relative_pose import Camera
 from webapp.core.hypotheses.path_prior import PathPrior, fit_path_prior
+from webapp.core.hypotheses.places import MapKind
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.engines.types import DescriptorSearch
@@ -39,6 +40,12 @@ class IndexedMap:
         Over the rows of all segments, in order.
     place_radius_px : float
         How far an answer may be off and still be right.
+    kind : MapKind
+        "schematic" only where the user says so; else the calibration finds it out.
+    kind_is_given : bool
+        The user says what kind it is.
+    area : (p,) int64
+        Number of each photo's area, -1 where it stands where it was taken; by default all are -1.
     extrinsics : Orientations or None
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
@@ -58,6 +65,9 @@ class IndexedMap:
     photo_of_entry: NDArray[np.int64]
     search: DescriptorSearch | TwoStage
     place_radius_px: float
+    kind: MapKind = "metric"
+    kind_is_given: bool = False
+    area: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     extrinsics: MapExtrinsics | None = None
     pair_matcher: PairMatcher | None = None
     tuning: Tuning = DEFAULT
@@ -67,6 +77,8 @@ class IndexedMap:
     _entry_of_photo: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
+        if len(self.area) != len(self.ids):
+            object.__setattr__(self, "area", np.full(len(self.ids), -1, np.int64))
         lengths = [np.diff(s.first) for s in self.segments]
         first = np.concatenate([[0], np.cumsum(np.concatenate(lengths))]) if lengths else np.zeros(1)
         object.__setattr__(self, "first_row", first.astype(np.int64))

@@ -5,21 +5,24 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.types import Features
+from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
 from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
 from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.places import PlaceCandidate
-from webapp.core.localize.verified import find_places
+from webapp.core.localize.verified import LocatedPlace, find_places, locate
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
-from webapp.core.retrieval.indexed import IndexedMap
+from webapp.core.retrieval.indexed import IndexedMap, candidates
+from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes
 from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize.calibration import StoredCalibration, Trial, resumed_trials
 from webapp.progress import Progress
@@ -27,11 +30,16 @@ from webapp.settings import RetrievalSettings
 from webapp.tasks.localize import orient_map
 from webapp.tasks.localize.open_map import OpenMap
 
+Hidden = Literal["photo", "place", "surroundings"]
+
 MOST_PHOTOS = 200
 
-_OFF_MAP_EVERY = 2
+_HIDDEN: tuple[Hidden, ...] = ("photo", "surroundings", "photo", "place")
+"""What is hidden with a photo that plays a query, in turn: itself, as when somebody comes by again; what
+stands as near as the next place; and all around, so that it plays a photo from elsewhere."""
+
 _OFF_MAP_WEIGHT = 0.1
-"""Every second photo plays a photo from elsewhere; ten of eleven photos are taken to be from the map."""
+"""Of a photo from elsewhere against one from the map; ten of eleven are taken to be from the map."""
 
 _SAME_PLACE = 1.05
 """Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query: what is
@@ -41,8 +49,9 @@ _ELSEWHERE, _MOST_HIDDEN = 10.0, 0.6
 """Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere: along a
 path one sees far. At most about this share of the map is hidden, the nearest photos."""
 
-_OTHER_DAY_EVERY, _LEFT_ON_OTHER_DAY = 4, 10
-"""Every fourth photo plays one of another day, when one in ten of its keypoints is found again."""
+_OTHER_DAY_EVERY, _LEFT_ON_OTHER_DAY = 2, 10
+"""Every second photo whose place is hidden plays one of another day, when one in ten of its keypoints is
+found again."""
 
 _CHANGED_SHARE = 0.1
 """A map that changed by less, in its photos and their places or its place radius, keeps its calibration."""
@@ -50,27 +59,75 @@ _CHANGED_SHARE = 0.1
 _PREFIX = 8
 """Characters of a content hash that are enough to tell whether a map has changed much."""
 
+_ALIKE = 0.5
+"""Photos of an area with more than this share of the most similar one's votes are of the same capture."""
+
 _FEWEST_RADII = 10
+
+_STRONG_INLIERS = 40
+"""Inliers from which on a photo surely shows the same as the query."""
+
+_PHOTO_SIGMAS = (0.5, 0.25, 1.0, 2.0)
+"""How far a query may be from its best photo, place radii; the first unless another is better."""
+
+_BETTER = 0.025
+"""By so much of the answers, at least."""
+
+_CONTRADICTIONS, _PER_ERROR = 2, 2
+"""A map is schematic where positions are wrong and photos right more often than this, plus so many times as
+often as the other way round."""
 _COVERAGE = 0.68
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Trial:
-    case: Case
-    sigma_px: float
-    error_px: float
+    """A photo of the map that played a query.
+
+    Attributes
+    ----------
+    evidence : (h, EVIDENCE) float64
+    places : list of PlaceCandidate
+        Their photos are left out.
+    truth : (x, y)
+    strong : bool
+        The best photo surely shows the same.
+    """
+
+    evidence: NDArray[np.float64]
+    places: list[PlaceCandidate]
+    truth: tuple[float, float]
+    hidden: Hidden
+    strong: bool
 
     def to_record(self) -> dict[str, Any]:
         """Give plain values."""
-        case = {"evidence": self.case.evidence.tolist(), "right": self.case.right.tolist()}
-        return {**case, "weight": self.case.weight, "sigma_px": self.sigma_px, "error_px": self.error_px}
+        places = [[p.kind, *p.position, p.sigma_px, *p.anchor, p.area] for p in self.places]
+        return {
+            "evidence": self.evidence.tolist(),
+            "places": places,
+            "truth": [*self.truth],
+            "hidden": self.hidden,
+            "strong": self.strong,
+        }
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> _Trial:
         """Build it from plain values."""
+        places = [
+            PlaceCandidate(kind, MapPixel(x, y), None, sigma, [], 0.0, MapPixel(ax, ay), area)
+            for kind, x, y, sigma, ax, ay, area in record["places"]
+        ]
         evidence = np.array(record["evidence"], np.float64).reshape(-1, EVIDENCE)
-        case = Case(evidence, np.array(record["right"], np.bool_), record["weight"])
-        return cls(case, record["sigma_px"], record["error_px"])
+        x, y = record["truth"]
+        return cls(evidence, places, (x, y), record["hidden"], record["strong"])
+
+    def located(self, indexed: IndexedMap, calibration: Calibration) -> list[LocatedPlace]:
+        """Locate the places as an answer does."""
+        radius = indexed.place_radius_px
+        return [
+            _on_paths(locate(p, calibration=calibration, place_radius_px=radius), indexed.paths)
+            for p in self.places
+        ]
 
 
 def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
@@ -108,6 +165,7 @@ def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's calibration may be; the last one is written."""
     verified = opened.indexed.tuning.retrieval.shortlist
     own = "" if verified == RetrievalSettings().shortlist else f"-shortlist{verified}"
+    own += f"-{opened.indexed.kind}" if opened.indexed.kind_is_given else ""
     return opened.beside(f"calibration-{opened.method}-{opened.choice.matcher}{own}.json")
 
 
@@ -154,70 +212,166 @@ def calibrate(
         if number in known:
             tried = known[number]
         else:
-            other_day = number // _OFF_MAP_EVERY % _OTHER_DAY_EVERY == _OTHER_DAY_EVERY - 1
-            trial = _try(indexed, photo, sightings, off_map=number % _OFF_MAP_EVERY == 1, other_day=other_day)
+            turn, which = divmod(number, len(_HIDDEN))
+            hidden = _HIDDEN[which]
+            other_day = hidden == "place" and turn % _OTHER_DAY_EVERY == _OTHER_DAY_EVERY - 1
+            trial = _try(indexed, photo, sightings, hidden=hidden, other_day=other_day)
             tried = None if trial is None else trial.to_record()
             keep(number, tried)
         trials += [] if tried is None else [_Trial.from_record(tried)]
         progress.advance()
-    slope, offset = fit([t.case for t in trials])
-    fitted = Calibration(slope, offset, DEFAULT.radius_scale, len(trials))
-    return _with_radius(fitted, trials)
+    return fit_trials(indexed, trials)
+
+
+def fit_trials(indexed: IndexedMap, trials: Sequence[_Trial]) -> Calibration:
+    """Fit first what a position and a photo are worth, then the probabilities of what comes of it."""
+    fitted = replace(DEFAULT, schematic=_is_schematic(indexed, trials), cases=len(trials))
+    if not fitted.schematic:
+        fitted = replace(fitted, photo_sigma=_photo_sigma(indexed, trials))
+    located = [t.located(indexed, fitted) for t in trials]
+    errors = [_errors(at, t.truth) for at, t in zip(located, trials, strict=True)]
+    cases = [_case(t, e, indexed.place_radius_px) for t, e in zip(trials, errors, strict=True)]
+    slope, offset = fit(cases)
+    scale = _radius_scale(trials, located, errors=errors, place_radius_px=indexed.place_radius_px)
+    return replace(fitted, slope=slope, offset=offset, radius_scale=scale)
+
+
+def _case(trial: _Trial, errors: NDArray[np.float64], place_radius_px: float) -> Case:
+    weight = _OFF_MAP_WEIGHT if trial.hidden == "surroundings" else 1.0
+    return Case(trial.evidence, errors <= place_radius_px, weight)
+
+
+def _errors(located: Sequence[LocatedPlace], truth: tuple[float, float]) -> NDArray[np.float64]:
+    return np.array([math.dist(one.position, truth) for one in located])
 
 
 def _try(
-    indexed: IndexedMap, photo: int, sightings: DepthObservations | None, *, off_map: bool, other_day: bool
+    indexed: IndexedMap,
+    photo: int,
+    sightings: DepthObservations | None,
+    *,
+    hidden: Hidden,
+    other_day: bool,
 ) -> _Trial | None:
     features = indexed.features(photo)
     if features is None:
         return None
     if other_day:
         features = features.subset(np.arange(photo % _LEFT_ON_OTHER_DAY, len(features), _LEFT_ON_OTHER_DAY))
-    truth = indexed.position[photo]
-    apart = np.hypot(*(indexed.position - truth).T)
-    spacing = spacing_px(indexed.position) or indexed.place_radius_px
-    within = _SAME_PLACE * spacing
-    if off_map:
-        within = min(_ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart, _MOST_HIDDEN)))
-    hidden = apart <= within
-    if hidden.all():
+    without = _hide(indexed, photo, features, hidden=hidden)
+    if without.all():
         return None  # nothing of the map is left to be looked through
     found = find_places(
         indexed,
         features,
         fov_deg=float(indexed.fov_deg[photo]),
-        hide=indexed.ids[hidden].tolist(),
-        depths=None if sightings is None else DepthsExcluding(sightings, hidden),
+        hide=indexed.ids[without].tolist(),
+        depths=None if sightings is None else DepthsExcluding(sightings, without),
     )
-    places = found.places
-    error = np.array([_error(p, truth, paths=indexed.paths) for p in places])
-    case = Case(found.evidence, error <= indexed.place_radius_px, _OFF_MAP_WEIGHT if off_map else 1.0)
-    if not places or off_map:
-        return _Trial(case, np.nan, np.nan)
-    first = int(probabilities(found.evidence, DEFAULT)[0].argmax())
-    measures = case.right[first] and places[first].kind == "position"
-    return _Trial(case, places[first].sigma_px, float(error[first]) if measures else np.nan)
+    x, y = indexed.position[photo].tolist()
+    strong = bool(found.places) and found.places[0].photos[0].inliers >= _STRONG_INLIERS
+    return _Trial(found.evidence, found.places, (x, y), hidden, strong)
 
 
-def _error(place: PlaceCandidate, truth: NDArray[np.float64], *, paths: PathPrior) -> float:
-    at = place.position
-    if place.kind == "position":
-        at, _ = apply_path_prior(at, place.sigma_px**2, paths=paths)
-    return math.dist(at, truth)
+def _hide(indexed: IndexedMap, photo: int, features: Features, *, hidden: Hidden) -> NDArray[np.bool_]:
+    """Choose the photos that are hidden with one that plays a query; (p,)."""
+    itself: NDArray[np.bool_] = np.arange(len(indexed.ids)) == photo
+    area = int(indexed.area[photo])
+    apart: NDArray[np.float64] = np.hypot(*(indexed.position - indexed.position[photo]).T)
+    if hidden == "photo":
+        return itself
+    if area >= 0:
+        there: NDArray[np.bool_] = indexed.area == area
+        return there if hidden == "surroundings" else there & _capture(indexed, itself, features)
+    if hidden == "place":
+        spacing = spacing_px(indexed.position) or indexed.place_radius_px
+        return apart <= _SAME_PLACE * spacing
+    within = min(_ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart, _MOST_HIDDEN)))
+    return apart <= within
 
 
-def _with_radius(fitted: Calibration, trials: Sequence[_Trial]) -> Calibration:
+def _capture(indexed: IndexedMap, itself: NDArray[np.bool_], features: Features) -> NDArray[np.bool_]:
+    """Find the photos that look as if they were taken with one: many share a place, and few a moment."""
+    neighbours = indexed.tuning.retrieval.neighbours + 1
+    nearest = candidates(indexed, features.descriptors, k=neighbours, hide=indexed.ids[itself].tolist())
+    votes = weighted_votes(filter_by_rotation(indexed, features, found=nearest), len(indexed.ids))
+    same: NDArray[np.bool_] = votes > _ALIKE * votes.max()
+    return itself | same
+
+
+def _on_paths(located: LocatedPlace, paths: PathPrior) -> LocatedPlace:
+    if located.kind != "position":
+        return located
+    position, _ = apply_path_prior(located.position, located.sigma_px**2, paths=paths)
+    return replace(located, position=position)
+
+
+def _first_positions(trials: Sequence[_Trial]) -> list[tuple[PlaceCandidate, _Trial]]:
+    """Take the best place of each photo that was hidden alone and surely found, where it was computed."""
+    return [
+        (t.places[0], t)
+        for t in trials
+        if t.hidden == "photo" and t.strong and t.places[0].kind == "position"
+    ]
+
+
+def _is_schematic(indexed: IndexedMap, trials: Sequence[_Trial]) -> bool:
+    """Decide whether computed positions contradict the map: wrong where the photo that matches is right."""
+    if indexed.kind_is_given:
+        return indexed.kind == "schematic"
+    radius = indexed.place_radius_px
+    wrong = [
+        (math.dist(place.position, t.truth) > radius, math.dist(place.anchor, t.truth) > radius)
+        for place, t in _first_positions(trials)
+    ]
+    contradicted = sum(position and not photo for position, photo in wrong)
+    return contradicted > _CONTRADICTIONS + _PER_ERROR * sum(
+        photo and not position for position, photo in wrong
+    )
+
+
+def _photo_sigma(indexed: IndexedMap, trials: Sequence[_Trial]) -> float:
+    """Choose how much the best photo's place says beside a computed position."""
+    chosen, least = DEFAULT.photo_sigma, math.inf
+    firsts = _first_positions(trials)
+    if len(firsts) < _FEWEST_RADII:
+        return chosen
+    radius = indexed.place_radius_px
+    for sigma in _PHOTO_SIGMAS:
+        calibration = replace(DEFAULT, photo_sigma=sigma)
+        errors = np.array(
+            [
+                math.dist(locate(p, calibration=calibration, place_radius_px=radius).position, t.truth)
+                for p, t in firsts
+            ]
+        )
+        off = float((errors > radius).mean() + (errors > radius / 2.0).mean())
+        if off < least - _BETTER:
+            chosen, least = sigma, off
+    return chosen
+
+
+def _radius_scale(
+    trials: Sequence[_Trial],
+    located: Sequence[list[LocatedPlace]],
+    *,
+    errors: Sequence[NDArray[np.float64]],
+    place_radius_px: float,
+) -> float:
     """Scale the stated spreads so that the radius held the truth in 68 % of the right answers.
 
     Never down: a map's own photos are easier than those that come later.
     """
-    spread = np.array([t.sigma_px for t in trials])
-    error = np.array([t.error_px for t in trials])
-    right = np.isfinite(error)
-    if right.sum() < _FEWEST_RADII:
-        return fitted
-    scale = float(np.quantile(error[right] / spread[right], _COVERAGE))
-    return Calibration(fitted.slope, fitted.offset, max(scale, 1.0), fitted.cases)
+    ratios = []
+    for trial, at, error in zip(trials, located, errors, strict=True):
+        if not at or trial.hidden == "surroundings":
+            continue
+        first = int(probabilities(trial.evidence, DEFAULT)[0].argmax())
+        if error[first] <= place_radius_px and at[first].kind == "position":
+            ratios.append(float(error[first]) / at[first].sigma_px)
+    if len(ratios) < _FEWEST_RADII:
+        return DEFAULT.radius_scale
+    return max(float(np.quantile(ratios, _COVERAGE)), 1.0)
 
 
 def _photos(opened: OpenMap) -> frozenset[str]:

@@ -153,6 +153,8 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
         subject.features,
         subject.map.georeference,
         subject.map.revision,
+        map_kind=subject.map_kind,
+        place_radius_px=subject.place_radius_px,
         sequence=subject.sequence,
     )
     return {
@@ -166,6 +168,7 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
         "queries": summary.queries,
         "failed": summary.failed,
         "abstained": summary.abstained,
+        "map_kind": subject.map_kind,
         "place_radius_px": subject.place_radius_px,
         "median_px": summary.median_px,
         "mean_px": summary.mean_px,
@@ -242,6 +245,7 @@ def _evaluation(
         map=localizer.map,
         map_hash=localizer.map_hash,
         place_radius_px=localizer.place_radius_px,
+        map_kind=localizer.map_kind,
         build_seconds=localizer.build_seconds,
         calibration_seconds=localizer.calibration_seconds,
         index_bytes=localizer.index_bytes,

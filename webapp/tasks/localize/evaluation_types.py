@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 from webapp.core.evaluation.rows import Row, row
 from webapp.core.evaluation.types import QueryResult, Summary
 from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.places import MapKind
 from webapp.core.mapmodel.model import Map
 
 Scheme = Literal["queries", "leave-one-out", "leave-one-place-out"]
@@ -49,6 +50,10 @@ class Localizer(Protocol):
     @property
     def place_radius_px(self) -> float:
         """How far off a right hypothesis may be, map pixels."""
+
+    @property
+    def map_kind(self) -> MapKind:
+        """What the positions of the map's photos are."""
 
     @property
     def build_seconds(self) -> float | None:
@@ -95,7 +100,8 @@ class Subject:
     ----------
     map_folder : Path
         What the paths of the map's photos are relative to.
-    method, features, map, map_hash, place_radius_px, build_seconds, calibration_seconds, index_bytes
+    method, features, map, map_hash, place_radius_px, map_kind, build_seconds, calibration_seconds,
+    index_bytes
         As `Localizer` has them.
     sequence : bool
         As `EvaluateOptions` has it.
@@ -107,6 +113,7 @@ class Subject:
     map: Map
     map_hash: str
     place_radius_px: float
+    map_kind: MapKind
     build_seconds: float | None
     calibration_seconds: float | None
     index_bytes: int

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.table import FeatureChoice, Method, choose
-from webapp.core.hypotheses.places import place_radius_px
+from webapp.core.geometry.extrinsics import MapExtrinsics
+from webapp.core.hypotheses.places import MapKind, describe_places
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.flann import Flann
@@ -56,6 +57,8 @@ class OpenOptions:
     """Horizontal field of view of map photos that do not tell theirs."""
     right_within_px: float | None = None
     """Instead of the map's own place radius."""
+    map_kind: MapKind | None = None
+    """Instead of what the positions and the relative poses of the photos show."""
     build: bool = True
     """Bring the index up to date; else the one that is there is taken as it is."""
 
@@ -98,6 +101,7 @@ class OpenMap:
     manifest: Manifest
     indexed: IndexedMap
     built: BuildReport | None
+    options: OpenOptions
 
     def beside(self, name: str) -> tuple[Path, Path]:
         """Name the files in which something that is computed from the index may be; the last is written."""
@@ -171,7 +175,18 @@ def open_index(
         extract_side_px=settings.extract.max_side_px,
     )
     choice = _as_built(choice, manifest)
-    return OpenMap(cfg, the_map, options.method, choice, folder, folders[-1].folder, manifest, indexed, built)
+    return OpenMap(
+        cfg,
+        the_map,
+        options.method,
+        choice,
+        folder,
+        folders[-1].folder,
+        manifest,
+        indexed,
+        built,
+        options,
+    )
 
 
 def within_memory(
@@ -214,6 +229,27 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
         indexed, pair_matcher=old.pair_matcher, tuning=old.tuning, extract_side_px=old.extract_side_px
     )
     return replace(opened, map=the_map, indexed=indexed, built=None)
+
+
+def with_extrinsics(opened: OpenMap, extrinsics: MapExtrinsics) -> OpenMap:
+    """Give an open map its extrinsics, and see by them what kind of map it is; areas have none."""
+    indexed, size = opened.indexed, opened.map.satellite
+    places = describe_places(
+        indexed.position,
+        trust=extrinsics.trust,
+        width=size.width,
+        height=size.height,
+        kind=opened.options.map_kind,
+    )
+    trust = np.where(places.area < 0, extrinsics.trust, 0.0)
+    indexed = replace(
+        indexed,
+        extrinsics=replace(extrinsics, trust=trust),
+        kind=places.kind,
+        area=places.area,
+        place_radius_px=opened.options.right_within_px or places.radius_px,
+    )
+    return replace(opened, indexed=indexed)
 
 
 def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
@@ -322,9 +358,8 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
     number = {c: i for i, c in reversed([*enumerate(_contents(the_map, manifest))])}
     position = np.array([e.position for e in the_map.experiences], np.float64).reshape(-1, 2)
     photo_of_entry = np.array([number.get(c, -1) for c in contents], np.int64)
-    radius = options.right_within_px or place_radius_px(
-        position, width=the_map.satellite.width, height=the_map.satellite.height
-    )
+    size = {"width": the_map.satellite.width, "height": the_map.satellite.height}
+    places = describe_places(position, trust=None, kind=options.map_kind, **size)
     return IndexedMap(
         ids=np.array([e.id for e in the_map.experiences], np.int64),
         position=position,
@@ -332,7 +367,10 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
         segments=segments,
         photo_of_entry=photo_of_entry,
         search=loaded.search,
-        place_radius_px=radius,
+        place_radius_px=options.right_within_px or places.radius_px,
+        kind=places.kind,
+        kind_is_given=options.map_kind is not None,
+        area=places.area,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
 from webapp.progress import Progress
-from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.open_map import OpenMap, with_extrinsics
 from webapp.threads import in_threads
 
 _AT_ONCE, _AT_ONCE_BY_NETWORK = 32, 4
@@ -212,7 +212,7 @@ def with_orientations(opened: OpenMap, stored: StoredOrientations | None) -> Ope
         trust=np.where(known, there.trust[row], 0.0),
         depths=there.depths.renumbered(now),
     )
-    return replace(opened, indexed=replace(indexed, extrinsics=found))
+    return with_extrinsics(opened, found)
 
 
 class _Known(NamedTuple):

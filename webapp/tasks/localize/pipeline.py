@@ -26,6 +26,7 @@ from webapp.core.features.types import Features
 from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.core.hypotheses.model import Answer, FieldOfView
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
+from webapp.core.hypotheses.places import MapKind
 from webapp.core.localize import vote
 from webapp.core.localize.verified import find_places, with_probabilities
 from webapp.core.mapmodel.model import Map
@@ -190,6 +191,13 @@ class LocalizationPipeline:
     def place_radius_px(self) -> float:
         """How far off a right hypothesis may be, map pixels."""
         return self.opened.indexed.place_radius_px
+
+    @property
+    def map_kind(self) -> MapKind:
+        """What the positions of the map's photos are."""
+        kind = self.opened.indexed.kind
+        schematic = self.calibration is not None and self.calibration.calibration.schematic
+        return "schematic" if schematic and kind == "metric" else kind
 
     @property
     def build_seconds(self) -> float | None:

@@ -129,6 +129,8 @@ def localize_uploads(
         pipeline.features,
         pipeline.map.georeference,
         ready.revision,
+        map_kind=pipeline.map_kind,
+        place_radius_px=pipeline.place_radius_px,
         sequence=request.sequence is not None,
     )
     name = ", ".join(photo.name for photo in request.photos)

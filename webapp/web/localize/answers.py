@@ -7,6 +7,7 @@ from typing import Any
 from apiflask import Schema
 from apiflask.fields import Boolean, Float, Integer, List, Nested, String
 
+from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_colour, text_on
 
 _STEPS = 100
@@ -16,7 +17,12 @@ class HypothesisOut(Schema):
     """A place where the photo may have been taken."""
 
     rank = Integer(metadata={"description": "From 1."})
-    kind = String(metadata={"enum": ["position", "photo"], "description": "`photo`: near that photo."})
+    kind = String(
+        metadata={
+            "enum": ["position", "photo", "area"],
+            "description": "`photo`: near that photo; `area`: somewhere in the area of its photos.",
+        }
+    )
     x_px = Float()
     y_px = Float()
     radius_px = Float(allow_none=True, metadata={"description": "Of 68 %, given that the place is right."})
@@ -69,6 +75,8 @@ class Located(Schema):
     statistics = Nested(StatisticsOut)
     seconds = Nested(SecondsOut)
     map_revision = Integer()
+    map_kind = String(metadata={"enum": [*MAP_KINDS], "description": "What the photos' positions are."})
+    place_radius_px = Float(metadata={"description": "A place is right when it is at most so far off."})
     sequence = Boolean(metadata={"description": "True, where the frames before this one count, too."})
 
 

@@ -1,0 +1,145 @@
+"""What speaks for a place: the votes of the photos around it, and the geometry of those that were verified.
+
+Votes count squared, so that many weak ones do not add up to a place. How much of them a place has says
+little by itself: on a small map, chance alone puts many together. So they are compared with what the best
+place would have if the same votes had been cast for photos drawn at random (a permutation test).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.retrieval.indexed import IndexedMap
+
+Array = NDArray[np.float64]
+
+_DRAWS = 16
+_SEED = 0
+_NO_SHARE = 1e-3
+"""Stands for the share of the votes where there are none."""
+
+_AGREED_SCALE, _TRUST_SCALE = 20.0, 5.0
+"""Score and trust, in photos, by which a logarithm sets in."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Voters:
+    """The photos that most votes were cast for.
+
+    Attributes
+    ----------
+    photo : (n,) int64
+        Their numbers, most votes first.
+    votes : (n,) float64
+    trust : (n,) float64
+        In the relative pose to the query, 0 to 1; 0 where it was not verified.
+    """
+
+    photo: NDArray[np.int64]
+    votes: Array
+    trust: Array
+
+    def with_votes(self) -> Voters:
+        """Leave out those without any: they were looked at for another reason."""
+        some = self.votes > 0.0
+        return Voters(self.photo[some], self.votes[some], self.trust[some])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spots:
+    """n points that may be places.
+
+    Attributes
+    ----------
+    position : (n, 2) float64
+        Map pixels.
+    area : (n,) int64
+        The number of an area, or -1.
+    """
+
+    position: Array
+    area: NDArray[np.int64]
+
+
+def photo_spots(indexed: IndexedMap, photo: NDArray[np.int64]) -> Spots:
+    """Take the places of (n,) photos."""
+    return Spots(indexed.position[photo], indexed.area[photo])
+
+
+def nearness(first: Spots, second: Spots, *, reach_px: float) -> Array:
+    """Weigh spots by their distance from others: (m, n), 0 to 1.
+
+    A Gaussian; within an area 1, between an area and anything else 0.
+    """
+    squared = ((first.position[:, None] - second.position[None]) ** 2).sum(-1)
+    same = first.area[:, None] == second.area[None]
+    inside = first.area[:, None] >= 0
+    return np.where(same, np.where(inside, 1.0, np.exp(-squared / (2.0 * reach_px**2))), 0.0)
+
+
+def support(indexed: IndexedMap, voters: Voters, at: Spots, *, reach: float) -> Array:
+    """Compute the share of the squared votes around spots: photos of one place vote together.
+
+    Parameters
+    ----------
+    reach : float
+        Standard deviation of the window, place radii.
+
+    Returns
+    -------
+    (m,) float64
+        0 to 1.
+    """
+    squared = voters.votes**2
+    if not squared.any():
+        return np.zeros(len(at.area))
+    near = nearness(at, photo_spots(indexed, voters.photo), reach_px=reach * indexed.place_radius_px)
+    share: Array = near @ squared / squared.sum()
+    return share
+
+
+def chance_support(indexed: IndexedMap, voters: Voters, *, reach: float) -> float:
+    """Compute the support of the best place when the votes fall on photos at random, the mean of draws."""
+    rng = np.random.default_rng(_SEED)
+    count, photos = len(voters.photo), len(indexed.ids)
+    best = []
+    for _ in range(_DRAWS):
+        drawn = Voters(rng.choice(photos, count, replace=photos < count), voters.votes, voters.trust)
+        best.append(support(indexed, drawn, photo_spots(indexed, drawn.photo), reach=reach).max(initial=0.0))
+    return max(float(np.mean(best)), _NO_SHARE)
+
+
+def evidence_vectors(
+    indexed: IndexedMap, voters: Voters, at: Spots, *, score: Sequence[float]
+) -> NDArray[np.float64]:
+    """Describe each place for its probability.
+
+    Parameters
+    ----------
+    at : Spots
+        The h places.
+    score : sequence of float
+        Of the pose at each, in photos that agree; 0 where there is none.
+
+    Returns
+    -------
+    (h, EVIDENCE) float64
+        Logarithms: of the score; of the support close to the place and in its surroundings, over that by
+        chance; of the verified photos around it; of the most votes of a photo over the median.
+    """
+    if not len(at.area):
+        return np.zeros((0, 5))
+    near = nearness(at, photo_spots(indexed, voters.photo), reach_px=indexed.place_radius_px)
+    trusted = np.log1p(_TRUST_SCALE * (near @ voters.trust))
+    voters = voters.with_votes()
+    columns = [np.log1p(_AGREED_SCALE * np.asarray(score, np.float64))]
+    for reach in indexed.tuning.places.support_reaches:
+        found = support(indexed, voters, at, reach=reach) + _NO_SHARE
+        columns.append(np.log(found / chance_support(indexed, voters, reach=reach)))
+    most = voters.votes[: indexed.tuning.retrieval.shortlist]
+    peak = float(np.log(most.max() / np.median(most))) if len(most) else 0.0
+    return np.column_stack([*columns, trusted, np.full(len(at.area), peak)])
