@@ -81,7 +81,7 @@ def test_every_answer_adds_up_and_is_ranked(localizer):
 def test_a_photo_from_elsewhere_is_not_on_the_map(localizer):
     answer = localizer.localize(localizer.opened.cfg.parent / "queries" / "off_map.jpg", top=5)
     assert answer.abstained
-    assert answer.off_map_probability > 2.0 * answer.hypotheses[0].probability
+    assert answer.hypotheses[0].probability < 0.3 < answer.off_map_probability
 
 
 def test_headings_point_where_the_camera_looked(localizer):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 EVIDENCE = 5
 """Numbers that describe one place: see `localize.evidence`, which computes them."""
 
-_PRIOR_WEIGHT = 3.0
+_PRIOR_WEIGHT = 1.0
 """Pull towards the default, in units of one photo, times the root of their number."""
 
 _STEPS = 60

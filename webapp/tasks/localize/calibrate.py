@@ -67,7 +67,7 @@ _FEWEST_RADII = 10
 _STRONG_INLIERS = 40
 """Inliers from which on a photo surely shows the same as the query."""
 
-_PHOTO_SIGMAS = (0.5, 0.25, 1.0, 2.0)
+_PHOTO_SIGMAS = (0.5, 0.25, 1.0, 3.0)
 """How far a query may be from its best photo, place radii; the first unless another is better."""
 
 _BETTER = 0.025
