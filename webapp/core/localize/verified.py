@@ -142,9 +142,9 @@ def find_places(
         depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
     checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=depths), listed)
     clock.append(time.perf_counter())
-    voting = [_unverified(f) for f in further]
-    places = estimate_places(indexed, checked, voting)
-    evidence = _evidence_vectors(indexed, places, checked=[*checked, *voting])
+    unverified = [_unverified(f) for f in further]
+    places = estimate_places(indexed, checked, unverified)
+    evidence = _evidence_vectors(indexed, places, checked=[*checked, *unverified])
     order = np.argsort(-(evidence @ np.array(DEFAULT.slope)), kind="stable")
     clock.append(time.perf_counter())
     first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]

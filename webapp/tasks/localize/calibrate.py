@@ -73,9 +73,10 @@ _PHOTO_SIGMAS = (0.5, 0.25, 1.0, 3.0)
 _BETTER = 0.025
 """By so much of the answers, at least."""
 
-_CONTRADICTIONS, _PER_ERROR = 2, 2
-"""A map is schematic where positions are wrong and photos right more often than this, plus so many times as
-often as the other way round."""
+_OFF, _CONTRADICTED, _PER_ERROR = 0.525, 0.1, 2
+"""A map is schematic where computed positions are off by more than this, place radii, and photos are not, for
+more than this share of the photos, and so many times as often as the other way round. On a path the nearest
+photo left stands half a place radius away."""
 _COVERAGE = 0.68
 
 
@@ -307,27 +308,22 @@ def _on_paths(located: LocatedPlace, paths: PathPrior) -> LocatedPlace:
 
 
 def _first_positions(trials: Sequence[_Trial]) -> list[tuple[PlaceCandidate, _Trial]]:
-    """Take the best place of each photo that was hidden alone and surely found, where it was computed."""
-    return [
-        (t.places[0], t)
-        for t in trials
-        if t.hidden == "photo" and t.strong and t.places[0].kind == "position"
-    ]
+    """Take the best computed place of each photo that was hidden alone and surely found."""
+    computed = [(next((p for p in t.places if p.kind == "position"), None), t) for t in trials]
+    return [(p, t) for p, t in computed if p is not None and t.hidden == "photo" and t.strong]
 
 
 def _is_schematic(indexed: IndexedMap, trials: Sequence[_Trial]) -> bool:
     """Decide whether computed positions contradict the map: wrong where the photo that matches is right."""
     if indexed.kind_is_given:
         return indexed.kind == "schematic"
-    radius = indexed.place_radius_px
-    wrong = [
-        (math.dist(place.position, t.truth) > radius, math.dist(place.anchor, t.truth) > radius)
-        for place, t in _first_positions(trials)
-    ]
-    contradicted = sum(position and not photo for position, photo in wrong)
-    return contradicted > _CONTRADICTIONS + _PER_ERROR * sum(
-        photo and not position for position, photo in wrong
-    )
+    limit = _OFF * indexed.place_radius_px
+    firsts = _first_positions(trials)
+    off = [(math.dist(p.position, t.truth) > limit, math.dist(p.anchor, t.truth) > limit) for p, t in firsts]
+    contradicted = sum(position and not photo for position, photo in off)
+    corrected = sum(photo and not position for position, photo in off)
+    enough = len(firsts) >= _FEWEST_RADII
+    return enough and contradicted > _CONTRADICTED * len(firsts) + _PER_ERROR * corrected
 
 
 def _photo_sigma(indexed: IndexedMap, trials: Sequence[_Trial]) -> float:

@@ -1,0 +1,136 @@
+"""Measures the methods on many maps of different kinds, and prints one table.
+
+    python -m benchmarks.battery FOLDER [--methods vote,verified] [--features SIFT,XFEAT] [--limit N]
+        [--index FOLDER] [--foreign FOLDER] [--baseline PROGRAM.py] [--within NAME=PX ...] [--json OUT]
+
+FOLDER holds maps, each a folder with `map.cfg` and `queries.csv`; `benchmarks.derived_maps` makes more.
+Columns, for each map, features and method:
+
+- kind, radius: what kind of map the program takes it for, and its place radius, map pixels;
+- right: share of the queries whose first hypothesis is within the place radius, or within what --within
+  says of the map; the same for every method; "- vote": that of `vote` with these features taken off;
+- median px; ECE; "in radius" (68 % is wanted); answered at 99 %; refused: "not on this map";
+- foreign: share of the --foreign photos that got a place with a probability of at least 0.5;
+- ms: median seconds of a query; MB: peak of the process; build s, calibrate s.
+
+--baseline is another program, called and printing as in `benchmarks.side_by_side`. An index in the --index
+folder is used again, so that a second run measures queries only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.figures import plain, ratio, strangers, table
+from benchmarks.processes import ProgramFailed, run
+from benchmarks.side_by_side import MISSING_PART, SOME_FAILED, photos_in
+
+COLUMNS = {
+    "kind": lambda row: row.get("map_kind") or "-",
+    "radius": plain("place_radius_px", 0),
+    "right": plain("right"),
+    "- vote": plain("over_vote"),
+    "median px": plain("median_px", 1),
+    "ECE": plain("ece"),
+    "in radius": plain("radius_coverage", 2),
+    "at 99 %": plain("answered_at_99_precision", 2),
+    "refused": plain("refused", 2),
+    "foreign": plain("foreign_share"),
+    "ms": plain("seconds_per_query_p50", 0, times=1e3),
+    "MB": plain("peak_rss_mb", 0),
+    "build s": plain("build_seconds", 0),
+    "calibrate s": plain("calibration_seconds", 0),
+}
+
+
+def main() -> None:
+    """Run everything and print the table."""
+    arguments = _arguments()
+    within = dict(pair.split("=", 1) for pair in arguments.within)
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as scratch:
+        index = arguments.index or Path(scratch)
+        for cfg in sorted(arguments.folder.glob("*/map.cfg")):
+            if cfg.with_name("queries.csv").exists():
+                right_px = float(within[cfg.parent.name]) if cfg.parent.name in within else None
+                rows += _measure(cfg, arguments, index=index / cfg.parent.name, right_px=right_px)
+    print(table("battery", COLUMNS, rows))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    add = parser.add_argument
+    add("folder", type=Path, help="holds the maps")
+    add("--methods", default="vote,verified", help="names, with commas")
+    add("--features", default="SIFT,XFEAT", help="names, with commas")
+    add("--limit", type=int, default=0, help="queries a map, evenly spread; 0 for all")
+    add("--index", type=Path, help="folder for the indexes, to be used again")
+    add("--foreign", type=Path, help="folder of photos from elsewhere")
+    add("--baseline", type=Path, help="the other program")
+    add("--within", action="append", default=[], metavar="NAME=PX", help="what is right on a map; repeatable")
+    add("--json", type=Path, help="write all figures there")
+    return parser.parse_args()
+
+
+def _measure(
+    cfg: Path, arguments: argparse.Namespace, *, index: Path, right_px: float | None
+) -> list[dict[str, Any]]:
+    """Measure all features and methods on one map; its own place radius says what is right, unless given."""
+    rows: list[dict[str, Any]] = []
+    limited = ["--limit", str(arguments.limit)] if arguments.limit else []
+    if arguments.baseline:
+        call = [
+            sys.executable,
+            str(arguments.baseline),
+            str(cfg),
+            str(cfg.with_name("queries.csv")),
+            *limited,
+        ]
+        printed = run(call).printed
+        rows.append({**printed, "name": f"{cfg.parent.name} baseline"})
+    for features in arguments.features.split(","):
+        try:
+            found = [
+                _evaluate(cfg, asked, options=[*limited, "--index", str(index)], foreign=arguments.foreign)
+                for asked in (["--features", features, "--method", m] for m in arguments.methods.split(","))
+            ]
+        except ProgramFailed as error:
+            if error.code != MISSING_PART:
+                raise
+            print(f"{features} is not measured: {error.messages.strip()}", file=sys.stderr)
+            continue
+        # `vote` knows no relative poses, by which the kind of a map is told: all are judged by one radius.
+        radius = right_px or found[-1]["place_radius_px"]
+        for row in found:
+            errors = [query["error_px"] for query in row.pop("per_query")]
+            row["right"] = sum(e is not None and e <= radius for e in errors) / len(errors)
+            row["refused"] = ratio(row["abstained"], row["queries"])
+        votes = next((row["right"] for row in found if row["method"] == "vote"), None)
+        for row in found:
+            row["over_vote"] = None if votes is None else row["right"] - votes
+        rows += found
+    return rows
+
+
+def _evaluate(cfg: Path, asked: list[str], *, options: list[str], foreign: Path | None) -> dict[str, Any]:
+    program = [sys.executable, "-m", "webapp.app.main"]
+    asked = [*asked, "--json"]
+    queries = str(cfg.with_name("queries.csv"))
+    figures: dict[str, Any] = run([*program, "evaluate", str(cfg), queries, *options, *asked]).printed
+    figures["name"] = f"{cfg.parent.name} {figures['method']} {figures['features']}"
+    if foreign is not None:
+        photos = [str(path) for path in photos_in(foreign) if cfg.parent not in path.parents]
+        localize = [*program, "localize", str(cfg), *photos, *options[-2:], *asked]
+        figures |= strangers(run(localize, accepted=(0, SOME_FAILED)).printed)
+    return figures
+
+
+if __name__ == "__main__":
+    main()

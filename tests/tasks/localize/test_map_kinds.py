@@ -1,0 +1,113 @@
+"""Maps of several kinds, derived from the sample map: areas, a plan not to scale, both kinds in one map."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks import derived_maps
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
+
+
+def quadrants(table):
+    """Gather the photos into four areas; queries come to the nearest."""
+    middle = np.array(table.size) / 2.0
+
+    def gathered(at):
+        return np.round(middle + np.sign(at - middle) * middle / 2.0)
+
+    return replace(table, position=gathered(table.position), truth=gathered(table.truth))
+
+
+def half_gathered(table):
+    """Gather the photos of the left half into two areas; the others stay."""
+    areas = quadrants(table)
+    left = table.position[:, :1] < table.size[0] / 2.0
+    queries = table.truth[:, :1] < table.size[0] / 2.0
+    return replace(
+        table,
+        position=np.where(left, areas.position, table.position),
+        truth=np.where(queries, areas.truth, table.truth),
+    )
+
+
+DERIVED = {"areas": quadrants, "snake": derived_maps.snake, "mixed": half_gathered, "as it is": lambda t: t}
+
+
+@pytest.fixture(scope="module")
+def opened(sample_folder, tmp_path_factory):
+    """Open a derived map by a method, each once."""
+    made = {}
+
+    def get(kind, method):
+        if (kind, method) not in made:
+            folder = tmp_path_factory.mktemp("kinds") / "map"
+            table = DERIVED[kind](derived_maps.read(sample_folder))
+            derived_maps.write(table, folder)
+            pipeline = open_pipeline(
+                folder / "map.cfg",
+                OpenOptions(method=method, jobs=1),
+                settings=Settings(),
+                progress=Progress(),
+            )
+            made[kind, method] = pipeline, [*zip(derived_maps.read(folder).queries, table.truth, strict=True)]
+        return made[kind, method]
+
+    return get
+
+
+def errors(pipeline, queries):
+    first = [pipeline.localize(path, top=5).hypotheses[:1] for path, _ in queries]
+    return [
+        math.dist(h[0].position, truth) if h else math.inf
+        for h, (_, truth) in zip(first, queries, strict=True)
+    ]
+
+
+def test_an_area_is_answered_as_a_whole(opened):
+    pipeline, queries = opened("areas", "verified")
+    assert pipeline.map_kind == "areas"
+    there = {tuple(p) for p in pipeline.opened.indexed.position.tolist()}
+    for path, _ in queries:
+        for hypothesis in pipeline.localize(path, top=5).hypotheses:
+            assert hypothesis.kind == "area"
+            assert tuple(hypothesis.position) in there
+            assert hypothesis.heading_deg is None and hypothesis.radius_px is None
+            area = {e.position for e in pipeline.map.experiences if e.id in hypothesis.experiences}
+            assert len(area) == 1
+
+
+def test_areas_never_overlap(opened):
+    pipeline, _ = opened("areas", "verified")
+    distinct = np.unique(pipeline.opened.indexed.position, axis=0)
+    apart = min(math.dist(a, b) for i, a in enumerate(distinct) for b in distinct[:i])
+    assert 2.0 * pipeline.place_radius_px < apart
+
+
+def test_a_mixed_map_answers_each_part_as_it_is(opened):
+    pipeline, queries = opened("mixed", "verified")
+    assert pipeline.map_kind == "mixed"
+    kinds = {pipeline.localize(path, top=1).hypotheses[0].kind for path, _ in queries}
+    assert "area" in kinds and kinds & {"position", "photo"}
+
+
+@pytest.mark.parametrize("kind", DERIVED)
+def test_geometry_only_helps(opened, kind):
+    verified, queries = opened(kind, "verified")
+    vote, same = opened(kind, "vote")
+    right = sum(e <= verified.place_radius_px for e in errors(verified, queries))
+    by_votes = sum(e <= verified.place_radius_px for e in errors(vote, same))
+    assert right >= by_votes - 1, (right, by_votes)
+
+
+def test_what_the_user_says_counts(sample_folder, opened, tmp_path):
+    derived_maps.write(quadrants(derived_maps.read(sample_folder)), tmp_path / "map")
+    options = OpenOptions(jobs=1, map_kind="schematic")
+    pipeline = open_pipeline(tmp_path / "map" / "map.cfg", options, settings=Settings(), progress=Progress())
+    assert pipeline.map_kind == "schematic"
+    query = derived_maps.read(tmp_path / "map").queries[0]
+    assert {h.kind for h in pipeline.localize(query, top=5).hypotheses} == {"photo"}
