@@ -14,6 +14,12 @@ test("in the exact placement each hypothesis has its own position, the most prob
   assert.equal(places[0].radius, 5);
 });
 
+test("an area lights up as a whole: its radius is that of a place", () => {
+  const area = hypothesis(1, 0.6, { kind: "area", radius_px: null });
+  assert.equal(placesOf({ hypotheses: [area], place_radius_px: 120 }, exact)[0].radius, 120);
+  assert.equal(placesOf({ hypotheses: [{ ...area, kind: "photo" }], place_radius_px: 120 }, exact)[0].radius, null);
+});
+
 test("in another placement, hypotheses of one position are one, and their probabilities add up", () => {
   const places = placesOf({ hypotheses: [hypothesis(1, 0.3), hypothesis(2, 0.25), hypothesis(3, 0.4)] }, rooms);
   assert.deepEqual(places.map(({ ranks }) => ranks), [[3], [1, 2]]);

@@ -203,9 +203,6 @@ def show_file_as(name: str, path: Path | None = None) -> Iterator[None]:
         raise
 
 
-told_as = show_file_as  # for `tasks/localize`, until it uses the new name
-
-
 @contextmanager
 def _on_disk(path: Path) -> Iterator[None]:
     try:

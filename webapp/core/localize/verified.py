@@ -1,4 +1,4 @@
-"""Methods `verified` and `thorough`: votes of all photos, geometry for a shortlist, position from bearings.
+"""Methods `verified` and `thorough`: votes of all photos, geometry for a shortlist, position by all matches.
 
 1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos.
 2. Verify: the photos with most votes are checked by the relative pose of the two cameras; `thorough` has

@@ -15,7 +15,7 @@ from threading import Lock
 from webapp.core.features.table import METHODS, Method, choose
 from webapp.core.mapmodel.model import Map
 from webapp.errors import MapError, NotFound, NotReady, UsageError
-from webapp.files.part_file import told_as
+from webapp.files.part_file import show_file_as
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -158,7 +158,7 @@ class MapCache:
         if the_map is None:
             raise MapError("the map has no satellite image yet", hint="add one, and place photos on it")
         opened = there.pipeline.opened if there is not None and same_index else None
-        with told_as(cfg.parent.name, cfg):
+        with show_file_as(cfg.parent.name, cfg):
             return self._open(slot, cfg, the_map, options=options, opened=opened)
 
     def _open(

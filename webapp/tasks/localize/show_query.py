@@ -7,7 +7,7 @@ from pathlib import Path
 
 from webapp.errors import NotFound
 from webapp.files.atomic import write_bytes
-from webapp.files.part_file import discard, told_as
+from webapp.files.part_file import discard, show_file_as
 from webapp.files.photos.preview import SIDES, Kind, make_previews
 from webapp.settings import Settings
 from webapp.store import queries
@@ -42,7 +42,7 @@ def preview(library: Library, query: QueryRecord, *, kind: Kind, settings: Setti
     path = _preview_path(library, query, kind)
     if not path.exists():
         source = original(library, query)
-        with told_as(query.name, source):
+        with show_file_as(query.name, source):
             made = make_previews(source, limits=settings.photo)
         for other, data in made.items():
             write_bytes(_preview_path(library, query, other), data)

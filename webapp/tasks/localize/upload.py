@@ -13,7 +13,7 @@ from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
 from webapp.errors import NotFound, UsageError
-from webapp.files.part_file import move_in, told_as
+from webapp.files.part_file import move_in, show_file_as
 from webapp.files.photos.photo import read_facts
 from webapp.settings import Settings
 from webapp.store import queries
@@ -112,7 +112,7 @@ def localize_uploads(
     if not 1 <= len(request.photos) <= MAX_PHOTOS:
         raise UsageError(f"{len(request.photos)} photos", where="file", hint=f"send 1 to {MAX_PHOTOS}")
     for photo in request.photos:
-        with told_as(photo.name, photo.path):
+        with show_file_as(photo.name, photo.path):
             read_facts(photo.path, limits=settings.photo)
     ready = map_cache.get(map_id, request.choice)
     pipeline = replace(ready.pipeline, fov_deg=request.fov_deg)
@@ -195,7 +195,7 @@ def store_result(
 
 
 def _observe(pipeline: LocalizationPipeline, photo: UploadedPhoto, hints: Hints) -> Answer:
-    with told_as(photo.name, photo.path):
+    with show_file_as(photo.name, photo.path):
         return spot.observe(pipeline, photo.path, hints=hints)
 
 

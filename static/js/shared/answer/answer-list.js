@@ -67,14 +67,18 @@ function entry(hypothesis, choose) {
   return h("li", { "data-testid": "hypothesis", dataset: data }, button);
 }
 
-function whatIs({ rank, radius_m, radius_px }) {
-  const place = t("Place {n}", { n: rank });
+function whatIs({ kind, rank, radius_m, radius_px }) {
+  const place = kind === "area" ? t("Area {n}", { n: rank }) : t("Place {n}", { n: rank });
   return radius_px === null ? place : `${place} ± ${lengthText(radius_m, radius_px)}`;
 }
 
 function details({ kind, experiences, heading_deg, inliers, matches }) {
-  const from = tn("computed from {n} photo", "computed from {n} photos", experiences.length);
-  const parts = [kind === "position" ? from : t("near one photo")];
+  const what = {
+    position: () => tn("computed from {n} photo", "computed from {n} photos", experiences.length),
+    area: () => tn("like {n} photo of the area", "like {n} photos of the area", experiences.length),
+    photo: () => t("near one photo"),
+  };
+  const parts = [(what[kind] || what.photo)()];
   parts.push(inliers === null ? tn("{n} match", "{n} matches", matches) : tn("{n} inlier", "{n} inliers", inliers));
   if (heading_deg !== null) parts.push(t("facing {heading}", { heading: headingText(heading_deg) }));
   return parts.join(" · ");

@@ -28,13 +28,18 @@ export function placesOf(answer, store) {
         position,
         probability: hypothesis.probability,
         ranks: [hypothesis.rank],
-        radius: exact ? hypothesis.radius_px : null,
+        radius: exact ? reach(hypothesis, answer) : null,
         heading: hypothesis.heading_deg,
         experiences: [...hypothesis.experiences],
       });
     }
   }
   return [...spots.values()].sort((a, b) => a.probability - b.probability);
+}
+
+/** An area lights up as a whole: it has no radius of its own. */
+function reach({ kind, radius_px }, { place_radius_px }) {
+  return kind === "area" ? place_radius_px ?? null : radius_px;
 }
 
 function elsewhere({ experiences }, store) {

@@ -3,7 +3,7 @@
  * the map means. Fires an event named after what changed: `query`, `answer`, `chosen`, `mode`, `hint`, `spot`, `busy`.
  */
 
-/** @typedef {{rank: number, x_px: number, y_px: number, radius_px: ?number, heading_deg: ?number,
+/** @typedef {{rank: number, kind: "position"|"photo"|"area", x_px: number, y_px: number, radius_px: ?number, heading_deg: ?number,
  *   probability: number, experiences: number[]}} Hypothesis */
 
 /** Whether an answer says "not on this map". */
