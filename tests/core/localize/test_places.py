@@ -51,7 +51,7 @@ def test_photos_of_one_place_vote_together():
     assert [p.kind for p in places] == ["photo", "photo"]
     assert [p.position.x >= 500 for p in places] == [True, False]
     assert best_first(indexed, places, checked) == [0, 1]
-    shares = support(indexed, voters_of(checked), photo_spots(indexed, np.array([1, 0])), reach=2.0)
+    shares = support(indexed, voters_of(checked), at=photo_spots(indexed, np.array([1, 0])), reach=2.0)
     assert shares == pytest.approx([27 / 43, 16 / 43], abs=0.02)
 
 
@@ -101,13 +101,13 @@ def test_votes_are_compared_with_what_chance_gives():
     together = the_map(*positions[:36], (5000, 0), (5001, 0), (5002, 0), (5003, 0))
     voters = voters_of([voted(n, 3.0) for n in (36, 37, 38, 39, 3, 12, 20, 28)])
     at = photo_spots(together, np.array([37, 12]))
-    there, elsewhere = evidence_vectors(together, voters, at, score=[0.0, 0.0])
+    there, elsewhere = evidence_vectors(together, voters, at=at, score=[0.0, 0.0])
     assert there[2] > np.log(2.0) > 0.0 > elsewhere[2]
 
 
 def vectors(indexed, places, checked):
     spots = Spots(np.array([p.position for p in places]), np.array([p.area for p in places]))
-    return evidence_vectors(indexed, voters_of(checked), spots, score=[p.score for p in places])
+    return evidence_vectors(indexed, voters_of(checked), at=spots, score=[p.score for p in places])
 
 
 def best_first(indexed, places, checked):

@@ -81,7 +81,7 @@ def nearness(first: Spots, second: Spots, *, reach_px: float) -> Array:
     return np.where(same, np.where(inside, 1.0, np.exp(-squared / (2.0 * reach_px**2))), 0.0)
 
 
-def support(indexed: IndexedMap, voters: Voters, at: Spots, *, reach: float) -> Array:
+def support(indexed: IndexedMap, voters: Voters, *, at: Spots, reach: float) -> Array:
     """Compute the share of the squared votes around spots: photos of one place vote together.
 
     Parameters
@@ -109,12 +109,14 @@ def chance_support(indexed: IndexedMap, voters: Voters, *, reach: float) -> floa
     best = []
     for _ in range(_DRAWS):
         drawn = Voters(rng.choice(photos, count, replace=photos < count), voters.votes, voters.trust)
-        best.append(support(indexed, drawn, photo_spots(indexed, drawn.photo), reach=reach).max(initial=0.0))
+        best.append(
+            support(indexed, drawn, at=photo_spots(indexed, drawn.photo), reach=reach).max(initial=0.0)
+        )
     return max(float(np.mean(best)), _NO_SHARE)
 
 
 def evidence_vectors(
-    indexed: IndexedMap, voters: Voters, at: Spots, *, score: Sequence[float]
+    indexed: IndexedMap, voters: Voters, *, at: Spots, score: Sequence[float]
 ) -> NDArray[np.float64]:
     """Describe each place for its probability.
 
@@ -138,7 +140,7 @@ def evidence_vectors(
     voters = voters.with_votes()
     columns = [np.log1p(_AGREED_SCALE * np.asarray(score, np.float64))]
     for reach in indexed.tuning.places.support_reaches:
-        found = support(indexed, voters, at, reach=reach) + _NO_SHARE
+        found = support(indexed, voters, at=at, reach=reach) + _NO_SHARE
         columns.append(np.log(found / chance_support(indexed, voters, reach=reach)))
     most = voters.votes[: indexed.tuning.retrieval.shortlist]
     peak = float(np.log(most.max() / np.median(most))) if len(most) else 0.0

@@ -89,7 +89,7 @@ class PlaceCandidate:
 
 
 def estimate_places(
-    indexed: IndexedMap, checked: list[VerifiedPhoto], further: Sequence[VerifiedPhoto] = ()
+    indexed: IndexedMap, checked: list[VerifiedPhoto], *, further: Sequence[VerifiedPhoto] = ()
 ) -> list[PlaceCandidate]:
     """Cluster the photos of the shortlist into candidate places.
 
@@ -137,7 +137,7 @@ def _by_votes(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[int]:
         return []
     voters = voters_of(checked)
     at = photo_spots(indexed, np.array([v.matched.photo for v in checked], np.int64))
-    found = [support(indexed, voters, at, reach=r) for r in indexed.tuning.places.support_reaches]
+    found = [support(indexed, voters, at=at, reach=r) for r in indexed.tuning.places.support_reaches]
     merit = sum(f / max(f.max(), np.finfo(float).tiny) for f in found)
     return [int(n) for n in np.argsort(-np.asarray(merit), kind="stable")]
 

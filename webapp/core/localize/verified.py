@@ -143,7 +143,7 @@ def find_places(
     checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=depths), listed)
     clock.append(time.perf_counter())
     unverified = [_unverified(f) for f in further]
-    places = estimate_places(indexed, checked, unverified)
+    places = estimate_places(indexed, checked, further=unverified)
     evidence = _evidence_vectors(indexed, places, checked=[*checked, *unverified])
     order = np.argsort(-(evidence @ np.array(DEFAULT.slope)), kind="stable")
     clock.append(time.perf_counter())
@@ -247,7 +247,7 @@ def _evidence_vectors(
         np.array([p.position for p in places], np.float64).reshape(-1, 2),
         np.array([p.area for p in places], np.int64),
     )
-    return evidence_vectors(indexed, voters_of(checked), at, score=[p.score for p in places])
+    return evidence_vectors(indexed, voters_of(checked), at=at, score=[p.score for p in places])
 
 
 def _hypothesis(

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.table import FeatureChoice, Method, choose
-from webapp.core.geometry.extrinsics import MapExtrinsics
 from webapp.core.hypotheses.places import MapKind, describe_places
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.retrieval.engines.bruteforce import BruteForce
@@ -229,27 +228,6 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
         indexed, pair_matcher=old.pair_matcher, tuning=old.tuning, extract_side_px=old.extract_side_px
     )
     return replace(opened, map=the_map, indexed=indexed, built=None)
-
-
-def with_extrinsics(opened: OpenMap, extrinsics: MapExtrinsics) -> OpenMap:
-    """Give an open map its extrinsics, and see by them what kind of map it is; areas have none."""
-    indexed, size = opened.indexed, opened.map.satellite
-    places = describe_places(
-        indexed.position,
-        trust=extrinsics.trust,
-        width=size.width,
-        height=size.height,
-        kind=opened.options.map_kind,
-    )
-    trust = np.where(places.area < 0, extrinsics.trust, 0.0)
-    indexed = replace(
-        indexed,
-        extrinsics=replace(extrinsics, trust=trust),
-        kind=places.kind,
-        area=places.area,
-        place_radius_px=opened.options.right_within_px or places.radius_px,
-    )
-    return replace(opened, indexed=indexed)
 
 
 def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import PAIR_MATCHERS
 from webapp.core.geometry.extrinsics import MapExtrinsics
+from webapp.core.hypotheses.places import describe_places
 from webapp.core.reconstruction.depths import DepthObservations, triangulate_depths
 from webapp.core.reconstruction.orientation import estimate_extrinsics
 from webapp.core.reconstruction.pairs import PhotoPairs, best_of_each_pair, concatenate, match_photo
@@ -21,7 +22,7 @@ from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
 from webapp.progress import Progress
-from webapp.tasks.localize.open_map import OpenMap, with_extrinsics
+from webapp.tasks.localize.open_map import OpenMap
 from webapp.threads import in_threads
 
 _AT_ONCE, _AT_ONCE_BY_NETWORK = 32, 4
@@ -212,7 +213,28 @@ def with_orientations(opened: OpenMap, stored: StoredOrientations | None) -> Ope
         trust=np.where(known, there.trust[row], 0.0),
         depths=there.depths.renumbered(now),
     )
-    return with_extrinsics(opened, found)
+    return _with_extrinsics(opened, found)
+
+
+def _with_extrinsics(opened: OpenMap, extrinsics: MapExtrinsics) -> OpenMap:
+    """Give an open map its extrinsics, and see by them what kind of map it is; areas have none."""
+    indexed, size = opened.indexed, opened.map.satellite
+    places = describe_places(
+        indexed.position,
+        trust=extrinsics.trust,
+        width=size.width,
+        height=size.height,
+        kind=opened.options.map_kind,
+    )
+    trust = np.where(places.area < 0, extrinsics.trust, 0.0)
+    indexed = replace(
+        indexed,
+        extrinsics=replace(extrinsics, trust=trust),
+        kind=places.kind,
+        area=places.area,
+        place_radius_px=opened.options.right_within_px or places.radius_px,
+    )
+    return replace(opened, indexed=indexed)
 
 
 class _Known(NamedTuple):
