@@ -39,7 +39,7 @@ _BESIDE = Path()
 def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
     """Check a map file, and say how to fix it.
 
-    Looks at the .cfg, the map.json and placements beside it, the satellite image and every photo.
+    Looks at the .cfg, the map.json and placements next to it, the satellite image and every photo.
     Exit code 3 when the map has errors; warnings alone leave it usable.
     """
     report = check_map.check_map(cfg, settings=load_settings(), progress=Progress())

@@ -36,7 +36,7 @@ def run(
     Raises
     ------
     UsageError
-        There is no such format, or the map lacks what it needs.
+        The format is unknown, or the map lacks what it needs.
     """
     progress = progress or Progress()
     if form == "zip":

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.hypotheses.calibration import EVIDENCE
 from webapp.core.retrieval.indexed import IndexedMap
 
 Array = NDArray[np.float64]
@@ -134,7 +135,7 @@ def evidence_vectors(
         chance; of the verified photos around it; of the most votes of a photo over the median.
     """
     if not len(at.area):
-        return np.zeros((0, 5))
+        return np.zeros((0, EVIDENCE))
     near = nearness(at, photo_spots(indexed, voters.photo), reach_px=indexed.place_radius_px)
     trusted = np.log1p(_TRUST_SCALE * (near @ voters.trust))
     voters = voters.with_votes()

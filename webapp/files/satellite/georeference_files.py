@@ -38,7 +38,7 @@ _CENTRE_FROM_CORNER = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1
 """World files count from the centre of the first pixel, maps from its outer corner."""
 
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF"}
-"""Only the file itself is read: nothing beside it, nothing from the network."""
+"""Only the file itself is read: no side file, nothing from the network."""
 
 
 def read_corners(path: Path) -> Corners:
@@ -134,7 +134,7 @@ def find_worldfile(image: Path) -> Path:
         if name.lower() in siblings:
             return siblings[name.lower()]
     raise GeoreferenceError(
-        "the image has no world file beside it",
+        "the image has no world file next to it",
         where=str(image),
         hint=f"add {names[0]}, or name the world file",
     )
@@ -148,7 +148,7 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
     width, height : int
         Of the image, pixels.
     crs : str, optional
-        Coordinate system of the numbers. Default: the one of the `.prj` beside it, else EPSG:4326 (degrees
+        Coordinate system of the numbers. Default: the one of the `.prj` next to it, else EPSG:4326 (degrees
         of longitude and latitude), if the numbers can be that.
 
     Returns

@@ -60,9 +60,9 @@ def export_mission_file(
     Raises
     ------
     UsageError
-        There is no such format, or the mission is too large for it.
+        The format is unknown, or the mission is too large for it.
     NotFound
-        There is no such mission.
+        The mission does not exist.
     """
     if form not in FORMATS:
         raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
@@ -79,7 +79,7 @@ def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Do
     Raises
     ------
     NotFound
-        There is no such mission.
+        The mission does not exist.
     UsageError
         It has too many objects for one page.
     """

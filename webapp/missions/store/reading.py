@@ -47,7 +47,7 @@ def read(database: Database, mission_id: int, *, most: int | None = None) -> Mis
     Raises
     ------
     NotFound
-        There is no such mission.
+        The mission does not exist.
     """
     with database.read() as session:
         mission = session.get(Mission, mission_id)

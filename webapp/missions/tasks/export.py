@@ -67,9 +67,9 @@ def export_mission(
     Raises
     ------
     UsageError
-        There is no such format.
+        The format is unknown.
     NotFound
-        There is no such mission.
+        The mission does not exist.
     """
     if form not in FORMATS:
         raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")

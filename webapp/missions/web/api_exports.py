@@ -145,7 +145,7 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool 
     Raises
     ------
     NotFound
-        There is no such format.
+        The format is unknown.
     TooMany
     """
     if ending not in FORMATS:
