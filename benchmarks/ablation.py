@@ -5,7 +5,7 @@
 
 Fields are those of `webapp/core/tuning.py`; `--vary` can be repeated, each field on its own. Prints a table:
 share of all queries whose most probable place is so near, and median error of those with a place, map pixels.
-The first row is the default. Fields of `extrinsics` are estimated anew from the stored pairs, which do not
+The first row is the default. Fields of `extrinsics` are estimated again from the stored pairs, which do not
 change; `retrieval.pair_...` needs a new index. Probabilities use the calibration of the default.
 """
 
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def tuned(localizer: LocalizationPipeline, tuning: Tuning, *, map_fov: float | None) -> LocalizationPipeline:
-    """Give a localizer other numbers; the map's extrinsics are estimated anew where theirs change."""
+    """Give a localizer other numbers; the map's extrinsics are estimated again where theirs change."""
     opened = localizer.opened
     indexed = replace(opened.indexed, tuning=tuning)
     if tuning.extrinsics != opened.indexed.tuning.extrinsics:

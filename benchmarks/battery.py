@@ -1,6 +1,6 @@
 """Measures the methods on many maps of different kinds, and prints one table.
 
-    python -m benchmarks.battery FOLDER [--methods vote,verified] [--features SIFT,XFEAT] [--limit N]
+    python -m benchmarks.battery FOLDER [--methods vote,verified,auto] [--features SIFT,XFEAT] [--limit N]
         [--index FOLDER] [--foreign FOLDER] [--baseline PROGRAM.py] [--within NAME=PX ...] [--json OUT]
 
 FOLDER holds maps, each a folder with `map.cfg` and `queries.csv`; `benchmarks.derived_maps` makes more.
@@ -8,7 +8,8 @@ Columns, for each map, features and method:
 
 - kind, radius: what kind of map the program takes it for, and its place radius, map pixels;
 - right: share of the queries whose first hypothesis is within the place radius, or within what --within
-  says of the map; the same for every method; "- vote": that of `vote` with these features taken off;
+  says of the map; the same for every method; "- vote": that of `vote` with these features taken off, for
+  `auto`, which chooses features itself, that of the better one;
 - median px; ECE; "in radius" (68 % is wanted); answered at 99 %; refused: "not on this map";
 - foreign: share of the --foreign photos that got a place with a probability of at least 0.5;
 - ms: median seconds of a query; MB: peak of the process; build s, calibrate s.
@@ -29,6 +30,8 @@ from typing import Any
 from benchmarks.figures import plain, ratio, strangers, table
 from benchmarks.processes import ProgramFailed, run
 from benchmarks.side_by_side import MISSING_PART, SOME_FAILED, photos_in
+
+AUTO = "auto"
 
 COLUMNS = {
     "kind": lambda row: row.get("map_kind") or "-",
@@ -68,7 +71,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     add = parser.add_argument
     add("folder", type=Path, help="holds the maps")
-    add("--methods", default="vote,verified", help="names, with commas")
+    add("--methods", default="vote,verified,auto", help="names, with commas")
     add("--features", default="SIFT,XFEAT", help="names, with commas")
     add("--limit", type=int, default=0, help="queries a map, evenly spread; 0 for all")
     add("--index", type=Path, help="folder for the indexes, to be used again")
@@ -95,39 +98,42 @@ def _measure(
         ]
         printed = run(call).printed
         rows.append({**printed, "name": f"{cfg.parent.name} baseline"})
-    for features in arguments.features.split(","):
-        try:
-            found = [
-                _evaluate(cfg, asked, options=[*limited, "--index", str(index)], foreign=arguments.foreign)
-                for asked in (["--features", features, "--method", m] for m in arguments.methods.split(","))
-            ]
-        except ProgramFailed as error:
-            if error.code != MISSING_PART:
-                raise
-            print(f"{features} is not measured: {error.messages.strip()}", file=sys.stderr)
-            continue
-        # `vote` knows no relative poses, by which the kind of a map is told: all are judged by one radius.
-        radius = right_px or found[-1]["place_radius_px"]
-        for row in found:
-            errors = [query["error_px"] for query in row.pop("per_query")]
-            row["right"] = sum(e is not None and e <= radius for e in errors) / len(errors)
-            row["refused"] = ratio(row["abstained"], row["queries"])
-        votes = next((row["right"] for row in found if row["method"] == "vote"), None)
-        for row in found:
-            row["over_vote"] = None if votes is None else row["right"] - votes
-        rows += found
-    return rows
+    methods = [m for m in arguments.methods.split(",") if m != AUTO]
+    asked = [["--features", f, "--method", m] for f in arguments.features.split(",") for m in methods]
+    asked += [["--method", AUTO]] if AUTO in arguments.methods.split(",") else []
+    options = [*limited, "--index", str(index)]
+    found = [row for a in asked if (row := _evaluate(cfg, a, options=options, foreign=arguments.foreign))]
+    # `vote` knows no relative poses, by which the kind of a map is detected: all are judged by one radius.
+    radius = right_px or (found[-1]["place_radius_px"] if found else 0.0)
+    for row in found:
+        errors = [query["error_px"] for query in row.pop("per_query")]
+        row["right"] = sum(e is not None and e <= radius for e in errors) / len(errors)
+        row["refused"] = ratio(row["abstained"], row["queries"])
+    votes = {row["features"]: row["right"] for row in found if row["method"] == "vote"}
+    for row in found:
+        best = max(votes.values(), default=None) if row["method"] == AUTO else votes.get(row["features"])
+        row["over_vote"] = None if best is None else row["right"] - best
+    return rows + found
 
 
-def _evaluate(cfg: Path, asked: list[str], *, options: list[str], foreign: Path | None) -> dict[str, Any]:
+def _evaluate(
+    cfg: Path, asked: list[str], *, options: list[str], foreign: Path | None
+) -> dict[str, Any] | None:
+    """Measure one way of localizing; None, and a line on standard error, where a part of it is missing."""
     program = [sys.executable, "-m", "webapp.app.main"]
-    asked = [*asked, "--json"]
     queries = str(cfg.with_name("queries.csv"))
-    figures: dict[str, Any] = run([*program, "evaluate", str(cfg), queries, *options, *asked]).printed
+    try:
+        done = run([*program, "evaluate", str(cfg), queries, *options, *asked, "--json"])
+    except ProgramFailed as error:
+        if error.code != MISSING_PART:
+            raise
+        print(f"{' '.join(asked)} is not measured: {error.messages.strip()}", file=sys.stderr)
+        return None
+    figures: dict[str, Any] = done.printed
     figures["name"] = f"{cfg.parent.name} {figures['method']} {figures['features']}"
     if foreign is not None:
         photos = [str(path) for path in photos_in(foreign) if cfg.parent not in path.parents]
-        localize = [*program, "localize", str(cfg), *photos, *options[-2:], *asked]
+        localize = [*program, "localize", str(cfg), *photos, *options[-2:], *asked, "--json"]
         figures |= strangers(run(localize, accepted=(0, SOME_FAILED)).printed)
     return figures
 

@@ -5,7 +5,7 @@
 Starts the program with a temporary library and maps of small photos. Every client is an account of its own
 and does what the edit page does: asks for changes every second, and places, moves, turns, undoes and redoes
 in between, with the newest revision that it knows of. A conflict is a right answer: the client takes the new
-state and goes on. Everything else that is not 2xx is an error.
+state and continues. Everything else that is not 2xx is an error.
 
 Nothing is lost when the acknowledged edits have all revisions from the first to the last exactly once, and
 when playing them in this order gives what the API, the database and `map.cfg` hold in the end.

@@ -1,6 +1,6 @@
 """Compares features on one map, as a field experiment reports them, and prints one table.
 
-Each is built anew into a folder of its own and asked the same photos. Medians over the queries; grades are
+Each is built into an empty folder and asked the same photos. Medians over the queries; grades are
 counts of excellent/good/sufficient/insufficient, of the first hypothesis and of the best of the others.
 
     python benchmarks/features_table.py MAP.cfg QUERIES.csv [--method vote] [--limit N] [--json OUT] [more]

@@ -8,7 +8,7 @@ fix, its own heading taken for east), dead reckoning that knows only the fixes o
 straight lines between the fixes that were not held out, and the fused track. Of the last also: how many of
 the fixes held out lie within 95 % of what it says, the fix's own error included.
 
-Fixes of a receiver err alike for a while: one of two tells nearly what the other one does, true or not. So
+Fixes of a receiver err alike for a while: one of two says nearly what the other one does, true or not. So
 the first rows say how well a method follows the receiver; those with gaps say how well it knows the way.
 """
 
@@ -73,7 +73,7 @@ def evaluate(path: Path) -> list[dict[str, Any]]:
         for name, poses in tracks.items():
             rows.append({"held_out": held.name, "method": name, **errors(poses, out)})
         rows.append(
-            {"held_out": held.name, "method": "fused", **errors(fused.poses, out), **told(fused, out)}
+            {"held_out": held.name, "method": "fused", **errors(fused.poses, out), **honesty(fused, out)}
         )
     return rows
 
@@ -116,8 +116,8 @@ def errors(track: Poses, out: Poses) -> dict[str, float]:
     }
 
 
-def told(fused: Fusion, out: Poses) -> dict[str, Any]:
-    """Tell whether a fused track knows how wrong it is, and what it thought of the fixes."""
+def honesty(fused: Fusion, out: Poses) -> dict[str, Any]:
+    """Report whether a fused track knows how wrong it is, and how it weighed the fixes."""
     off, track = _off(fused.poses, out), fused.poses
     spread = np.column_stack([np.interp(out.times_s, track.times_s, c) for c in track.covariance_m2.T])
     own = out.covariance_m2 * fused.fit.receiver**2

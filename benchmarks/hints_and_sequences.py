@@ -66,7 +66,7 @@ def main() -> None:
     arguments = _parser().parse_args()
     localizer = open_pipeline(
         arguments.map,
-        OpenOptions(features=arguments.features, jobs=1, map_fov_deg=arguments.map_fov),
+        OpenOptions(method="verified", features=arguments.features, jobs=1, map_fov_deg=arguments.map_fov),
         settings=load_settings(),
         progress=Progress(),
         fov_deg=arguments.fov,
@@ -89,7 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("queries", type=Path)
     parser.add_argument("--features", default="auto")
     parser.add_argument("--fov", type=float, help="of the queries, degrees")
-    parser.add_argument("--map-fov", type=float, help="of photos of the map that do not tell theirs, degrees")
+    parser.add_argument("--map-fov", type=float, help="of map photos without one in their EXIF, degrees")
     parser.add_argument("--first", type=int, help="only so many of the queries")
     parser.add_argument("--json", type=Path, help="write all figures there")
     return parser

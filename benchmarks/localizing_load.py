@@ -1,4 +1,4 @@
-"""Lets many people localize photos on one map at once, beside the command line on the same photos.
+"""Lets many people localize photos on one map at once, compared with the command line on the same photos.
 
     python -m benchmarks.localizing_load MAPFOLDER [--clients 20] [--seconds 120] [--fov 73.7]
 
@@ -136,7 +136,7 @@ def _work(askers: list[Asker], arguments: argparse.Namespace, *, pid: int) -> di
 
 
 def _index_mb(table: Table) -> dict[str, float]:
-    """Tell how much of the index the process has that has most of it, and all processes together."""
+    """Measure how much of the index the process has that has most of it, and all processes together."""
     most = max(sizes["index_Rss"] for who, sizes in table.items() if who != "all")
     return {"index_in_one_mb": round(most), "index_in_all_mb": round(table["all"]["index_Pss"])}
 

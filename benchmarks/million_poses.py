@@ -137,7 +137,7 @@ def _fill(library: Library, poses: int) -> tuple[str, int, float]:
     begun = time.perf_counter()
     for first in range(0, poses, _BATCH):
         with library.database.write() as session:
-            (track,) = tracks.listed(session, mission)
+            (track,) = tracks.list_tracks(session, mission)
             tracks.append(session, track, way.take(np.s_[first : first + _BATCH]))
     return token, mission, round(time.perf_counter() - begun, 1)
 
@@ -192,11 +192,11 @@ def _in_browser(browser: Browser, app: App, *, mission: int, loads: int) -> dict
 
 def _until(page: Page, expression: str) -> float:
     end = time.monotonic() + _PATIENCE_S
-    while not (told := page.evaluate(expression)):
+    while not (value := page.evaluate(expression)):
         if time.monotonic() > end:
             raise SystemExit("the page never came to it")
         page.wait_for_timeout(10)
-    return float(told)
+    return float(value)
 
 
 def _middle(page: Page) -> tuple[float, float]:

@@ -61,12 +61,12 @@ def run(command: Sequence[str], *, accepted: Collection[int] = (0,)) -> Run:
     ------
     ProgramFailed
     """
-    told = (
+    shown = (
         command[1:]
         if len(command) < 14
         else [*command[1:9], f"... {len(command) - 12} more ...", *command[-3:]]
     )
-    print("running", *told, file=sys.stderr, flush=True)
+    print("running", *shown, file=sys.stderr, flush=True)
     load, started = os.getloadavg()[0], time.perf_counter()
     with tempfile.TemporaryFile("w+") as output, tempfile.TemporaryFile("w+") as messages:
         process = subprocess.Popen(command, stdout=output, stderr=messages)

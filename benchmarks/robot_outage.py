@@ -120,7 +120,7 @@ class _Programs:
         self._running[name].wait()
 
     def client_runs(self) -> bool:
-        """Tell whether the client has not ended by itself."""
+        """Check whether the client has not ended by itself."""
         return self._running["client"].poll() is None
 
     def end(self) -> int:
@@ -224,7 +224,7 @@ def _compare(library: Library, folder: Path, arguments: argparse.Namespace) -> d
 
 
 def _track(session: Any, mission: int) -> tuple[Track, Poses]:
-    (track,) = tracks.listed(session, mission)
+    (track,) = tracks.list_tracks(session, mission)
     return track, tracks.read(session, track)
 
 

@@ -190,7 +190,7 @@ def _work(
 def _problems(library: Library, robot: Robot) -> list[str]:
     """Compare what a robot has made with what is stored of it."""
     with library.database.read() as session:
-        found = tracks.listed(session, robot.mission)
+        found = tracks.list_tracks(session, robot.mission)
         times = [tracks.read(session, track).times_s for track in found]
         counted = [track.poses for track in found]
     stored = np.concatenate([np.empty(0), *times])

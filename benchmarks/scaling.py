@@ -1,7 +1,7 @@
 """Measures how the cost of a query grows with the map: real photos and generated distractors.
 
 Each distractor has half of the descriptors of each of two of the map's photos, all of them perturbed. They
-are written to a temporary file (128 KB a photo with SIFT; `--folder` tells where) and read from there like
+are written to a temporary file (128 KB a photo with SIFT; `--folder` says where) and read from there like
 those of a map. The inverted file is made up to `--most-codes` photos: its training grows with the map. The
 map's index must have been built.
 
@@ -99,7 +99,9 @@ def main() -> None:
     """Measure all sizes and write the results."""
     arguments = _arguments()
     settings = load_settings()
-    options = OpenOptions(features=arguments.features, map_fov_deg=arguments.fov, build=False)
+    options = OpenOptions(
+        method="verified", features=arguments.features, map_fov_deg=arguments.fov, build=False
+    )
     opened = open_map.open_index(arguments.map, options, settings=settings, progress=Progress())
     opened = orient_map.with_orientations(opened, orient_map.newest(opened))
     queries = _queries(arguments, opened, settings)
@@ -178,6 +180,7 @@ def _map(
             height=np.concatenate([known.height, np.zeros(count)]),
             trust=np.concatenate([known.trust, np.zeros(count)]),
             depths=known.depths,
+            partner=np.concatenate([known.partner, np.full(count, -1)]),
         )
     return replace(
         real,

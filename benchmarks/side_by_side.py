@@ -1,4 +1,4 @@
-"""Measures the methods beside another program on the same map: what each is worth, and what it costs.
+"""Compares the methods with another program on the same map: accuracy, time and memory.
 
     python -m benchmarks.side_by_side MAP.cfg QUERIES.csv [--baseline PROGRAM.py] [--only SIFT]
         [--methods verified] [--limit N] [--foreign FOLDER] [--fov DEGREES] [--built] [--json OUT] [more]
@@ -7,7 +7,7 @@ The other program is called as `PROGRAM MAP.cfg QUERIES.csv [--features SIFT|ORB
 JSON object with within_10px ... and match_seconds_p50; the thesis method in plain OpenCV is such a one.
 
 Each kind of features is built from scratch into a temporary folder first, unless --built says to take the
-index beside the map. Options that are not listed here, such as --map-fov, go to each `expmap` command.
+index next to the map. Options that are not listed here, such as --map-fov, go to each `expmap` command.
 
 - accuracy: share of all queries whose first hypothesis is so near; median and mean error, map pixels
 - honesty: with 95 % intervals; "foreign placed" are photos of the --foreign folders that got a place with a
@@ -165,7 +165,7 @@ def _arguments() -> argparse.Namespace:
     )
     add("--fov", help="field of view of the queries, degrees")
     add("--foreign-fov", help="that of photos from elsewhere; else their EXIF, or a guess, decides")
-    add("--built", action="store_true", help="take the index beside the map; the build is not measured")
+    add("--built", action="store_true", help="take the index next to the map; the build is not measured")
     add("--cost-queries", type=int, default=100, help="photos for CPU seconds and memory, evenly spread")
     add("--json", type=Path, help="write all figures there")
     arguments, arguments.options = parser.parse_known_args()

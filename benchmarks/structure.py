@@ -73,6 +73,8 @@ class Structure:
         The longest file and its lines.
     one_importer : list of str
         Modules that exactly one other imports.
+    most_alone : tuple of str and int
+        The module that is the only importer of most others, such as a table of views, and of how many.
     no_importer : list of str
         Modules that no other imports: entry points, and what is not used.
     folders : list of tuple of str and int
@@ -86,6 +88,7 @@ class Structure:
     median_lines: float
     longest: tuple[str, int]
     one_importer: list[str]
+    most_alone: tuple[str, int]
     no_importer: list[str]
     folders: list[tuple[str, int]]
     parameters: int
@@ -117,6 +120,8 @@ def measure(checkout: Path, *, package: str = "webapp") -> Structure:
         kinds.update(line_kinds(source.text))
     importers = _importers(sources)
     modules = [s.name for s in sources if s.path.name != "__init__.py"]
+    one_importer = [name for name in modules if len(importers[name]) == 1]
+    alone = Counter(importer for name in one_importer for importer in importers[name])
     folders = Counter(source.path.parent.as_posix() for source in sources)
     described = [bool(text) for s in sources for text in documented_parameters(s.tree)]
     return Structure(
@@ -124,7 +129,8 @@ def measure(checkout: Path, *, package: str = "webapp") -> Structure:
         lines={kind: kinds[kind] for kind in KINDS},
         median_lines=statistics.median(lengths.values()),
         longest=(longest, lengths[longest]),
-        one_importer=[name for name in modules if len(importers[name]) == 1],
+        one_importer=one_importer,
+        most_alone=max(alone.items(), key=lambda item: item[1], default=("", 0)),
         no_importer=[name for name in modules if not importers[name]],
         folders=folders.most_common(),
         parameters=len(described),
@@ -163,12 +169,13 @@ def as_text(found: Structure) -> str:
     total = sum(found.lines.values())
     parts = ", ".join(f"{found.lines[kind]} {kind}" for kind in KINDS)
     folders = ", ".join(f"{folder} {files}" for folder, files in found.folders[:SHOWN_FOLDERS])
+    importer, alone = found.most_alone
     rows = {
         "files": f"{found.files}",
         "lines": f"{total} ({parts})",
         "median file": f"{found.median_lines:g} lines",
         "longest file": f"{found.longest[0]}, {found.longest[1]} lines",
-        "one importer": f"{len(found.one_importer)} modules",
+        "one importer": f"{len(found.one_importer)} modules, {alone} of them by {importer}",
         "no importer": f"{len(found.no_importer)} modules",
         "largest folders": folders,
         "empty parameters": f"{found.empty_parameters} of {found.parameters}",
@@ -200,18 +207,24 @@ def _importers(sources: list[Source]) -> defaultdict[str, set[str]]:
     importers: defaultdict[str, set[str]] = defaultdict(set)
     for source in sources:
         for node in ast.walk(source.tree):
-            for imported in _imported(node, names):
+            for imported in _imported(node, source, names=names):
                 importers[imported].add(source.name)
     return importers
 
 
-def _imported(node: ast.AST, names: set[str]) -> Iterator[str]:
+def _imported(node: ast.AST, source: Source, *, names: set[str]) -> Iterator[str]:
     if isinstance(node, ast.Import):
         yield from (alias.name for alias in node.names if alias.name in names)
-    elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+    elif isinstance(node, ast.ImportFrom):
+        module = ".".join([*_base(node.level, source), *filter(None, [node.module])])
         for alias in node.names:
-            part = f"{node.module}.{alias.name}"
-            yield from {part if part in names else node.module} & names
+            part = f"{module}.{alias.name}"
+            yield from {part if part in names else module} & names
+
+
+def _base(level: int, source: Source) -> tuple[str, ...]:
+    """Name the package that a relative import starts from: with one dot, the module's own."""
+    return source.path.parts[:-level] if level else ()
 
 
 def _descriptions(lines: list[str]) -> Iterator[str]:

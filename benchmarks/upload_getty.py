@@ -4,9 +4,9 @@
 
 MAPFOLDER holds `map.cfg`, its image and its photos, and `queries.csv` for the evaluation. A new map is made
 in the browser: image, photos in one go, positions by file name from `map.cfg`. Then the index is awaited, the
-`.cfg` is taken away, checked by `expmap map check`, and evaluated beside an index which the command line
+`.cfg` is taken away, checked by `expmap map check`, and compared with an index which the command line
 builds of the same photos. With `--kill`, a random process of the server is killed with SIGKILL every few
-seconds until the index is ready: the server mends itself, the page goes on.
+seconds until the index is ready: the server recovers, the page continues.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Each query is changed in each of these ways and asked again. What a camera would add (motion, lamps, colours
 of the night) is not imitated, so that this is a lower bound of the harm. Changed photos have no EXIF: where
-that tells the queries' field of view, say it with --fov.
+that states the queries' field of view, give it with --fov.
 
     python -m benchmarks.worse_photos MAP.cfg QUERIES.csv [--features sift,xfeat] [--limit N] [--json OUT]
 

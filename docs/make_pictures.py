@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def contact_sheet(paths: list[Path]) -> Image.Image:
-    """Put photos of one size beside each other, four in a row."""
+    """Put photos of one size next to each other, four in a row."""
     photos = [np.asarray(Image.open(path).resize((320, 240))) for path in paths]
     rows = [np.hstack(photos[i : i + 4]) for i in range(0, len(photos) - 3, 4)]
     return Image.fromarray(np.vstack(rows))

@@ -8,18 +8,23 @@ and by photos of the sample. A few photos are put back into the tray, so that th
 from __future__ import annotations
 
 import csv
+import shutil
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
+from benchmarks import derived_maps
 from docs.simulated_mission import Round
 from tests.browser.api import Api
 from tests.browser.app import App
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
+from tests.ports import reserved_port
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.files.maps.folder import read_map
 
@@ -30,11 +35,15 @@ LOOKS: dict[str, dict[str, Any]] = {
     "": WIDE,
     "-phone": {**PHONE, "device_scale_factor": 2},
 }
+AREAS = "park-areas"
+"""A map of the same photos, gathered into areas."""
+
 PAGES = {
     "maps": ("/", ("",)),
     "edit": ("/maps/sample/edit", ("", "-phone")),
     "image": ("/maps/sample/image", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
+    "localize-areas": (f"/maps/{AREAS}/localize", ("",)),
     "missions": ("/missions", ("",)),
     "mission": ("/missions/1", ("", "-phone")),
 }
@@ -63,12 +72,18 @@ def main() -> None:
     browser = find_browser()
     if browser is None:
         raise SystemExit(MISSING)
-    with tempfile.TemporaryDirectory() as folder, App(Path(folder) / "maps") as app, sync_playwright() as p:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        reserved_port() as port,
+        App(Path(folder) / "maps", port=port) as app,
+        sync_playwright() as p,
+    ):
         chromium = p.chromium.launch(executable_path=browser, args=list(BROWSER_OPTIONS))
         context = chromium.new_context(base_url=app.url)
         api = sign_in(context, app)
         make_missions(api, app)
         fill_tray(api)
+        import_areas(api, app.library / "sample", scratch=Path(folder) / "areas")
         time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
             for look in looks:
@@ -89,6 +104,22 @@ def sign_in(context: BrowserContext, app: App) -> Api:
         time.sleep(0.5)
     api.wait_for_jobs("sample")
     return api
+
+
+def import_areas(api: Api, sample: Path, *, scratch: Path) -> None:
+    """Gather the photos of the sample into the quarters of its image, and import that as another map."""
+    table = derived_maps.read(sample)
+    middle = np.array(table.size) / 2.0
+    quarter = np.round(middle + np.sign(table.position - middle) * middle / 2.0)
+    derived_maps.write(replace(table, position=quarter), scratch)
+    cfg, image = scratch / "map.cfg", read_map(sample / "map.cfg").satellite.path
+    shutil.copy(sample / image, scratch / image)
+    head, _, rest = cfg.read_text("utf-8").partition("\n")
+    cfg.write_text(";".join([image, *head.split(";")[1:]]) + "\n" + rest, "utf-8")
+    archive = Path(shutil.make_archive(str(scratch), "zip", scratch))
+    file = {"name": f"{AREAS}.zip", "mimeType": "application/zip", "buffer": archive.read_bytes()}
+    api.ask("POST", "/maps/import", multipart={"file": file, "name": AREAS})
+    api.wait_for_jobs(AREAS)
 
 
 def fill_tray(api: Api) -> None:
@@ -133,7 +164,7 @@ def send(api: Api, name: str, records: list[dict[str, Any]]) -> int:
 
 
 def seen(drive: Round, places: list[LatLon]) -> list[dict[str, Any]]:
-    """Objects beside the way, each seen when the robot was there."""
+    """Objects along the way, each seen when the robot was there."""
     return [
         {
             "type": "object",

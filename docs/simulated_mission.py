@@ -18,7 +18,7 @@ EVERY_S = 0.5
 GPS_EVERY = 4
 GPS_SIGMA_M = 1.2
 ASTRAY = {40: (11.0, 7.0), 96: (-9.0, 8.0), 131: (4.0, -13.0)}
-"""Fixes by number that are off by so many metres east and north."""
+"""Errors of some fixes, by number: metres east and north."""
 
 CURVE_RAD_PER_M = 0.004
 """What the odometry does not know of."""

@@ -1,7 +1,7 @@
 """Hooks of the documentation site: pages from outside docs/, and links to them.
 
 On a forge the README, the changelog and the format of a map are read where they are, and links are paths of
-the working copy. On the site they are pages beside the others.
+the working copy. On the site they are pages like the others.
 """
 
 import posixpath

@@ -22,6 +22,14 @@ def brightest(kind, *, size=ANY, count=40, table=TABLE, batch=False):
     return _points(g, kind, image, (score, pixel), table, batch)
 
 
+def write_aliked(folder):
+    """Put stand-ins of ALIKED and of the network that matches it into a new folder; gives the folder."""
+    folder.mkdir()
+    (folder / "aliked.onnx").write_bytes(brightest("aliked"))
+    (folder / "aliked_lightglue.onnx").write_bytes(glue())
+    return folder
+
+
 def brighter(kind, *, least=0.5):
     """ALIKED or DISK whose keypoints are all pixels above `least`."""
     g = Writer()

@@ -114,7 +114,7 @@ def test_what_is_wrong_in_a_file_is_named_with_what_is_allowed(file, text, where
 
 
 def test_a_variable_that_is_spelled_like_a_setting_and_is_none():
-    with pytest.raises(UsageError, match="no such setting") as rejected:
+    with pytest.raises(UsageError, match="unknown setting") as rejected:
         load_settings({"EXPMAP_EXTRACT_MAX_SIDE": "900"})
     assert rejected.value.where == "EXPMAP_EXTRACT_MAX_SIDE"
     assert "max_side_px" in rejected.value.hint

@@ -6,7 +6,7 @@ from webapp.errors import MissingPart
 from webapp.resources import resource_folder
 
 
-def test_source_tree_has_the_folder_beside_the_package(tmp_path: Path) -> None:
+def test_source_tree_has_the_folder_next_to_the_package(tmp_path: Path) -> None:
     (tmp_path / "webapp").mkdir()
     (tmp_path / "templates").mkdir()
     assert resource_folder("templates", package=tmp_path / "webapp") == tmp_path / "templates"

@@ -1,11 +1,13 @@
 """Work spread over threads keeps the order of the items and the first error."""
 
 import threading
+from threading import Semaphore
 
 import pytest
 
 from webapp import threads
-from webapp.threads import in_threads
+from webapp.errors import Busy
+from webapp.threads import in_threads, permit
 
 
 @pytest.mark.parametrize("cores", [1, 3])
@@ -26,3 +28,12 @@ def test_the_first_error_is_raised(monkeypatch, cores):
     monkeypatch.setattr(threads, "cores", lambda: cores)
     with pytest.raises(ZeroDivisionError):
         in_threads(lambda n: 1 // n, [2, 0, 1])
+
+
+def test_who_waits_for_a_permit_is_told_that_others_are_busy():
+    semaphore = Semaphore(1)
+    with permit(semaphore), pytest.raises(Busy) as caught, permit(semaphore, wait_s=0.01):
+        pass
+    assert caught.value.wait_s > 0
+    with permit(semaphore, wait_s=0.01):
+        pass

@@ -17,8 +17,8 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import ExpMapError
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize.evaluate import evaluate_queries
-from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
+from webapp.tasks.evaluation.evaluate import evaluate_queries
+from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.maps import from_photos
@@ -59,7 +59,7 @@ class PhotoMap:
         Parameters
         ----------
         top : int
-            At most so many hypotheses.
+            Maximum number of hypotheses.
 
         Returns
         -------

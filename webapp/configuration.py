@@ -175,13 +175,13 @@ def _settings_of(group: object, prefix: str) -> Iterator[Setting]:
 
 
 def _check_variables(env: Mapping[str, str], table: Mapping[str, Setting]) -> None:
-    """Reject a variable that is spelled like a setting of a section and is none."""
+    """Reject a variable that is spelled like a setting of a section but is unknown."""
     known = {name for setting in table.values() for name in setting.variables}
     sections = {key.partition(".")[0] for key in table if "." in key}
     for name in env:
         section = next((s for s in sections if name.startswith(f"EXPMAP_{s.upper()}_")), None)
         if section is not None and name not in known:
-            raise UsageError("there is no such setting", where=name, hint=_known(table, section))
+            raise UsageError("unknown setting", where=name, hint=_known(table, section))
 
 
 def _read_file(path: Path, table: Mapping[str, Setting]) -> dict[str, Any]:
@@ -199,7 +199,7 @@ def _read_file(path: Path, table: Mapping[str, Setting]) -> dict[str, Any]:
         setting = table.get(key)
         if setting is None:
             section = key.rpartition(".")[0]
-            raise UsageError("there is no such setting", where=f"{path}: {key}", hint=_known(table, section))
+            raise UsageError("unknown setting", where=f"{path}: {key}", hint=_known(table, section))
         checked = setting.check(value, where=f"{path}: {key}")
         found[key] = path.absolute().parent / checked if setting.kind is Path else checked
     return found

@@ -7,7 +7,9 @@
     ├── NotFound                 what was asked for does not exist, or is not shared with the caller
     ├── NotSignedIn              nobody is signed in, or no longer
     ├── NotAllowed               the caller may see it, but not do this
-    ├── TooMany                  too often in a short time: wait
+    ├── RetryLater               the same request can succeed later
+    │   ├── TooMany              too often in a short time: wait
+    │   └── Busy                 others are being served: try again
     ├── Conflict                 somebody else has changed it in the meantime
     ├── NotReady                 it is still being made: later it works
     ├── MapError                 the map cannot be read as a map
@@ -85,8 +87,8 @@ class NotSignedIn(ExpMapError):
     """Nobody is signed in, or no longer; or name or password are wrong."""
 
 
-class TooMany(ExpMapError):
-    """It was tried too often in a short time.
+class RetryLater(ExpMapError):
+    """The same request can succeed later.
 
     Parameters
     ----------
@@ -99,6 +101,14 @@ class TooMany(ExpMapError):
     ) -> None:
         super().__init__(message, where=where, hint=hint)
         self.wait_s = wait_s
+
+
+class TooMany(RetryLater):
+    """It was tried too often in a short time."""
+
+
+class Busy(RetryLater):
+    """As much of this is under way as the machine can do at once."""
 
 
 class Conflict(ExpMapError):

@@ -13,7 +13,7 @@ def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     """Return a folder with the package's own data.
 
     A wheel carries the folders inside the package; in a source tree, and so in an editable install, they
-    stand beside it.
+    are next to it.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ class ImportLimits:
     """Its files together, unpacked, megabytes (10^6 bytes)."""
 
     max_files: int = 50_000
-    """Files and folders."""
+    """Files and folders; lines of its `.cfg` files."""
 
     max_ratio: float = 200.0
     """Bytes of a file for each byte that it has in the zip; photos have about one."""
@@ -77,7 +77,7 @@ class ExtractSettings:
     """Photos are scaled down until the longer side has this many pixels."""
 
     keypoints: Annotated[int, AtLeast(16)] = 1000
-    """At most so many keypoints a photo, the strongest."""
+    """Maximum number of keypoints a photo; the strongest are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +91,10 @@ class RetrievalSettings:
     shortlist: int = 12
     """Photos of the map that geometry verifies for each query: those with the most votes."""
 
+    budget_s: Annotated[float, AtLeast(0)] = 5.0
+    """Method `auto` looks a second time, by other features and a network, where this takes at most so many
+    seconds a photo on this machine; 0 never does."""
+
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
@@ -103,7 +107,7 @@ class WebSettings:
     """To the API, of one account or address, in each worker process."""
 
     session_days: int = 14
-    """After so many days without a visit, sign in again."""
+    """Days without a visit after which a user must sign in again."""
 
     link_hours: int = 24
     """How long a sign-in link works."""
@@ -112,10 +116,10 @@ class WebSettings:
     """Characters of a password, at least."""
 
     sign_in_failures: int = 10
-    """After so many, of one name or from one address, the next sign-in has to wait."""
+    """Failures of one name or from one address after which the next sign-in has to wait."""
 
     sign_in_minutes: int = 15
-    """Within so many minutes those failures count."""
+    """Minutes within which those failures count."""
 
     visitor_questions_per_minute: int = 10
     """Photos that one visitor of a shared map may ask about, in each worker process."""
@@ -137,8 +141,11 @@ class ServeSettings:
     threads: int = 8
     """Requests at once in each of them."""
 
+    patience_s: float = 15.0
+    """A request may keep a thread waiting so long, seconds, and one more for each 2000 bytes that arrive."""
+
     stop_s: float = 5.0
-    """Requests under way have so many seconds to end when the server stops."""
+    """Seconds that active requests have to end when the server stops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,13 +153,13 @@ class JobSettings:
     """Long work in the background."""
 
     lease_s: float = 12.0
-    """After so many seconds in which its worker did not renew the lease, another one takes a job over."""
+    """Seconds without a renewal of its lease after which another worker takes a job over."""
 
     attempts: int = 5
-    """After so many workers that died on it one after the other, without a step done, a job has failed."""
+    """Number of workers that may die on a job in a row, without a step done, before it fails."""
 
     stop_s: float = 4.0
-    """A job has so many seconds to come to a good place when its worker has to stop."""
+    """Seconds that a job has to finish a step when its worker has to stop."""
 
     export_s: float = 0.5
     """Seconds between two exports of maps whose files are older than their records."""
@@ -186,7 +193,7 @@ class TileSettings:
     """Seconds without an answer after which a request is tried again."""
 
     cache_days: float = 30.0
-    """Tiles fetched before are used again for so many days."""
+    """Days that tiles stay in the cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +207,7 @@ class MissionSettings:
     """Size of one batch, megabytes (10^6 bytes)."""
 
     keep_keys_days: float = 30.0
-    """A batch that comes again with the same key is known again for so many days."""
+    """Days that a batch repeated with the same key is recognised."""
 
     stream_s: float = 25.0
     """Seconds after which a stream of events ends; browsers open the next one by themselves."""
@@ -256,7 +263,7 @@ _LARGEST_KEPT, _MOST_KEPT = 32 << 20, 512 << 20
 def keep_freed_memory() -> None:
     """Make glibc keep what OpenCV and NumPy free, for a process that takes one photo after the other.
 
-    To get the memory of a photo's scales anew each time took a sixth of the time of a build, and of a query.
+    Allocating the memory of a photo's scales each time took a sixth of the time of a build, and of a query.
     """
     if platform.libc_ver()[0] == "glibc":
         libc = ctypes.CDLL(None)

@@ -1,11 +1,15 @@
-"""Work spread over threads; for calls into libraries that let go of the interpreter while they work."""
+"""Work spread over threads, for libraries that let go of the interpreter, and limits of what runs at once."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from threading import Semaphore
 from typing import TypeVar
+
+from webapp.errors import Busy
 
 In = TypeVar("In")
 Out = TypeVar("Out")
@@ -37,3 +41,20 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
         return [function(item) for item in listed]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, listed))
+
+
+@contextmanager
+def permit(semaphore: Semaphore, *, wait_s: float = 20.0) -> Iterator[None]:
+    """Hold a permit for as long as the block lasts.
+
+    Raises
+    ------
+    Busy
+        None became free in `wait_s` seconds.
+    """
+    if not semaphore.acquire(timeout=wait_s):
+        raise Busy("the server is busy", wait_s=10, hint="try again in a moment")
+    try:
+        yield
+    finally:
+        semaphore.release()

@@ -60,7 +60,17 @@ def test_each_line_is_of_one_kind():
 def test_importers_are_other_modules_of_the_package(checkout):
     found = structure.measure(checkout, package="pkg")
     assert found.one_importer == ["pkg.shapes"]
+    assert found.most_alone == ("pkg.rooms.first", 1)
     assert found.no_importer == ["pkg.rooms.first", "pkg.rooms.second"]
+
+
+def test_relative_imports_count(checkout):
+    (checkout / "pkg/rooms/third.py").write_text(
+        "from .first import numbers\nfrom . import second\nfrom .. import shapes\n"
+    )
+    found = structure.measure(checkout, package="pkg")
+    assert found.one_importer == ["pkg.rooms.first", "pkg.rooms.second"]
+    assert found.no_importer == ["pkg.rooms.third"]
 
 
 def test_files_and_folders_are_counted(checkout):

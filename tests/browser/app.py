@@ -37,12 +37,12 @@ class App:
     library : Path
         Is made where there is none.
     port : int
-        Where it listens, on 127.0.0.1.
+        Where it listens, on 127.0.0.1; 0 for any that is free.
     environ : mapping, optional
         More environment variables.
     """
 
-    def __init__(self, library: Path, *, port: int, environ: dict[str, str] | None = None) -> None:
+    def __init__(self, library: Path, *, port: int = 0, environ: dict[str, str] | None = None) -> None:
         self.library = library
         self.environ = environ or {}
         self.port = port

@@ -1,4 +1,4 @@
-"""Every page: nothing serious for axe-core, nothing beside a phone's screen, light and dark, in Czech too."""
+"""Every page: nothing serious for axe-core, nothing off a phone's screen, light, dark, Czech."""
 
 import pytest
 from playwright.sync_api import expect
@@ -54,8 +54,8 @@ def visit(open_context, owner, look, sample_map):
 def check(page, within="html"):
     """Look for what people would stumble over."""
     assert axe.findings(page, within) == []
-    beside = page.evaluate("document.documentElement.scrollWidth - innerWidth")
-    assert beside <= 0, f"{beside} pixels are beside the screen"
+    overflow = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+    assert overflow <= 0, f"{overflow} pixels are outside the screen"
     assert page.title().strip(" ·") and page.locator("h1").count() == 1
 
 

@@ -48,7 +48,7 @@ def click_at(page, id, *, across, down):
 
 
 def reloads(page, press, *, timeout=60_000):
-    """Do what ends with the page anew, and wait for what it says then."""
+    """Do what reloads the page, and wait for its message."""
     with page.expect_event("load", timeout=timeout):
         press()
     expect(page.locator(".note--success")).to_be_visible()

@@ -250,7 +250,7 @@ def test_the_live_camera_is_followed_and_its_last_picture_kept(camera_page, samp
     is_right(page, truth[QUERY])
     expect(page.locator("#video")).to_be_visible()
     with page.expect_response(lambda response: response.url.endswith("/localize") and response.ok):
-        pass  # frames go on being asked about
+        pass  # frames are still asked about
     is_right(page, truth[QUERY])
     assert axe.findings(page) == []
     page.locator("#live").click()

@@ -27,7 +27,7 @@ def source(make_map, tmp_path):
 
 
 def page_of(source):
-    return b"".join(folium_page.run(source, settings=Settings()).pieces)
+    return b"".join(folium_page.export_map_page(source, settings=Settings()).pieces)
 
 
 @pytest.fixture

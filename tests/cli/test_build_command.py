@@ -7,7 +7,7 @@ import pytest
 
 FIELDS = {
     "folder", "photos", "extracted", "reused", "removed", "failed", "descriptors", "seconds", "bytes",
-    "features", "orientation_seconds", "calibration_seconds",
+    "features", "orientation_seconds", "calibration_seconds", "second_look",
 }  # fmt: skip
 
 
@@ -63,7 +63,7 @@ def test_photos_that_cannot_be_used_are_reported_and_end_with_1(expmap, cfg):
     assert [(i, photo) for i, photo, _ in report["failed"]] == [(2, "photos/2.jpg"), (3, "photos/3.jpg")]
     assert report["extracted"] == 3
     result = [line for line in err.splitlines() if "(id" in line]
-    assert result[0].startswith("photos/2.jpg (id 2): there is no such file")
+    assert result[0].startswith("photos/2.jpg (id 2): file not found")
     assert result[1].startswith("photos/3.jpg (id 3): it is not an image")
 
 

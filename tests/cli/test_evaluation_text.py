@@ -8,7 +8,7 @@ from webapp.core.evaluation.summary import summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map, SatelliteImage
-from webapp.tasks.localize.evaluation_types import Evaluation, Scheme, Subject
+from webapp.tasks.evaluation.types import Evaluation, Scheme, Subject
 
 
 def an_evaluation(scheme: Scheme = "queries", hide_within_px: float | None = None) -> Evaluation:

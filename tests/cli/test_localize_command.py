@@ -13,7 +13,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 
 ANSWER = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
-    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px",
+    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
 }  # fmt: skip
 HYPOTHESIS = {
     "rank", "kind", "x_px", "y_px", "radius_px", "heading_deg", "lat", "lon", "radius_m", "probability",
@@ -68,12 +68,12 @@ def test_vote_as_json(expmap, cfg, photos):
     assert answer["seconds"]["total"] >= answer["seconds"]["extract"] > 0
 
 
-def test_verified_as_json(expmap, cfg, photos):
+def test_auto_as_json(expmap, cfg, photos):
     code, out, _ = expmap("localize", cfg, photos / "3.jpg", "--json", "--fov", "61")
     (answer,) = json.loads(out)
     assert code == 0
     check_shape(answer)
-    assert (answer["method"], answer["fov_deg"], answer["fov_source"]) == ("verified", 61.0, "option")
+    assert (answer["method"], answer["fov_deg"], answer["fov_source"]) == ("auto", 61.0, "option")
     assert answer["off_map_probability"] is not None
     assert answer["hypotheses"][0]["experiences"][0] == 3
     assert answer["hypotheses"][0]["radius_px"] > 0
@@ -185,7 +185,7 @@ def test_map_photos_that_cannot_be_used_are_reported_when_the_index_is_built(exp
     assert code == 0
     assert len(json.loads(out)) == 1
     assert err.startswith("building the index ...\n")
-    assert "photos/0.jpg (id 0): there is no such file" in err
+    assert "photos/0.jpg (id 0): file not found" in err
     assert expmap("localize", cfg, photo, "--method", "vote", "--json")[2] == ""
 
 
@@ -209,5 +209,13 @@ def test_a_georeferenced_map_gives_latitude_and_metres(expmap, sample_folder, tm
 def test_what_is_not_sure_can_be_looked_at_closer(expmap, sample_folder, tmp_path):
     elsewhere = sample_folder / "queries" / "off_map.jpg"
     asked = ["localize", sample_folder / "map.cfg", elsewhere, "--index", tmp_path / "index"]
-    assert "--method thorough" in expmap(*asked)[2]
+    assert "expmap models fetch" in expmap(*asked)[2]
+    assert "--method thorough" in expmap(*asked, "--method", "verified")[2]
     assert expmap(*asked, "--json")[2] == ""
+
+
+@pytest.mark.parametrize("budget", ["nan", "inf"])
+def test_a_budget_is_a_number_of_seconds(expmap, cfg, photos, budget):
+    code, _, said = expmap("localize", cfg, photos / "1.jpg", "--budget", budget)
+    assert code == 2
+    assert "--budget" in said

@@ -86,7 +86,7 @@ def test_it_runs_as_a_module(module, tmp_path):
         (["localize", "map.cfg", "a.jpg", "--top", "0"], "Invalid value for '--top': 0 is not in the range"),
         (["localize", "map.cfg", "a.jpg", "--method", "best"], "Invalid value for '--method'"),
         (["localize", "map.cfg", "a.jpg", "--features", "brief"], "--features: unknown features 'brief'"),
-        (["localize", "map.cfg", "a.jpg", "--picture", "none/a.png"], "--picture: there is no folder none"),
+        (["localize", "map.cfg", "a.jpg", "--picture", "none/a.png"], "--picture: folder none not found"),
         (["localize", "map.cfg", "a.jpg", "--matches", "a.doc"], "--matches: cannot draw a a.doc"),
         (["evaluate", "map.cfg"], "evaluate: give either QUERIES.csv or --self"),
         (["evaluate", "map.cfg", "none.csv"], "Invalid value for '[QUERIES.csv]'"),
@@ -115,7 +115,7 @@ def test_no_command_shows_the_help(expmap):
 def test_a_missing_map_is_a_bad_map(expmap, tmp_path, command):
     code, out, err = expmap(*command, tmp_path / "none.cfg")
     assert (code, out) == (3, "")
-    assert err == f"expmap: {tmp_path / 'none.cfg'}: there is no such map file (check the path)\n"
+    assert err == f"expmap: {tmp_path / 'none.cfg'}: map file not found (check the path)\n"
 
 
 def raising(error):

@@ -13,7 +13,7 @@ from webapp.errors import MapError
 
 @pytest.fixture
 def cfg(tmp_path: Path) -> Path:
-    """A map file with one photo beside it."""
+    """A map file with one photo next to it."""
     Image.new("RGB", (40, 30)).save(tmp_path / "s.png")
     Image.new("RGB", (64, 48)).save(tmp_path / "a.jpg")
     path = tmp_path / "map.cfg"

@@ -56,11 +56,11 @@ def test_a_trajectory_continues_from_a_start_of_its_own(mission, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("export", "7", "out.kml"), "no such mission"),
+        (("export", "7", "out.kml"), "mission not found"),
         (("export", "1", "out.doc"), "does not give the format"),
         (("import", "9", "."), "the folder is not a ROS 2 bag"),
         (("new", "Yard", "--start", "50,14"), "write latitude, longitude and heading"),
-        (("new", "Yard", "--start", "95,14,0"), "no such position"),
+        (("new", "Yard", "--start", "95,14,0"), "not a valid position"),
         (("import", "1", "x", "--min-move", "1"), "not a distance with a unit"),
         (("import", "1", "x", "--list"), "the file cannot be read"),
     ],

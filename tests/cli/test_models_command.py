@@ -15,7 +15,7 @@ def models(tmp_path, monkeypatch):
     return folder
 
 
-def test_the_list_tells_size_licence_source_and_state(expmap):
+def test_the_list_has_size_licence_source_and_state(expmap):
     code, out, err = expmap("models", "list")
     assert code == 0
     assert "xfeat_800x576.onnx, 4.1 MB, Apache-2.0, XFeat of" in out

@@ -10,7 +10,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -204,8 +204,8 @@ def test_the_first_start_has_a_sample_map(tmp_path, port, sample_folder):
     with served(tmp_path / "maps", port) as (_, _, _):
         library = open_library(tmp_path / "maps")
         with library.database.read() as session:
-            (account,) = accounts.listed(session)
-            (record,) = maps.listed(session, account)
+            (account,) = accounts.list_accounts(session)
+            (record,) = maps.list_maps(session, account)
             assert (record.slug, maps.counts(session, record)) == ("sample", (60, 60))
             assert account.is_owner
         library.database.close()
@@ -227,3 +227,27 @@ def test_gunicorn_has_no_control_socket_and_forks_before_it_loads():
     options = gunicorn_options(Settings(), fd=3, workers=2)
     assert options["control_socket_disable"] is True
     assert options["preload_app"] is False
+
+
+HALF = {
+    "nothing": b"",
+    "a head": b"GET /healthz HTTP/1.1\r\nHost: here\r\n",
+    "a body": b"POST /sign-in HTTP/1.1\r\nHost: here\r\nContent-Length: 9000\r\n\r\nname=",
+    "a piece": b"POST /sign-in HTTP/1.1\r\nHost: here\r\nTransfer-Encoding: chunked\r\n\r\n5\r\nna",
+}
+
+
+@pytest.mark.parametrize("sent", HALF)
+def test_clients_that_stop_half_way_keep_no_thread(folder, port, monkeypatch, sent):
+    monkeypatch.setenv("EXPMAP_SERVE_PATIENCE_S", "1")
+    with served(folder, port) as (_, url, _), ExitStack() as stack:
+        clients = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(24)]
+        for client in clients:
+            client.sendall(HALF[sent])
+        start = time.monotonic()
+        assert answers(url)
+        assert time.monotonic() - start < 10, "3 rounds of 8 threads, a second each"
+        for client in clients:
+            client.settimeout(10)
+            while client.recv(4096):
+                pass

@@ -34,7 +34,7 @@ ALONE = {
     "extras": {"errors"},
     "progress": {"errors"},
     "settings": {"errors"},
-    "threads": set(),
+    "threads": {"errors"},
     "resources": {"errors"},
     "api": {"core", "files", "tasks", "configuration", "errors", "progress", "settings"},
     "robot": {"errors", "robot"},

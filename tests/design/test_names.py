@@ -3,9 +3,6 @@
 import ast
 from collections import defaultdict
 
-EXCEPTIONS = {"Fix"}
-"""The robot's client exports its `Fix`; the other one is the result of a resection."""
-
 
 def test_no_two_public_classes_share_a_name(modules):
     places = defaultdict(list)
@@ -13,6 +10,4 @@ def test_no_two_public_classes_share_a_name(modules):
         for node in module.tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(f"{module.name}:{node.lineno}")
-    shared = {name: found for name, found in places.items() if len(found) > 1}
-    assert {name: found for name, found in shared.items() if name not in EXCEPTIONS} == {}
-    assert shared.keys() >= EXCEPTIONS, "an exception is no longer needed"
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}

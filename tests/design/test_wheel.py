@@ -77,7 +77,7 @@ def test_templates_and_static_files_are_inside(installed, tmp_path):
     assert int(style) > 100
 
 
-def test_the_library_is_beside_the_user_and_not_in_the_package(installed, tmp_path):
+def test_the_library_is_not_in_the_package(installed, tmp_path):
     printed = run(installed / "expmap", "sample", "--help", cwd=tmp_path)
     assert "[default: EXPMAP_LIBRARY, or maps]" in " ".join(printed.split())
     run(installed / "expmap", "map", "--help", cwd=tmp_path)

@@ -14,7 +14,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
-from webapp.tasks.localize.evaluation_types import Evaluation, Subject
+from webapp.tasks.evaluation.types import Evaluation, Subject
 
 STATISTICS = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
 SECONDS = {"extract": 0.1, "retrieve": 0.2, "total": 0.4}

@@ -14,8 +14,8 @@ from webapp.errors import StorageError
 from webapp.files.exchange import tum
 from webapp.render.evaluation_folder import COLUMNS, results_csv, worst_rows, write
 from webapp.settings import PhotoLimits
-from webapp.tasks.localize.evaluate import to_json
-from webapp.tasks.localize.evaluation_types import Evaluation
+from webapp.tasks.evaluation.evaluate import to_json
+from webapp.tasks.evaluation.types import Evaluation
 
 
 @pytest.fixture(scope="session")

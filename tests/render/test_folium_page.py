@@ -32,7 +32,7 @@ def source(make_map, tmp_path):
 
 
 def page_of(source):
-    return b"".join(folium_page.run(source, settings=Settings()).pieces)
+    return b"".join(folium_page.export_map_page(source, settings=Settings()).pieces)
 
 
 def test_nothing_of_it_is_on_a_server(source):

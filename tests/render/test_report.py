@@ -4,8 +4,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from webapp.render.report import Pictured, figures, number, percent, render_report
-from webapp.tasks.localize.evaluation_types import Evaluation
+from webapp.render.report import QueryPictures, figures, number, percent, render_report
+from webapp.tasks.evaluation.types import Evaluation
 
 VOID = {"meta", "img", "path", "circle", "br", "link"}
 
@@ -40,8 +40,8 @@ class Page(HTMLParser):
 
 def report(evaluation: Evaluation) -> str:
     worst = [
-        Pictured(evaluation.rows[1], b"\xff\xd8map", b"\xff\xd8match"),
-        Pictured(evaluation.rows[0], b"\xff\xd8", None),
+        QueryPictures(evaluation.rows[1], b"\xff\xd8map", b"\xff\xd8match"),
+        QueryPictures(evaluation.rows[0], b"\xff\xd8", None),
     ]
     return render_report(evaluation, worst=worst)
 

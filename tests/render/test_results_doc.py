@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from webapp.render.evaluation_folder import COLUMNS
-from webapp.tasks.localize.evaluate import to_json
+from webapp.tasks.evaluation.evaluate import to_json
 
 PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text("utf-8")
 

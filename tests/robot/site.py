@@ -33,7 +33,7 @@ class Site:
     def poses(self, mission=None):
         """Poses of the only track."""
         with self.library.database.read() as session:
-            (track,) = tracks.listed(session, mission or self.mission)
+            (track,) = tracks.list_tracks(session, mission or self.mission)
             return tracks.read(session, track)
 
     def state(self, mission=None):
@@ -46,7 +46,7 @@ class Site:
         with self.library.database.read() as session:
             objects = select(MissionObject.object_id).where(MissionObject.mission_id == mission)
             return {
-                "tracks": [(track.source, track.poses) for track in tracks.listed(session, mission)],
+                "tracks": [(track.source, track.poses) for track in tracks.list_tracks(session, mission)],
                 "objects": list(session.scalars(objects)),
                 "photos": len(missions.photos(session, mission)),
             }

@@ -140,7 +140,7 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
         (("send", "SPOOL"), "either --mission N or --new NAME"),
         (("send", "SPOOL", "--mission", "99"), None),
         (("send", "SPOOL", "--new", "x", "--start", "here"), "is not a start"),
-        (("send", "SPOOL", "--new", "x", "--map", "nowhere"), "no such map"),
+        (("send", "SPOOL", "--new", "x", "--map", "nowhere"), "map not found"),
         (("send", "SPOOL", "--new", "x", "--token", "wrong"), "unknown token"),
         (("status", "SPOOL"), "no spool"),
         (("recover", "SPOOL"), "no spool"),
@@ -160,7 +160,7 @@ def test_a_missing_mission_is_reported_at_once(site, expmap, tmp_path):
     file = tmp_path / "walk.csv"
     file.write_text("time,lat,lon\n1000,50,14\n1001,50.1,14\n")
     code, _, err = expmap("replay", file, "--spool", tmp_path / "s", "--url", site.url, "--mission", "99")
-    assert code == 1 and "no such mission" in err
+    assert code == 1 and "mission not found" in err
 
 
 def test_the_client_is_the_standard_library_and_one_module():

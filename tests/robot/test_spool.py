@@ -19,7 +19,7 @@ from webapp.robot.content import read_content
 from webapp.robot.database import DatabaseDamaged
 from webapp.robot.options import RobotOptions
 from webapp.robot.schema import Identity
-from webapp.robot.spool import Gap, Run, Spool
+from webapp.robot.spool import Gap, RecordRun, Spool
 
 WHO = Identity("", 7, "http://127.0.0.1:1", "")
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,7 +58,7 @@ def test_records_come_back_in_order(tmp_path):
 
 def test_what_is_taken_has_at_most_so_many_records_and_bytes(tmp_path):
     spool = filled(tmp_path / "s", 200)
-    assert spool.next_batch(records=70, size=10**6) == Run(0, tuple(map(record, range(70))))
+    assert spool.next_batch(records=70, size=10**6) == RecordRun(0, tuple(map(record, range(70))))
     assert len(spool.next_batch(records=200, size=1000).texts) == 1000 // len(record(30))
     assert len(spool.next_batch(records=200, size=1).texts) == 1
     spool.close()

@@ -1,4 +1,4 @@
-"""A robot that walks: `python walker.py URL SPOOL COUNT` sends COUNT poses, going on where it was killed."""
+"""A robot that walks: `python walker.py URL SPOOL COUNT` sends COUNT poses, resuming where it was killed."""
 
 import dataclasses
 import sys

@@ -43,7 +43,7 @@ def small(tmp_path_factory):
 def test_the_map_is_clean(sample_folder):
     report = check_map.check_map(sample_folder / "map.cfg", settings=SETTINGS, progress=Progress())
     assert (report.photos, report.errors) == (60, 0)
-    # the queries lie beside the map on purpose
+    # the queries are in a folder outside the map on purpose
     assert [f.message for f in report.findings if "'queries/" not in f.message] == []
 
 

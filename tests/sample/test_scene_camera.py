@@ -131,13 +131,13 @@ def test_what_is_not_there_is_seen_through():
 
 
 def test_a_wall_through_the_camera_is_cut_off_not_folded():
-    beside = Quad(
+    outside = Quad(
         np.array([1.0, -5.0, 0.0]),
         np.array([0.0, 30.0, 0.0]),
         np.array([0.0, 0.0, 4.0]),
         picture(RED, RED),
         True,
     )
-    seen = np.isfinite(photograph([beside], LOOKING_NORTH).depth)
+    seen = np.isfinite(photograph([outside], LOOKING_NORTH).depth)
     assert seen[:, 60:].any()
     assert not seen[:, :50].any()

@@ -3,10 +3,11 @@
 import sqlite3
 
 import pytest
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import IntegrityError, OperationalError
 
 from webapp.errors import NotFound, StorageError
 from webapp.store.database import Database
+from webapp.store.library import open_library
 from webapp.store.schema import Account, Photo
 
 
@@ -64,3 +65,30 @@ def test_a_full_disk_is_an_error_in_words(library):
             full()
         except sqlite3.OperationalError as error:
             raise OperationalError("INSERT", None, error) from error
+
+
+@pytest.mark.parametrize("content", [b"not a database" * 100, b"SQLite format 3\0" + bytes(5000)])
+def test_a_damaged_database_is_an_error_in_words(tmp_path, content):
+    library = open_library(tmp_path)
+    library.database.close()
+    (library.inner / "library.db").write_bytes(content)
+    with pytest.raises(StorageError, match="damaged") as caught:
+        open_library(tmp_path)
+    assert "expmap restore" in caught.value.hint
+
+
+def test_a_database_that_was_emptied_is_not_taken_for_a_new_one(tmp_path):
+    library = open_library(tmp_path)
+    library.database.close()
+    (library.inner / "library.db").write_bytes(b"")
+    open_library(tmp_path).database.close()
+    (library.inner / "library.db").write_bytes(b"")
+    (tmp_path / "park").mkdir()
+    with pytest.raises(StorageError, match="is empty"):
+        open_library(tmp_path)
+
+
+def test_what_breaks_a_rule_of_the_database_stays_a_bug(library, new_account):
+    new_account("ana")
+    with pytest.raises(IntegrityError), library.database.write() as session:
+        session.add(Account(id=1, name="bob"))

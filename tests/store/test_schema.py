@@ -63,22 +63,22 @@ def test_a_library_of_0_7_0_opens_with_all_that_is_in_it(released):
 def test_links_of_0_7_0_open_what_they_did(released):
     migrate(released)
     with released.read() as session:
-        opened = sharing.opened(session, "map-secret")
+        opened = sharing.open_share(session, "map-secret")
         assert (opened.map.slug, opened.query, opened.share.localize) == ("park", None, True)
-        answer = sharing.opened(session, "answer-public")
+        answer = sharing.open_share(session, "answer-public")
         assert answer.query is not None and (answer.share.photos, answer.share.originals) == (False, True)
         assert [one.share.public_token for one in sharing.public(session)] == ["answer-public"]
-        mission = mission_shares.opened(session, "mission-secret")
+        mission = mission_shares.open_share(session, "mission-secret")
         assert (mission.mission.name, mission.share.photos) == ("Walk", True)
         assert [one.share.public_token for one in mission_shares.public(session)] == ["mission-public"]
         with pytest.raises(NotFound):
-            sharing.opened(session, "mission-secret")
+            sharing.open_share(session, "mission-secret")
 
 
 def test_ids_of_its_deleted_jobs_are_not_used_again(released):
     migrate(released)
     with released.write() as session:
-        assert [job.id for job in jobs.listed(session)] == [1]
+        assert [job.id for job in jobs.list_jobs(session)] == [1]
         session.delete(session.get_one(Job, 1))
         session.flush()
         assert jobs.enqueue(session, "index").id == 2

@@ -1,6 +1,7 @@
 """The application on a library in a temporary folder, and browsers that are signed in."""
 
 import shutil
+from uuid import uuid4
 
 import pytest
 from flask.testing import FlaskClient
@@ -85,6 +86,7 @@ def sign_in(app):
         client = app.test_client()
         with client.session_transaction() as session:
             session["_user_id"] = f"{account.id}.{account.epoch}"
+            session["session_id"] = uuid4().hex
             session.permanent = True
         return client
 

@@ -39,7 +39,7 @@ def test_every_file_that_is_kept_is_there(stranger, worker):
             assert file.status_code == 200, address
 
 
-def test_pages_tell_the_version_of_their_files(client, stranger, worker):
+def test_pages_state_the_version_of_their_files(client, stranger, worker):
     assert client.get("/").headers[installable.VERSION_HEADER] == worker["version"]
     assert stranger.get("/sign-in").headers[installable.VERSION_HEADER] == worker["version"]
     assert installable.VERSION_HEADER not in client.get("/api/v1/maps").headers

@@ -4,6 +4,7 @@ import io
 import itertools
 import json
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import hypothesis
 import pytest
@@ -22,7 +23,7 @@ from schemathesis.specs.openapi.checks import (
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo, store_batch
-from webapp.missions.tasks.add_photo import About
+from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.tasks.store_batch import Numbered
 from webapp.settings import MissionSettings, Settings
 from webapp.store import queries
@@ -111,11 +112,11 @@ def add_mission(library, settings, owner):
             id,
             source=library.uploads / "m.part",
             name="m.jpg",
-            about=About(object_id="car-1"),
+            about=PhotoMetadata(object_id="car-1"),
             settings=settings,
         )
         with library.database.read() as session:
-            (track,) = tracks.listed(session, id)
+            (track,) = tracks.list_tracks(session, id)
         return {
             "mission_id": [id],
             "track_id": [track.id],
@@ -232,7 +233,7 @@ def state(library, slug):
         )
 
 
-def test_the_document_is_valid_and_tells_every_route(app, document, api):
+def test_the_document_is_valid_and_describes_every_route(app, document, api):
     api.validate()
     assert document["openapi"].startswith("3.")
     assert document["security"] == [{"token": []}]
@@ -274,7 +275,17 @@ def test_the_document_is_the_same_for_everyone(app, document):
     assert document["servers"] == [{"url": "/"}]
 
 
-def test_the_state_of_a_map_has_no_field_that_the_document_does_not_tell(client, fresh):
+def test_who_asks_for_the_document_at_the_same_time_gets_all_of_it(app, owner, sign_in):
+    """A process makes it for the first one who asks."""
+    browsers = [sign_in(owner) for _ in range(8)]
+    with ThreadPoolExecutor(8) as pool:
+        documents = [*pool.map(lambda browser: browser.get("/api/v1/openapi.json").json, browsers)]
+    assert all(one == documents[0] for one in documents)
+    refs = set(re.findall(r'"#/components/schemas/([^"]+)"', json.dumps(documents[0])))
+    assert refs <= set(documents[0]["components"]["schemas"])
+
+
+def test_every_field_of_the_state_of_a_map_is_documented(client, fresh):
     slug, _ = fresh()
     whole = client.get(f"/api/v1/maps/{slug}").json
     assert whole["photos"] and whole["satellite"] and whole["georeference"]
@@ -299,6 +310,13 @@ def test_whatever_the_owner_sends_is_answered_as_the_document_says(operations, f
             slug, ids = fresh()
         each(cases(operation, slug, ids), examples=3, call=call)
     assert {200, 201, 400, 404, 422} <= seen
+
+
+@pytest.mark.parametrize("file", ["map.cfg", "placements/{name}.cfg"])
+def test_files_of_a_map_without_an_image_are_answered_as_the_document_says(client, park, document, file):
+    answer = client.get(f"/api/v1/maps/{park}/{file.format(name='plan')}")
+    assert answer.status_code == 400
+    assert "400" in document["paths"][f"/api/v1/maps/{{slug}}/{file}"]["get"]["responses"]
 
 
 def test_nobody_gets_in_without_a_sign_in(operations, fresh, library):

@@ -38,7 +38,7 @@ def test_a_page_leads_a_stranger_to_the_sign_in_and_back(stranger, park, page):
     assert answer.headers["Location"] == f"/sign-in?next={page}"
 
 
-def test_the_api_tells_a_stranger_in_json(stranger, park):
+def test_the_api_answers_a_stranger_in_json(stranger, park):
     answer = stranger.get("/api/v1/jobs?map=park")
     assert answer.status_code == 401
     assert shape(answer)["code"] == "not_signed_in"
@@ -232,3 +232,18 @@ def test_the_chosen_colours_are_there_from_the_start(client, theme):
 def test_a_cookie_cannot_write_into_the_page(client):
     client.set_cookie("expmap-theme", '"><script>')
     assert "data-theme=" not in client.get("/").text.split("<head")[0]
+
+
+def test_who_is_not_signed_in_sends_to_half_of_the_threads(app, client, stranger):
+    permits = app.extensions["expmap_concurrency"]["strangers"]
+    taken = 0
+    while permits.acquire(blocking=False):
+        taken += 1
+    answer = stranger.post("/sign-in", data={"name": "jana", "password": "guess"})
+    assert (answer.status_code, answer.headers["Retry-After"]) == (503, "1")
+    assert stranger.get("/sign-in").status_code == 200
+    assert client.post("/api/v1/maps", json={"name": "Park"}).status_code == 201
+    permits.release(taken)
+    assert taken == 4, "of 8 threads"
+    for _ in range(5):
+        assert stranger.post("/sign-in", data={"name": "jana", "password": "guess"}).status_code == 401

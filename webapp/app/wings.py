@@ -22,7 +22,7 @@ _KINDS = {
     "mission-fuse": "webapp.missions.jobs:fuse_mission",
     "mission-import": "webapp.missions.jobs:import_mission_file",
     "mission-pieces": "webapp.missions.jobs:build_track_pieces",
-    "sample": "webapp.sample.job:run",
+    "sample": "webapp.sample.job:make_sample_map",
 }
 """Name of each kind of job to "module:function", imported when the first job of its kind comes."""
 

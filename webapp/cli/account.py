@@ -81,7 +81,7 @@ def add(name: str, owner: bool, url: str, library: Path | None) -> None:
 def list_accounts(library: Path | None) -> None:
     """Print all accounts: name, whether the owner of the library, and since when."""
     with _writing(library) as session:
-        for account in accounts.listed(session):
+        for account in accounts.list_accounts(session):
             what = "owner" if account.is_owner else "-"
             click.echo(f"{account.name}\t{what}\t{account.created_at:%Y-%m-%d}")
 

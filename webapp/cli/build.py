@@ -1,4 +1,4 @@
-"""`expmap build`: the index beside a map, and what is printed about a build."""
+"""`expmap build`: the index of a map, and what is printed about a build."""
 
 from __future__ import annotations
 
@@ -35,17 +35,23 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
             map_file, open_options(chosen), settings=chosen_settings(chosen), progress=progress
         )
     index = report.index
+    second = report.second
+    failed = [*index.failed, *(second.index.failed if second else ())]
     tell_failed(index)
+    if second:
+        tell_failed(second.index)
     if as_json:
         raw = asdict(index) | {"folder": str(index.folder), "features": report.features}
         seconds = {
             "orientation_seconds": report.orientation_seconds,
             "calibration_seconds": report.calibration_seconds,
         }
-        click.echo(json.dumps(raw | seconds))
+        click.echo(json.dumps(raw | seconds | {"second_look": second.features if second else None}))
     else:
         click.echo(build_line(index, report.features))
-    sys.exit(exitcodes.SOME_FAILED if index.failed else exitcodes.DONE)
+        if second:
+            click.echo(build_line(second.index, second.features))
+    sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
 
 def tell_failed(report: BuildReport | None) -> None:

@@ -28,8 +28,8 @@ from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
 from webapp.render.report import figures
 from webapp.settings import keep_freed_memory
-from webapp.tasks.localize import evaluate as task
-from webapp.tasks.localize.evaluation_types import EvaluateOptions, Evaluation
+from webapp.tasks.evaluation import evaluate as task
+from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 
@@ -123,7 +123,8 @@ def evaluate(
         pipeline = open_pipeline(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
-        tell_failed(pipeline.opened.built)
+        for opened in pipeline.all_opened:
+            tell_failed(opened.built)
         progress.note("queries")
         localize = pipeline.localize
         if smooth and queries is not None:

@@ -28,6 +28,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
+from webapp.files.localize.models import second_look_features
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
@@ -111,16 +112,24 @@ _SURE = 0.5
 _LOOK_CLOSER = (
     "what is not sure can become surer with --method thorough: a second a photo; see expmap models list"
 )
+_LOOK_AGAIN = (
+    "what is not sure can become surer by a second look, once its models are here: expmap models fetch"
+)
 
 
 @click.command(short_help="Say where photos were taken.")
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
 @click.argument("photos", metavar="PHOTO...", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
-    "--top", type=click.IntRange(1), default=5, show_default=True, metavar="N", help="At most so many places."
+    "--top",
+    type=click.IntRange(1),
+    default=5,
+    show_default=True,
+    metavar="N",
+    help="Maximum number of places.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array, an object a photo.")
-@click.option("--matches", type=_PICTURE, metavar="OUT.png", help="Draw the query beside the best photo.")
+@click.option("--matches", type=_PICTURE, metavar="OUT.png", help="Draw the query next to the best photo.")
 @click.option("--picture", type=_PICTURE, metavar="OUT.png", help="Draw the hypotheses on the map.")
 @sequence_options
 @click.option("--by-time", is_flag=True, help="With --sequence: order the photos by their EXIF time.")
@@ -162,7 +171,8 @@ def localize(
             localize_photo = smoothed.localize
         elif sequence:
             localize_photo = SequenceFilter(pipeline, speed_px=speed, steps=steps).localize
-    tell_failed(pipeline.opened.built)
+    for opened in pipeline.all_opened:
+        tell_failed(opened.built)
     output = _Output(
         pipeline, map_file, matches=matches, picture=picture, several=len(photos) > 1, sequence=sequence
     )
@@ -186,8 +196,10 @@ def localize(
             click.echo(f"expmap: {error}", err=True)
     if as_json:
         click.echo(json.dumps(forms, indent=2))
-    elif unsure and pipeline.method == "verified":
-        click.echo(_LOOK_CLOSER, err=True)
+    elif unsure and pipeline.method in ("auto", "verified"):
+        without_models = settings.retrieval.budget_s > 0.0 and second_look_features(settings.models) is None
+        again = pipeline.method == "auto" and chosen["features"] == "auto" and without_models
+        click.echo(_LOOK_AGAIN if again else _LOOK_CLOSER, err=True)
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
 
@@ -198,7 +210,7 @@ def _refuse_unwritable(path: Path | None, option: str) -> None:
     if path.suffix.lower() not in _FORMATS:
         raise UsageError(f"cannot draw a {path.name}", where=option, hint="name a .png or .jpg")
     if not path.parent.is_dir():
-        raise UsageError(f"there is no folder {path.parent}", where=option, hint="make it first")
+        raise UsageError(f"folder {path.parent} not found", where=option, hint="make it first")
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,7 +153,7 @@ def _copy_line(one: PhotoCopy) -> str:
 @click.option("--geotiff", is_flag=True, help="The image is a GeoTIFF and says itself where it is.")
 @click.option(
     "--worldfile", type=_FILE, is_flag=False, flag_value=_BESIDE, metavar="[FILE]",
-    help="World file; without FILE the one beside the image.",
+    help="World file; without FILE the one next to the image.",
 )  # fmt: skip
 @click.option("--control-points", type=_FILE, metavar="FILE", help="Table x;y;lat;lon of known points.")
 @click.option("--crs", metavar="CRS", help="Coordinate system of the world file or GeoTIFF: EPSG:32633 ...")
@@ -227,7 +227,7 @@ def from_photos(
 
 
 def _show_warnings(report: map_from_photos.PlaceReport) -> None:
-    """Say on standard error what is no result: residuals, warnings, that nothing was written."""
+    """Print on standard error what is not a result: residuals, warnings, that nothing was written."""
     if report.residuals_m:
         metres = " ".join(f"{residual:.3g}" for residual in report.residuals_m)
         click.echo(f"residuals of the control points, metres: {metres}", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -55,6 +56,8 @@ def _limited(option: str, key: str, *, metavar: str, text: str) -> Decorator:
     return click.option(option, type=click.IntRange(least), metavar=metavar, help=help_text)
 
 
+_BUDGET = settings_table()["retrieval.budget_s"]
+
 _INDEX_OPTIONS: list[Decorator] = [
     click.option(
         "--features",
@@ -69,22 +72,30 @@ _INDEX_OPTIONS: list[Decorator] = [
     click.option(
         "--method",
         type=click.Choice(METHODS),
-        default="verified",
+        default="auto",
         show_default=True,
-        help="vote: most matches; verified: geometry, position and probabilities; thorough: the same with "
-        "a network that matches photos, which takes seconds.",
+        help="auto: verified, and a second look by learned features where it is not sure and their models "
+        "are here; vote: most matches; verified: geometry, position and probabilities; thorough: the same "
+        "with a network that matches photos, which takes seconds.",
+    ),
+    click.option(
+        "--budget",
+        type=click.FloatRange(0.0),
+        metavar="SECONDS",
+        help="With --method auto: a second look may take so long a photo; 0 for none.  "
+        f"[default: {_BUDGET.variables[0]}, or {_BUDGET.default}]",
     ),
     _limited(
         "--max-side",
         "extract.max_side_px",
         metavar="PX",
-        text="Photos are scaled down until the longer side has so many pixels.",
+        text="Photos are scaled down until the longer side has this many pixels.",
     ),
     _limited(
         "--keypoints",
         "extract.keypoints",
         metavar="N",
-        text="At most so many keypoints a photo, the strongest.",
+        text="Maximum number of keypoints a photo; the strongest are kept.",
     ),
     _limited(
         "--shortlist",
@@ -96,7 +107,7 @@ _INDEX_OPTIONS: list[Decorator] = [
         "--index",
         type=click.Path(file_okay=False, path_type=Path),
         metavar="FOLDER",
-        help="Folder for the indexes.  [default: derived/ beside the map]",
+        help="Folder for the indexes.  [default: derived/ next to the map]",
     ),
     click.option(
         "--jobs", type=click.IntRange(1), metavar="N", help="Processes that build.  [default: all cores]"
@@ -167,6 +178,10 @@ def chosen_settings(chosen: dict[str, Any]) -> Settings:
     retrieval = settings.retrieval
     if chosen["shortlist"] is not None:
         retrieval = replace(retrieval, shortlist=chosen["shortlist"])
+    if chosen["budget"] is not None:
+        if not math.isfinite(chosen["budget"]):
+            raise UsageError("not a number of seconds", where="--budget", hint="take 0 for no second look")
+        retrieval = replace(retrieval, budget_s=chosen["budget"])
     return replace(settings, extract=replace(settings.extract, **given), retrieval=retrieval)
 
 

@@ -25,6 +25,9 @@ class RetrievalTuning:
     shortlist: int = 12
     """Photos with most votes that are verified geometrically."""
 
+    second_look_photos: int = 5
+    """Photos with most votes that a network matches in the second look of method `auto`."""
+
     voters: int = 30
     """Photos with most votes whose votes count for the places around them."""
     rotation_tolerance_deg: float = 20.0
@@ -151,11 +154,14 @@ class ExtrinsicsTuning:
     min_angle_deg: float = 1.0
     """Least angle between two rays that give a depth, degrees."""
 
+    certain_inliers: int = 40
+    """Inliers from which on two photos certainly show the same."""
+
     position_sigma: float = 0.1
     """Of a photo on the map, place radii: all depths of a pair err by it over the baseline."""
 
     averaging: Annealing = Annealing(rounds=60, start=4.0, decay=0.9)
-    """Rotation averaging: the start is a vote that can be wrong by anything, so many slow rounds."""
+    """Rotation averaging: the start is a vote that can be wrong by anything, many slow rounds."""
 
     averaging_level: LevelPrior = LevelPrior(roll_sigma=0.04, pitch_sigma=0.2, weight=0.3)
     """Directions say little of pitch: it is held closer here than when all matches count."""
@@ -200,7 +206,7 @@ def with_field(tuning: _Value, name: str, *, text: str) -> _Value:
     Raises
     ------
     KeyError
-        There is no such field, or it is not a number; the known ones are listed.
+        A field is unknown, or its value is not a number; the known fields are listed.
     ValueError
         The text is not a number of the field's type.
     """

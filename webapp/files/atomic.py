@@ -86,7 +86,7 @@ def _write_through(path: Path, parts: Iterable[bytes | memoryview]) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the new name last; Windows has no such call, some network disks refuse it."""
+    """Make the new name last; Windows cannot do it, some network file systems refuse it."""
     if os.name == "nt":
         return
     handle = os.open(folder, os.O_RDONLY)

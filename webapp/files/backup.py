@@ -1,4 +1,4 @@
-"""A backup: a zip of files as they are, and a manifest with their hashes, without which it is none.
+"""A backup: a zip of files as they are, and a manifest with their hashes, without which it is not a backup.
 
 It is written under another name and gets its own when it is complete and was read again.
 """

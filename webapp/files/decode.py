@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import mmap
 import struct
 import warnings
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from webapp.errors import PhotoError
+from webapp.files.jpeg_scans import has_too_many_scans
 from webapp.settings import PhotoLimits
 
 FORMATS = ("JPEG", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF")
@@ -34,10 +36,14 @@ PHOTO_SUFFIXES = frozenset(
 
 _ANY_SIZE = PhotoLimits(max_mb=math.inf, max_megapixels=math.inf)
 _SMALL = (64, 64)
+_MAX_SIDE = 65_535
+"""As in JPEG and WebP. Longer ones are not photos, and scaling takes memory by the square of a side."""
+
+_ROWS = 256
 
 
 @contextmanager
-def opened(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.Image]:
+def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.Image]:
     """Open an image, its header read and nothing decoded yet.
 
     Whatever damage shows while it is open, also in the caller's block, becomes a `PhotoError`.
@@ -69,6 +75,9 @@ def opened(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.Image
             file = io.BytesIO(source) if isinstance(source, bytes) else source
             with Image.open(file, formats=FORMATS) as image:
                 _check_pixels(image, limits)
+                _check_side(image)
+                if image.format in ("JPEG", "MPO"):
+                    check_scans(source)
                 yield image
         except PhotoError as error:
             raise PhotoError(error.message, where=where, hint=error.hint) from error
@@ -105,22 +114,29 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
 
 
 def _eight_bits(values: NDArray[np.generic], *, sixteen: bool) -> Pixels:
+    """Scale (h, w) values to 8 bits, a few rows at a time: large ones take no multiple of their memory."""
+    strips = [values[top : top + _ROWS] for top in range(0, len(values), _ROWS)]
     if sixteen and values.max(initial=0) < 65536 and values.min(initial=0) >= 0:
-        return (values.astype(np.uint32) >> 8).astype(np.uint8)
-    finite = np.nan_to_num(values.astype(np.float64), posinf=0.0, neginf=0.0)
-    low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
-    return ((finite - low) * (255.0 / (high - low or 1.0))).astype(np.uint8)
+        return np.concatenate([(strip.astype(np.uint32) >> 8).astype(np.uint8) for strip in strips])
+    low = min(0.0, *(float(_finite(strip).min(initial=0.0)) for strip in strips))
+    high = max(0.0, *(float(_finite(strip).max(initial=0.0)) for strip in strips))
+    factor = 255.0 / (high - low or 1.0)
+    return np.concatenate([((_finite(strip) - low) * factor).astype(np.uint8) for strip in strips])
+
+
+def _finite(values: NDArray[np.generic]) -> NDArray[np.float64]:
+    return np.nan_to_num(values.astype(np.float64), posinf=0.0, neginf=0.0)
 
 
 def check_bytes(source: Path | bytes, limits: PhotoLimits) -> None:
-    """Refuse what is no file, empty or too large, without reading it.
+    """Reject what is not a file, empty or too large, without reading it.
 
     Raises
     ------
     PhotoError
     """
     if isinstance(source, Path) and not source.is_file():
-        missing = "there is no such file" if not source.exists() else "it is not a file"
+        missing = "file not found" if not source.exists() else "it is not a file"
         raise PhotoError(missing, hint="check its path")
     size = source.stat().st_size if isinstance(source, Path) else len(source)
     if size == 0:
@@ -141,6 +157,27 @@ def _check_pixels(image: Image.Image, limits: PhotoLimits) -> None:
         )
 
 
+def _check_side(image: Image.Image) -> None:
+    if max(image.size) > _MAX_SIDE:
+        raise PhotoError(f"it is {max(image.size)} pixels long, more than {_MAX_SIDE}", hint="cut out a part")
+
+
+def check_scans(source: Path | bytes) -> None:
+    """Refuse a JPEG of a few hundred kilobytes that would take minutes to decode.
+
+    Raises
+    ------
+    PhotoError
+    """
+    if isinstance(source, bytes):
+        refused = has_too_many_scans(source)
+    else:
+        with source.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            refused = has_too_many_scans(data)
+    if refused:
+        raise PhotoError("it is compressed in an unusual way", hint="open it in an editor and save it again")
+
+
 def image_size(path: Path) -> tuple[int, int]:
     """Read width and height in pixels from the header, as stored (orientation not applied).
 
@@ -149,7 +186,7 @@ def image_size(path: Path) -> tuple[int, int]:
     PhotoError
         The file is missing or no image.
     """
-    with opened(path, limits=_ANY_SIZE) as image:
+    with open_image(path, limits=_ANY_SIZE) as image:
         return image.size
 
 
@@ -161,6 +198,6 @@ def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
     PhotoError
         It is missing, no image, cut off, damaged, or larger than the limits.
     """
-    with opened(path, limits=limits) as image:
+    with open_image(path, limits=limits) as image:
         image.draft("L", _SMALL)
         image.load()

@@ -17,7 +17,7 @@ _DIGITS = re.compile(r"([0-9]+)")
 Key = tuple[tuple[tuple[int, int, str], ...], ...]
 
 DERIVED = "derived"
-"""Folder beside a map for what is computed from it."""
+"""Folder next to a map for what is computed from it."""
 
 
 def list_photos(folder: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""File locks between processes: one writer at a time beside a map, and whether workers are alive."""
+"""File locks between processes: one writer at a time for a map, and whether workers are alive."""
 
 from __future__ import annotations
 

@@ -24,11 +24,11 @@ class WrongOffset(Conflict):
     Attributes
     ----------
     offset : int
-        Bytes that have arrived: where to go on.
+        Bytes that have arrived: where to resume.
     """
 
     def __init__(self, message: str, *, offset: int, where: str | None = None) -> None:
-        super().__init__(message, where=where, hint=f"go on at byte {offset}")
+        super().__init__(message, where=where, hint=f"resume at byte {offset}")
         self.offset = offset
 
 

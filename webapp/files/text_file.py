@@ -20,6 +20,7 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 MAX_BYTES = 50_000_000
 """A larger file is not what it was taken for."""
 
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
@@ -44,7 +45,7 @@ class TextRow:
         Raises
         ------
         TableError
-            It is none.
+            It is not valid.
         """
         text = self.fields[column].strip()
         value = float(text) if _NUMBER.fullmatch(text) else math.nan
@@ -149,3 +150,19 @@ def _decoded(line: bytes) -> str:
         return line.decode("utf-8")
     except UnicodeDecodeError:
         return line.decode("latin-1")
+
+
+def plain_cell(value: object) -> object:
+    """Return a value for a CSV that no spreadsheet takes for a formula.
+
+    A text like `=HYPERLINK(...)` gets an apostrophe in front, with which spreadsheets show it as a text;
+    `cell_text` takes it away again. Numbers stay.
+    """
+    if not isinstance(value, str) or not _FORMULA.match(value) or _NUMBER.fullmatch(value):
+        return value
+    return f"'{value}"
+
+
+def cell_text(cell: str) -> str:
+    """Return the text that `plain_cell` was given."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell

@@ -54,7 +54,7 @@ class Duties:
         Raises
         ------
         UsageError
-            There is no such kind.
+            The kind does not exist.
         """
         if kind not in self.kinds:
             raise UsageError(

@@ -5,19 +5,24 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+from webapp.core.features.table import choose
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
 from webapp.jobs.context import Context
 from webapp.render import export_file
+from webapp.settings import Settings
 from webapp.store.maps import maps
+from webapp.tasks.evaluation import evaluate
+from webapp.tasks.evaluation import stored as stored_evaluation
+from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
-from webapp.tasks.localize import build_map, evaluate, stored_evaluation
-from webapp.tasks.localize.calibrate import MOST_PHOTOS
-from webapp.tasks.localize.evaluation_types import EvaluateOptions
+from webapp.tasks.localize import build_map
+from webapp.tasks.localize.cascade import look_options
 from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health
 from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
@@ -25,7 +30,7 @@ from webapp.tasks.satellite.files import taken_back_if_refused
 from webapp.tasks.satellite.tiles import TileRequest
 
 _NAMED = 100
-"""At most so many photos or findings are named in a result."""
+"""Maximum number of photos or findings named in a result."""
 
 
 def build_map_index(context: Context) -> dict[str, Any]:
@@ -42,30 +47,41 @@ def build_map_index(context: Context) -> dict[str, Any]:
     export.export_map(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
-    by_network = [placed] if method == "thorough" else []
-    context.progress.plan(placed, placed, *by_network, min(placed, MOST_PHOTOS))
+    options = OpenOptions(method=method, features=features)
+    context.progress.plan(*_stages(options, placed, settings=context.settings))
     context.progress.note("describing photos")
     report = build_map.build_map(
         library.cfg(record.slug),
-        OpenOptions(method=method, features=features),
+        options,
         settings=context.settings,
         progress=context.progress,
     )
-    failed = [{"id": id, "photo": photo, "reason": reason} for id, photo, reason in report.index.failed]
+    looks = [report] if report.second is None else [report, report.second]
+    unusable = {id: (photo, reason) for look in looks for id, photo, reason in look.index.failed}
+    failed = [{"id": id, "photo": photo, "reason": reason} for id, (photo, reason) in unusable.items()]
     return {
         "photos": report.index.photos,
         "computed": report.index.extracted,
         "failed": failed[:_NAMED],
         "features": report.features,
         "method": method,
-        "seconds": round(report.index.seconds + (report.calibration_seconds or 0.0), 3),
+        "seconds": round(sum(r.index.seconds + (r.calibration_seconds or 0.0) for r in looks), 3),
     }
+
+
+def _stages(options: OpenOptions, placed: int, *, settings: Settings) -> list[int]:
+    """List the steps of each stage of a build: describing photos, comparing them, calibrating."""
+    trials = min(placed, MOST_PHOTOS)
+    by_network = [placed] if options.method == "thorough" else []
+    count = len(look_options(options, first=choose("verified"), settings=settings))
+    again = [trials] * count if count > 1 else []
+    return [placed, placed, *by_network, trials] * count + again
 
 
 def evaluate_map(context: Context) -> dict[str, Any]:
     """Localize each of a map's own photos as if it were not on the map, and keep the report.
 
-    The argument `limit` takes so many photos, evenly spread over the map.
+    The argument `limit` is the number of photos taken, evenly spread over the map.
     """
     library, record = context.library, context.map()
     export.export_map(library, record.id)
@@ -87,7 +103,7 @@ def evaluate_map(context: Context) -> dict[str, Any]:
 
 
 def find_weak_photos(context: Context) -> dict[str, Any]:
-    """Find photos that look alike, stand alone or show one side only; keep that beside the index."""
+    """Find photos that look alike, stand alone or show one side only; store them next to the index."""
     library, record = context.library, context.map()
     export.export_map(library, record.id)
     with library.database.read() as session:
@@ -124,7 +140,7 @@ def import_map_zip(context: Context) -> dict[str, Any]:
 def export_map_file(context: Context) -> dict[str, Any]:
     """Export a map to a file, which is kept to be fetched; the argument `format` says of which kind."""
     record = context.map()
-    download = export_file.run(
+    download = export_file.export_map_file(
         context.library,
         record.id,
         form=context.arguments["format"],

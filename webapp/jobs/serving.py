@@ -296,7 +296,7 @@ def keep_running(children: Sequence[Child], *, each_tick: Callable[[], None], st
     each_tick : callable
         Called ten times a second; an error from it ends all.
     stop_s : float
-        The processes have so many seconds to stop before they are killed.
+        Seconds that the processes have to stop before they are killed.
     """
     stopping = threading.Event()
 

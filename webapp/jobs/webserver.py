@@ -21,8 +21,12 @@ from gunicorn.glogging import Logger  # type: ignore[import-untyped]
 
 from webapp.configuration import load_settings
 from webapp.jobs.logs import FORMS, log_to_stderr
+from webapp.jobs.slow_clients import ClientSocket, PatientWorker
 from webapp.settings import Settings, let_threads_sleep
 from webapp.threads import cores
+
+_CONNECTIONS = 800
+"""Open at once in each process; those without a request under way cost a file handle each."""
 
 
 class Server(BaseApplication):  # type: ignore[misc]
@@ -53,6 +57,8 @@ class Server(BaseApplication):  # type: ignore[misc]
     def load(self) -> Any:
         """Make the application, in a worker process that leaves the other ones their cores."""
         import cv2  # not before the fork
+
+        ClientSocket.patience_s = self._settings.serve.patience_s
 
         cv2.setNumThreads(native_threads(self.cfg.workers))
         module, name = self._app.split(":")
@@ -107,10 +113,11 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
     return {
         "bind": f"fd://{fd}",
         "workers": workers,
-        "worker_class": "gthread",
+        "worker_class": PatientWorker,
         "threads": settings.serve.threads,
         "graceful_timeout": round(settings.serve.stop_s),
         "timeout": 60,
+        "worker_connections": _CONNECTIONS,
         "preload_app": False,
         "control_socket_disable": True,  # it would be in the home folder
         "proc_name": "expmap",

@@ -55,7 +55,7 @@ class Worker:
     Parameters
     ----------
     parent : int or None
-        Id of the process that started this one, and without which it must not go on.
+        Id of the process that started this one, and without which it must stop.
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class Worker:
         )
         pool = ThreadPoolExecutor(1, thread_name_prefix=f"job-{job.id}")
         work: Work = pool.submit(lambda: self._duties.function(job.kind)(context))
-        heart = _Heart(context, self._settings.jobs.lease_s)
+        heart = _Heartbeat(context, self._settings.jobs.lease_s)
         while not wait([work], timeout=_TICK_S).done:
             heart.beat()
             if self._stops():
@@ -208,7 +208,7 @@ class Worker:
         _log.log(level, "job %d (%s): %s, %.1f s", job.id, job.kind, ended, seconds, extra={"fields": fields})
 
 
-class _Heart:
+class _Heartbeat:
     """Renews a lease, writes the progress down, and brings back what was wished in the meantime."""
 
     def __init__(self, context: Context, seconds: float) -> None:
@@ -226,7 +226,7 @@ class _Heart:
             with self._context.library.database.write() as session:
                 job = jobs.beat(session, self._context.lease, seconds=self._seconds, progress=progress)
         except StorageError as error:
-            # Work goes on: either the next beat comes in time, or the lease is lost and nothing is written.
+            # Work continues: either the next beat comes in time, or the lease is lost and nothing is written.
             _log.warning("the lease of job %d was not renewed: %s", self._context.lease.job_id, error)
             return
         if job is None or job.cancel_wanted:

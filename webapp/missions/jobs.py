@@ -14,7 +14,7 @@ from webapp.missions.tasks.import_file import order_of, waiting_path
 from webapp.tasks.localize.map_cache import MapCache
 
 _LISTED = 100
-"""At most so many rejected fixes are listed in the result of a fusion; the report has all."""
+"""Maximum number of rejected fixes listed in the result of a fusion; the report has all."""
 
 
 def import_mission_file(context: Context) -> Mapping[str, Any]:

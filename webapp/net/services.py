@@ -142,7 +142,7 @@ def named(services: tuple[TileService, ...], name: str) -> TileService:
     found = next((service for service in services if service.name == name), None)
     if found is None:
         offered = ", ".join(service.name for service in services)
-        raise NotFound("there is no such tile service", where=name[:80], hint=f"choose one of: {offered}")
+        raise NotFound("unknown tile service", where=name[:80], hint=f"choose one of: {offered}")
     return found
 
 

@@ -46,7 +46,7 @@ class TileFetcher:
         self._service = service
         self._folder = cache / hashlib.sha256(service.url.encode()).hexdigest()[:16]
         self._settings = settings
-        self._pace = _Pace(settings.requests_per_second)
+        self._pace = _RateLimit(settings.requests_per_second)
         # tried again after 0.5, 1, 2 s, or when the server says
         retry = Retry(_TRIES - 1, backoff_factor=0.5, status_forcelist=_TRY_AGAIN, raise_on_status=False)
         self._session = requests.Session()
@@ -144,8 +144,8 @@ class TileFetcher:
         return bytes(data)
 
 
-class _Pace:
-    """Lets requests go one by one, so many a second, whichever thread makes them."""
+class _RateLimit:
+    """Limits the rate of requests over all threads."""
 
     def __init__(self, per_second: float) -> None:
         self._lock = threading.Lock()

@@ -44,7 +44,7 @@ def map_picture(cfg: Path, the_map: Map, *, answer: Answer, limits: PhotoLimits)
 def match_picture(
     cfg: Path, the_map: Map, *, query: Path, answer: Answer, limits: PhotoLimits
 ) -> Image.Image | None:
-    """Draw the query beside the best photo of the map; None when there is no match to show.
+    """Draw the query next to the best photo of the map; None when there is no match to show.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Colours of the pictures: a scale for probabilities that every eye can read, and what stands beside it.
+"""Colours of the pictures: a scale for probabilities that every eye can read, and the ones drawn next to it.
 
 The scale is viridis: its lightness grows evenly, so it is read by brightness alone, also by colour-blind
 people and in grey print (Nathaniel Smith and Stéfan van der Walt, 2015; placed in the public domain).

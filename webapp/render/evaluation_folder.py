@@ -18,11 +18,11 @@ from webapp.files.exchange import tum
 from webapp.files.photos.photo import read_upright
 from webapp.render.answer_pictures import draw_matches
 from webapp.render.map_picture import draw_map
-from webapp.render.report import Pictured, render_report
+from webapp.render.report import QueryPictures, render_report
 from webapp.settings import PhotoLimits
-from webapp.tasks.localize.evaluate import to_json
-from webapp.tasks.localize.evaluation_poses import trajectories
-from webapp.tasks.localize.evaluation_types import Evaluation
+from webapp.tasks.evaluation.evaluate import to_json
+from webapp.tasks.evaluation.poses import trajectories
+from webapp.tasks.evaluation.types import Evaluation
 
 COLUMNS = (
     "path", "x", "y", "keypoints", "matches", "matches_pruned", "distance_min", "distance_max",
@@ -76,7 +76,7 @@ def worst_rows(rows: list[Row], count: int) -> list[Row]:
     return [row for _, row in sorted(known, key=lambda pair: -pair[0])[:count]]
 
 
-def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) -> list[Pictured]:
+def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) -> list[QueryPictures]:
     """Draw the map picture and the match picture of each row that has a hypothesis."""
     subject = evaluation.subject
     photos = {e.id: e.photo for e in subject.map.experiences}
@@ -96,7 +96,7 @@ def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) ->
                 photo_name=photos[evidence.experience],
             )
         where = draw_map(satellite, subject.map, answer=answer, truth=row.result.truth)
-        shown.append(Pictured(row, _jpeg(where), None if match is None else _jpeg(match)))
+        shown.append(QueryPictures(row, _jpeg(where), None if match is None else _jpeg(match)))
     return shown
 
 

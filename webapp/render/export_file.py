@@ -23,7 +23,7 @@ FORMATS: tuple[Format, ...] = get_args(Format)
 _KEEP_S = 7 * 86_400
 
 
-def run(
+def export_map_file(
     library: Library, map_id: int, *, form: str, settings: Settings, progress: Progress | None = None
 ) -> Download:
     """Export a map of the library.
@@ -45,10 +45,10 @@ def run(
         "geojson": export_files.export_map_geojson,
         "kml": export_files.export_map_kml,
         "kmz": lambda source: export_files.export_map_kmz(source, settings=settings, progress=progress),
-        "html": lambda source: folium_page.run(source, settings=settings, progress=progress),
+        "html": lambda source: folium_page.export_map_page(source, settings=settings, progress=progress),
     }
     if form not in makers:
-        raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
+        raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     return makers[form](of_library(library, map_id))
 
 

@@ -24,13 +24,13 @@ from webapp.render.mercator import MercatorPicture, to_mercator
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.tasks.exchange.export_source import Download, Source
-from webapp.tasks.maps.thumbnails import encoded, satellite_picture, thumbnail
+from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture, thumbnail
 
 MAX_PHOTOS = 5000
 """More would make a page that browsers cannot open."""
 
 _SIDES = ((300, 480), (1500, 256), (MAX_PHOTOS, 128))
-"""Up to so many photos, pictures of so many pixels: the page stays below some 50 MB."""
+"""Maximum number of photos, and the size of their pictures in pixels: the page stays below some 50 MB."""
 
 _IMAGE_SIDE = 4096
 _ICON, _ICON_CENTRE = (26, 26), (13, 13)
@@ -47,7 +47,7 @@ html .leaflet-popup-content p { margin: 2px 0; }
 _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 
 
-def run(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
+def export_map_page(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
     """Return a map as a page: on the Earth where it has a georeference, else in pixels.
 
     Parameters
@@ -85,7 +85,7 @@ def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
         bounds = [[on_earth.south, on_earth.west], [on_earth.north, on_earth.east]]
         picture = on_earth.pixels
     if picture is not None:
-        url = data_uri("image/webp", encoded(picture, ".webp"))
+        url = data_uri("image/webp", encode_picture(picture, ".webp"))
         ImageOverlay(url, bounds, pixelated=False).add_to(page)
     page.fit_bounds(bounds)
     photos = _photos(source, settings, progress, on_earth=on_earth is not None)
@@ -216,7 +216,7 @@ def _symbol(heading_deg: float | None) -> str:
 
 
 def _at(source: Source, e: Experience, *, on_earth: bool) -> tuple[float, float] | None:
-    """Where Leaflet has a photo: latitude and longitude, or -y and x; None where there is no such place."""
+    """Where Leaflet has a photo: latitude and longitude, or -y and x; None where it has no place."""
     if not on_earth:
         return -e.position.y, e.position.x
     lat, lon = source.georeference().latlon_of(e.position)

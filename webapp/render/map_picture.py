@@ -216,7 +216,7 @@ def _mark(canvas: Canvas, at: tuple[float, int], words: str) -> float:
 WIDTH_PX = 1600
 HEIGHT_PX = 1100
 DETAIL_PX = 480
-"""Width of a detail beside the map, height of one below it."""
+"""Width of a detail right of the map, height of one below it."""
 
 GAP_PX = 8
 LEAST_WIDTH_PX = 1040
@@ -242,7 +242,7 @@ def draw_map(
     Returns
     -------
     PIL.Image.Image
-        RGB. At the top left the part of the map with all experiences; beside it, or below a wide one, the
+        RGB. At the top left the part of the map with all experiences; right of it, or below a wide one, the
         surroundings of the best hypothesis enlarged; at the bottom a legend.
     """
     whole, close = _views(themap, answer, truth)

@@ -14,13 +14,13 @@ from webapp.core.evaluation.rows import Row
 from webapp.core.evaluation.summary import WITHIN_PX, outcomes
 from webapp.render.charts import error_chart, reliability_chart
 from webapp.resources import resource_folder
-from webapp.tasks.localize.evaluation_types import Evaluation
+from webapp.tasks.evaluation.types import Evaluation
 
 UNKNOWN = "–"
 
 
 @dataclass(frozen=True, slots=True)
-class Pictured:
+class QueryPictures:
     """A query with its pictures.
 
     Attributes
@@ -44,12 +44,12 @@ class Figure:
     interval: str
 
 
-def render_report(evaluation: Evaluation, *, worst: Sequence[Pictured]) -> str:
+def render_report(evaluation: Evaluation, *, worst: Sequence[QueryPictures]) -> str:
     """Write the report of an evaluation.
 
     Parameters
     ----------
-    worst : sequence of Pictured
+    worst : sequence of QueryPictures
         The queries to show, the worst first.
 
     Returns
@@ -116,7 +116,7 @@ def figures(evaluation: Evaluation) -> list[Figure]:
 
 
 def number(value: float | None, digits: int = 1) -> str:
-    """Write a number with so many decimals; a dash for what is unknown."""
+    """Write a number with a fixed number of decimals; a dash for what is unknown."""
     return UNKNOWN if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
 
 

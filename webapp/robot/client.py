@@ -270,7 +270,7 @@ class RobotClient:
         Parameters
         ----------
         wait_s : float
-            Wait so many seconds at most.
+            Maximum time to wait, seconds.
 
         Returns
         -------

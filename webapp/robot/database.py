@@ -27,14 +27,14 @@ from .errors import Conflict, DiskFull, StorageError
 
 FILE = "spool.sqlite3"
 DAMAGED = "damaged"
-"""A file of this name beside the database marks it as found damaged while it was used."""
+"""A file of this name next to the database marks it as found damaged while it was used."""
 
 RESERVE_BYTES = 4_000_000
 _MARGIN_BYTES = 1_000_000
 _RETRY_S = 0.5
 _PAGE_BYTES = 1024  # each commit writes whole pages; a record has 150 bytes, and SD cards wear out
 _CHECKPOINT_PAGES = 1000
-_SPARE_PAGES = 20  # for the trees of tables, beside what is stored
+_SPARE_PAGES = 20  # for the trees of tables, besides what is stored
 _BUSY_S = 0.2
 
 _FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE)  # 2nd: a quota
@@ -132,7 +132,7 @@ class SpoolDatabase:
             return self._commit(statements, durable=durable)
 
     def require_room(self, size: int) -> None:
-        """Check that so many bytes may be added to the database: not at the cost of the reserve.
+        """Check that a number of bytes may be added to the database: not at the cost of the reserve.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class SpoolDatabase:
                 raise _disk_full(self._path, "no space is left but for acknowledgements")
 
     def require_reserve(self) -> None:
-        """Check that a file may be added beside the database: not at the cost of the reserve.
+        """Check that a file may be added next to the database: not at the cost of the reserve.
 
         Raises
         ------
@@ -281,7 +281,7 @@ def open_for_reading(folder: Path) -> sqlite3.Connection:
 
 
 def read(connection: sqlite3.Connection, query: str, *values: object) -> list[tuple[Any, ...]]:
-    """Run a query on a database that was opened for reading; nothing where it has no such table yet."""
+    """Run a query on a database that was opened for reading; nothing where the table does not exist yet."""
     with storage_errors(Path(FILE)):
         try:
             return connection.execute(query, values).fetchall()

@@ -57,7 +57,7 @@ class Field(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Number(Field):
-    """A finite number; true and false are none."""
+    """A finite number; true and false are not numbers."""
 
     least: float = -FAR
     most: float = FAR
@@ -232,7 +232,7 @@ def check_fields(given: Mapping[str, object], fields: Mapping[str, Field]) -> di
     for name, value in given.items():
         expected = fields.get(name)
         if expected is None:
-            raise FieldError("there is no such field", str(name)[:40])
+            raise FieldError("unknown field", str(name)[:40])
         if value is not None:
             checked[name] = expected.check(name, value)
     for name, one in fields.items():

@@ -12,7 +12,7 @@ class RobotOptions:
     """Choices with defaults that suit a robot with an SD card and a weak network."""
 
     sync_s: float = 0.5
-    """A power cut costs at most the records of so many seconds; 0 syncs each before `pose` returns."""
+    """Seconds whose records a power cut can cost at most; 0 syncs each before `pose` returns."""
 
     every_s: float | None = 2.0
     """Seconds between two uploads; None uploads on `upload()`, `end()` and `close()` only."""
@@ -30,7 +30,7 @@ class RobotOptions:
     """Kilobytes (10^3 bytes) of one request, at most."""
 
     timeout_s: float = 10.0
-    """The network counts as down where the server does not answer for so many seconds."""
+    """Seconds without an answer of the server after which the network counts as down."""
 
     backoff_s: float = 1.0
     """Wait after the first failure; it doubles with each further one, ..."""

@@ -1,4 +1,4 @@
-"""Photos that wait to be sent: files beside the database, which has a row for each.
+"""Photos that wait to be sent: files next to the database, which has a row for each.
 
 A photo without a row was never acknowledged to the caller, or the server has it: it is deleted at the next
 start.
@@ -54,7 +54,7 @@ class PhotoQueue:
     Parameters
     ----------
     database : SpoolDatabase
-        The photos are in `photos/` beside it.
+        The photos are in `photos/` next to it.
     """
 
     def __init__(self, database: SpoolDatabase) -> None:

@@ -54,7 +54,7 @@ class SpoolState:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RecordRun:
     """Consecutive records, JSON each, the first of number `first`."""
 
     first: int
@@ -192,12 +192,12 @@ class Spool:
         """Sync all records to the disk. Others may add some meanwhile."""
         self._database.sync()
 
-    def next_batch(self, *, records: int, size: int) -> Run | Gap | None:
-        """Read the records to send next, at most so many and so many bytes, having them on the disk first.
+    def next_batch(self, *, records: int, size: int) -> RecordRun | Gap | None:
+        """Read the records to send next, up to a number and a size, having them on the disk first.
 
         Returns
         -------
-        Run, Gap or None
+        RecordRun, Gap or None
             A gap where the next record is damaged; None when all are acknowledged.
         """
         end = self._skip_set_aside()
@@ -215,7 +215,7 @@ class Spool:
             return Gap(first, sum(1 for _ in damaged))
         if first + len(texts) > self.state.sent:
             self._save(replace(self.state, sent=first + len(texts)), durable=True)
-        return Run(first, tuple(texts))
+        return RecordRun(first, tuple(texts))
 
     def acknowledge(self, count: int) -> None:
         """Remember that the server has the next `count` records."""

@@ -18,7 +18,7 @@ from typing import Literal
 from .database import storage_errors
 from .errors import Conflict, ExpMapError, NotReady, UsageError
 from .options import RobotOptions
-from .spool import Gap, Run, Spool
+from .spool import Gap, RecordRun, Spool
 from .uplink import NoResponse, Response, Uplink
 
 _AT_RECORD = re.compile(r"(?:^|\.)records\.(\d+)(?:\.|$)")
@@ -128,7 +128,7 @@ class Uploader:
         path = f"{self._mission}/batches"
         return self._uplink.post_batch(path, sender=sender, first=state.wire, texts=texts)
 
-    def _send(self, run: Run) -> UploadStep:
+    def _send(self, run: RecordRun) -> UploadStep:
         wire = self._spool.state.wire
         response = self._post(run.texts)
         if isinstance(response, NoResponse):
@@ -144,7 +144,7 @@ class Uploader:
             return self._bisect_rejected(run, response)
         return self._rewind(response) if response.status == 409 else _classify(response)
 
-    def _bisect_rejected(self, run: Run, response: Response) -> UploadStep:
+    def _bisect_rejected(self, run: RecordRun, response: Response) -> UploadStep:
         """Send less next time, up to the record that the response names; set it aside once it is alone."""
         count = len(run.texts)
         if count == 1:
@@ -229,7 +229,7 @@ def recover(
     Parameters
     ----------
     patience_s : float
-        Give up when the server has taken nothing for so many seconds.
+        Give up when the server has accepted nothing for this many seconds.
     on_progress : callable
         Gets the number of records and photos that wait, after each step and a few times a second while it
         waits; what it raises ends the work.

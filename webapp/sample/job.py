@@ -17,7 +17,7 @@ from webapp.tasks.maps import adopt_map
 SLUG = "sample"
 
 
-def run(context: Context) -> dict[str, Any]:
+def make_sample_map(context: Context) -> dict[str, Any]:
     """Make the sample and register it; what is there already stays as it is."""
     if context.account_id is None:
         raise UsageError("the sample map needs an owner")

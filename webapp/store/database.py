@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import DataError, NoResultFound, OperationalError
+from sqlalchemy.exc import DatabaseError, DataError, NoResultFound, OperationalError
 from sqlalchemy.orm import Session
 
 from webapp.errors import DiskFull, NotFound, StorageError
@@ -49,7 +49,7 @@ class Database:
         StorageError
             The database cannot be read.
         """
-        with _errors_of_ours(self.url), Session(self.engine) as session:
+        with translated_errors(self.url), Session(self.engine) as session:
             yield session
 
     @contextmanager
@@ -69,7 +69,7 @@ class Database:
         # One thread at a time asks SQLite, which would have all that wait ask again and again.
         with (
             self._turn,
-            _errors_of_ours(self.url),
+            translated_errors(self.url),
             Session(self._writing, expire_on_commit=False) as session,
         ):
             yield session
@@ -101,7 +101,16 @@ def _begin_sqlite(connection: Connection) -> None:
 
 
 @contextmanager
-def _errors_of_ours(url: str) -> Iterator[None]:
+def translated_errors(url: str) -> Iterator[None]:
+    """Raise errors of the database in the block as those of the program.
+
+    Raises
+    ------
+    NotFound
+        The record does not exist, or was deleted.
+    StorageError
+        The database is damaged, or cannot be read or written.
+    """
     try:
         yield
     except (OverflowError, DataError) as error:
@@ -110,11 +119,17 @@ def _errors_of_ours(url: str) -> Iterator[None]:
     except NoResultFound as error:
         # What an earlier session has found: its map was deleted, or its account, before this one began.
         raise NotFound("somebody has deleted this in the meantime", hint="reload the page") from error
-    except OperationalError as error:
+    except DatabaseError as error:
+        if type(error) not in (DatabaseError, OperationalError):
+            raise
         where = make_url(url).render_as_string(hide_password=True)
         if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
             raise DiskFull(
                 "the database is full: nothing was changed", where=where, hint="free some space on the disk"
+            ) from error
+        if type(error) is DatabaseError:
+            raise StorageError(
+                f"the database is damaged: {error.orig}", where=where, hint="restore a backup: expmap restore"
             ) from error
         raise StorageError(
             f"the database refused: {error.orig}", where=where, hint="is the disk full or read-only?"

@@ -1,4 +1,4 @@
-"""The library: a folder of maps and the database beside them."""
+"""The library: a folder of maps and their database."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from alembic.util.exc import CommandError
 from filelock import FileLock, Timeout
 
 from webapp.errors import StorageError
-from webapp.store.database import Database
+from webapp.store.database import Database, translated_errors
 from webapp.store.maps.changing import MapChange, change_map
 
 _BEFORE_0_7 = ("0001", "0002", "0003", "0004", "0005", "0006")
 """Schemas of versions before 0.7.0, which that version converts."""
 
 INNER = ".library"
-"""Folder of what is no map."""
+"""Folder of everything that is not a map."""
 
 DATABASE = "library.db"
 """Its file in there."""
@@ -44,7 +44,7 @@ class Library:
 
     @property
     def inner(self) -> Path:
-        """What is no map: database, secrets, uploads on their way in."""
+        """Everything that is not a map: database, secrets, uploads in progress."""
         return self.folder / INNER
 
     @property
@@ -72,7 +72,7 @@ class Library:
         Raises
         ------
         NotFound
-            There is no such map.
+            The map does not exist.
         StorageError
             The database cannot be written; nothing has changed.
         """
@@ -91,13 +91,15 @@ def open_library(folder: Path, *, url: str | None = None) -> Library:
     Raises
     ------
     StorageError
-        The folder cannot be written.
+        The folder cannot be written, or the database is damaged or was emptied.
     """
     folder = folder.resolve()
     library = Library(folder, Database(url or f"sqlite:///{folder / INNER / DATABASE}"))
     try:
         library.uploads.mkdir(parents=True, exist_ok=True)
         with FileLock(library.inner / "migrate.lock", timeout=_WAIT_S):
+            if url is None:
+                _check_not_emptied(library)
             migrate(library.database)
     except (OSError, Timeout) as error:
         raise StorageError(
@@ -106,6 +108,18 @@ def open_library(folder: Path, *, url: str | None = None) -> Library:
             hint="check the permissions of the folder",
         ) from error
     return library
+
+
+def _check_not_emptied(library: Library) -> None:
+    """Refuse to make new tables next to maps, where a database was cut to nothing, as by a full disk."""
+    file = library.inner / DATABASE
+    emptied = file.exists() and file.stat().st_size == 0
+    if emptied and any(path.is_dir() and path.name != INNER for path in library.folder.iterdir()):
+        raise StorageError(
+            "the database is empty, but the folder has maps",
+            where=str(file),
+            hint="restore a backup (expmap restore), or delete the file to begin a new library here",
+        )
 
 
 def migrate(database: Database) -> None:
@@ -118,7 +132,7 @@ def migrate(database: Database) -> None:
     """
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
-    with database.engine.connect() as connection:
+    with translated_errors(database.url), database.engine.connect() as connection:
         there = MigrationContext.configure(connection).get_current_revision()
         connection.rollback()
         if there in _BEFORE_0_7:

@@ -63,7 +63,7 @@ def keyed(session: Session, record: MapRecord, *, key: str | None, account_id: i
     return None if key is None else session.scalars(select(QueryRecord).where(*mine)).first()
 
 
-def listed(
+def list_queries(
     session: Session, record: MapRecord, *, before: int | None = None, limit: int = 50
 ) -> list[QueryRecord]:
     """List the answers of a map, the newest first.

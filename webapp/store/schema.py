@@ -83,6 +83,15 @@ class SignInLink(Base):
     used_at: Mapped[datetime | None]
 
 
+class EndedSession(Base):
+    """A session that was signed out of: its cookie, wherever a copy of it is, is worth nothing any more."""
+
+    __tablename__ = "ended_session"
+
+    id_hash: Mapped[str] = mapped_column(primary_key=True)
+    at: Mapped[datetime] = mapped_column(default=now)
+
+
 class ApiToken(Base):
     """A token for programs; only its hash is kept."""
 
@@ -271,7 +280,7 @@ class Job(Base):
     )
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    """Never used again: pages go on asking for jobs of maps that are deleted."""
+    """Never used again: pages keep asking for jobs of maps that are deleted."""
     map_id: Mapped[int | None] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), index=True)
     account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
     kind: Mapped[str]

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound
 from webapp.store import queries
 from webapp.store.accounts.accounts import hashed
-from webapp.store.schema import MapRecord, QueryRecord, Share, ShareColumns
+from webapp.store.schema import Account, MapRecord, QueryRecord, Share, ShareColumns
 
 Kind = TypeVar("Kind", bound=ShareColumns)
 
@@ -41,7 +41,7 @@ class Allows:
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenedShare:
     """What a visitor sees; records of a session that is closed.
 
     Attributes
@@ -74,7 +74,7 @@ def create(
     Raises
     ------
     NotFound
-        The map has no such answer.
+        The map does not have this answer.
     """
     if query_id is not None:
         queries.find(session, record, query_id)
@@ -90,7 +90,7 @@ def change(share: Share, allows: Allows) -> None:
     share.originals = allows.originals
 
 
-def listed(session: Session, record: MapRecord) -> list[Share]:
+def list_shares(session: Session, record: MapRecord) -> list[Share]:
     """List the shares of a map and of its answers, the newest first."""
     return shares_of(session, Share, where=Share.map_id == record.id)
 
@@ -105,7 +105,7 @@ def find(session: Session, record: MapRecord, id: int) -> Share:
     return find_share(session, Share, id=id, where=Share.map_id == record.id)
 
 
-def opened(session: Session, token: str) -> Opened:
+def open_share(session: Session, token: str) -> OpenedShare:
     """Find what the end of an address opens.
 
     Raises
@@ -118,10 +118,10 @@ def opened(session: Session, token: str) -> Opened:
     if share is None or record is None or record.binned_at is not None:
         raise link_not_valid()
     query = None if share.query_id is None else session.get_one(QueryRecord, share.query_id)
-    return Opened(share, record, query)
+    return OpenedShare(share, record, query)
 
 
-def public(session: Session) -> list[Opened]:
+def public(session: Session) -> list[OpenedShare]:
     """List what is open to everybody, the newest first."""
     found = (
         select(Share, MapRecord, QueryRecord)
@@ -130,7 +130,7 @@ def public(session: Session) -> list[Opened]:
         .where(Share.public_token.is_not(None), MapRecord.binned_at.is_(None))
         .order_by(Share.id.desc())
     )
-    return [Opened(*row) for row in session.execute(found)]
+    return [OpenedShare(*row) for row in session.execute(found)]
 
 
 def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
@@ -161,6 +161,12 @@ def shares_of(session: Session, kind: type[Kind], *, where: ColumnElement[bool])
     return list(session.scalars(select(kind).where(where).order_by(kind.id.desc())))
 
 
+def maker_of(session: Session, share: ShareColumns) -> str | None:
+    """Return the name of who made a share; None where that account was removed."""
+    account = None if share.account_id is None else session.get(Account, share.account_id)
+    return None if account is None else account.name
+
+
 def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bool]) -> Kind:
     """Find a share of a kind by its id.
 
@@ -171,7 +177,7 @@ def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElem
     """
     share = session.scalars(select(kind).where(kind.id == id, where)).first()
     if share is None:
-        raise NotFound("there is no such link", hint="it may have been revoked: reload the page")
+        raise NotFound("link not found", hint="it may have been revoked: reload the page")
     return share
 
 

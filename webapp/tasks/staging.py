@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 import shutil
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from webapp.store.library import Library
@@ -17,8 +18,9 @@ def make(library: Library) -> Path:
     """Make an empty folder; what was left behind there by killed processes is deleted."""
     there = parent(library)
     for old in there.iterdir():
-        if time.time() - old.stat().st_mtime > _STALE_S:
-            shutil.rmtree(old, ignore_errors=True) if old.is_dir() else old.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):  # another import has just finished
+            if time.time() - old.stat().st_mtime > _STALE_S:
+                shutil.rmtree(old, ignore_errors=True) if old.is_dir() else old.unlink(missing_ok=True)
     folder = there / secrets.token_hex(8)
     folder.mkdir()
     return folder

@@ -12,7 +12,7 @@ from webapp import __version__
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
-from webapp.web import errors, installable, language, openapi, pages, request_log
+from webapp.web import concurrency, errors, installable, language, openapi, pages, request_log
 from webapp.web.accounts import security, sessions
 from webapp.web.accounts.security import secret_key
 from webapp.web.state import KEY, AppState, Parts
@@ -50,7 +50,7 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
         PERMANENT_SESSION_LIFETIME=timedelta(days=settings.web.session_days),
     )
     app.jinja_options = {"trim_blocks": True, "lstrip_blocks": True}
-    for part in (request_log, security, sessions, language, pages, errors, installable, openapi):
+    for part in (request_log, concurrency, security, sessions, language, pages, errors, installable, openapi):
         part.init_app(app)
     for blueprint in parts.blueprints:
         app.register_blueprint(blueprint)

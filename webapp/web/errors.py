@@ -21,6 +21,7 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.wrappers import Response as BaseResponse
 
 from webapp.errors import (
+    Busy,
     Cancelled,
     Conflict,
     ExpMapError,
@@ -33,6 +34,7 @@ from webapp.errors import (
     NotReady,
     NotSignedIn,
     ProcessLost,
+    RetryLater,
     StorageError,
     TooMany,
     UsageError,
@@ -47,6 +49,7 @@ _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
     (NotSignedIn, HTTPStatus.UNAUTHORIZED),
     (NotAllowed, HTTPStatus.FORBIDDEN),
     (TooMany, HTTPStatus.TOO_MANY_REQUESTS),
+    (Busy, HTTPStatus.SERVICE_UNAVAILABLE),
     (Conflict, HTTPStatus.CONFLICT),
     (NotReady, HTTPStatus.CONFLICT),
     (MapError, HTTPStatus.UNPROCESSABLE_ENTITY),
@@ -79,7 +82,7 @@ def as_json(error: ExpMapError) -> dict[str, Any]:
 
 def extra_headers(error: ExpMapError) -> dict[str, str]:
     """Return the headers that belong to the status of an error."""
-    if isinstance(error, TooMany):
+    if isinstance(error, RetryLater):
         return {"Retry-After": str(error.wait_s)}
     return {"WWW-Authenticate": "Bearer"} if isinstance(error, NotSignedIn) else {}
 
@@ -156,7 +159,7 @@ def _in_words(status: HTTPStatus) -> dict[str, Any]:
     """Say what a status means that Flask itself answers with."""
     words: dict[int, tuple[str, str | None]] = {
         400: (_("the request is not well-formed"), _("reload the page and try again")),
-        404: (_("there is no such page"), None),
+        404: (_("page not found"), None),
         405: (_("this cannot be done here"), None),
         413: (_("this is too large"), _("send a smaller file")),
         415: (_("the request is of the wrong type"), None),

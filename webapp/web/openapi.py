@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
 from functools import partial
 from http import HTTPStatus
-from typing import Any
+from typing import Any, cast
 
 from apiflask import APIFlask, Schema
 from apispec import APISpec
@@ -67,7 +68,7 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
 
 _LIMITS = {"max": ("maximum",), "maxlength": ("maxLength",), "length": ("minLength", "maxLength")}
 
-_ALWAYS = (401, 429)
+_ALWAYS = (401, 429, 503)
 _OF_PATH = (404, 405)
 _OF_INPUT = (400, 422)
 _OF_BODY = (413, 415)
@@ -85,7 +86,7 @@ _MEANINGS = {
     415: "The request is of the wrong type.",
     422: "A field or a file cannot be used, or a part that it needs is not installed on the server.",
     429: "Too many requests in a short time; `Retry-After` says how many seconds to wait.",
-    503: "The index is being repaired.",
+    503: "The server is busy (`Retry-After` says how many seconds to wait), or an index is being repaired.",
     507: "There is no space left on the server's disk; nothing was kept.",
 }
 
@@ -97,6 +98,8 @@ _IF_MATCH = {
     "schema": {"type": "string", "pattern": '^("[0-9]{1,15}"|[0-9]{1,15})$'},
 }
 _MORE: dict[str, dict[str, Any]] = {
+    "api_exchange.cfg": {"statuses": [400]},
+    "api_exchange.placement_cfg": {"statuses": [400]},
     "api_people.list_accounts": {"statuses": [403]},
     "api_shares.list_shares": {"statuses": [403]},
     "maps.edit_one": {"parameters": [_IF_MATCH]},
@@ -140,7 +143,16 @@ _PART = re.compile(r"<(?:(?P<kind>\w+)(?:\((?P<limits>[^)]*)\))?:)?(?P<name>\w+)
 
 
 class Application(APIFlask):
-    """APIFlask, whose document has each schema once, also where others hold it too."""
+    """APIFlask, whose document has each schema once, also where others hold it too.
+
+    It is made for the first one who asks; others who ask meanwhile wait for it.
+    """
+
+    _document_lock = threading.Lock()
+
+    def _get_spec(self, *args: Any, **options: Any) -> dict[str, Any] | str:
+        with self._document_lock:
+            return cast("dict[str, Any] | str", super()._get_spec(*args, **options))
 
     def _register_schema_and_get_ref(self, spec: APISpec, registered: Any, schema: Any) -> dict[str, str]:
         converter = self._ma_plugin.converter

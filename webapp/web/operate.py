@@ -45,7 +45,7 @@ def listed(query: dict[str, str]) -> dict[str, Any]:
     """List the last jobs of a map."""
     record = open_map(query["map"])
     with library().database.read() as session:
-        found = jobs.listed(session, map_id=record.id)
+        found = jobs.list_jobs(session, map_id=record.id)
         return {"jobs": [_job_json(session, job) for job in found]}
 
 
@@ -84,7 +84,7 @@ def _job(session: Session, job_id: int, *, role: Role) -> Job:
     if record is not None and maps.role_of(session, record, account=who) is not None:
         maps.find(session, record.slug, account=who, role="viewer" if job.account_id == who.id else role)
     elif record is not None or (job.account_id != who.id and not who.is_owner):
-        raise NotFound(f"there is no job {job_id}", hint="reload the page")
+        raise NotFound(f"job {job_id} not found", hint="reload the page")
     return job
 
 

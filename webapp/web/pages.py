@@ -77,7 +77,7 @@ def own_path(address: str | None) -> str | None:
     Returns
     -------
     str or None
-        None for what is no path of this site.
+        None for what is not a path of this site.
     """
     parts = urlsplit((address or "").replace("\\", "/"))
     if not parts.path.startswith("/") or parts.path.startswith("//"):

@@ -1,4 +1,4 @@
-/** What is going on, in a corner of the image: files on their way, and jobs of the server. */
+/** Current activity, in a corner of the image: files on their way, and jobs of the server. */
 
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";

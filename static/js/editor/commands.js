@@ -19,7 +19,7 @@ export class Commands {
     edits.addEventListener("saved", (event) => this._follow(/** @type {CustomEvent} */ (event).detail));
   }
 
-  /** Put the current photo there, and go on with the next one of the tray. */
+  /** Put the current photo there, and continue with the next one of the tray. */
   placeCurrent(pixel) {
     const { store } = this;
     const photo = store.current;

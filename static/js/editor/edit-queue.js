@@ -1,5 +1,5 @@
 /**
- * EditQueue on their way to the server: one after another, shown at once, kept while there is no connection.
+ * Edits on their way to the server: one after another, shown at once, kept while there is no connection.
  *
  * Every edit is sent with the newest revision that its author had seen. What the author did to the same photo
  * just before does not count as news; what somebody else did is a conflict, and then nothing is overwritten.

@@ -13,7 +13,7 @@ const COARSE_STEP = 15;
 export class EditGestures {
   /**
    * @param {import("../shared/map/map-view.js").MapView} view
-   * @param {Object} dots layer of dots.js
+   * @param {Object} dots layer of the photos (`PhotoDots`)
    * @param {import("./commands.js").Commands} commands
    */
   constructor(view, dots, commands) {

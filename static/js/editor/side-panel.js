@@ -1,4 +1,4 @@
-/** The panel beside the image: its tabs, and on a phone the sheet that it is there. */
+/** The panel next to the image: its tabs, and on a phone the sheet that it is there. */
 
 import { byId } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";

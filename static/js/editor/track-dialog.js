@@ -27,7 +27,7 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
     field(t("Longest gap to bridge, in seconds"), gap),
     outcome,
     error,
-  ], { actions: [place], beside: true });
+  ], { actions: [place], modeless: true });
   const fields = () => ({
     file: given || file.files[0], offset_s: offset.value || 0, time_zone: zone.value, max_gap_s: gap.value || 60,
   });
@@ -52,10 +52,10 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
     if (inside.length) view.focus(inside.map(({ x_px: x, y_px: y }) => [x, y]));
     place.disabled = !inside.length;
     place.textContent = inside.length ? tn("Place {n} photo", "Place {n} photos", inside.length) : t("Place");
-    const beside = seen.photos.length - inside.length;
+    const outside = seen.photos.length - inside.length;
     outcome.replaceChildren(...[
       h("p", {}, tn("{n} photo would be placed: see the rings on the image.", "{n} photos would be placed: see the rings on the image.", inside.length)),
-      beside > 0 && h("p", {}, tn("{n} is outside the image.", "{n} are outside the image.", beside)),
+      outside > 0 && h("p", {}, tn("{n} is outside the image.", "{n} are outside the image.", outside)),
       seen.unmatched.length > 0 && h("p", {}, tn("{n} is not on the track", "{n} are not on the track", seen.unmatched.length), `: ${seen.unmatched[0].reason}`),
       suggestion(seen.suggested),
     ].filter(Boolean));

@@ -1,5 +1,5 @@
 /**
- * Files on their way to the server: a few at a time, in pieces, going on where they stopped.
+ * Files on their way to the server: a few at a time, in pieces, resuming where they stopped.
  *
  * The server finds a half-done file by its fingerprint, so after a reload the same files are chosen again and go
  * on. What is in the map already is not sent twice.
@@ -54,7 +54,7 @@ export class Uploads extends EventTarget {
     this._tell();
   }
 
-  /** Stop; what has arrived stays, and files that are chosen again go on. */
+  /** Stop; what has arrived stays, and files that are chosen again resume. */
   cancel() {
     for (const entry of this.entries) if (entry.state === "waiting") entry.state = "cancelled";
     this._stop.abort();
@@ -106,7 +106,7 @@ export class Uploads extends EventTarget {
     return entry;
   }
 
-  /** Send a file, and go on where it stopped as often as the connection breaks. */
+  /** Send a file, and resume where it stopped as often as the connection breaks. */
   async _patiently(entry, signal) {
     for (let failures = 0; ; failures += 1) {
       const before = entry.sent;

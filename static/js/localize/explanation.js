@@ -20,7 +20,7 @@ function rows(session, { options, askAgain }) {
   const { answer, hypothesis } = session;
   const { statistics: counts, seconds } = answer;
   /** @type {Array<[string, string|Node]>} */
-  const facts = [[t("Method"), `${answer.method}, ${answer.features}`]];
+  const facts = [[t("Method"), `${answer.method}, ${(answer.looks ?? [answer.features]).join(", ")}`]];
   if (answer.fov_deg !== null) facts.push([t("Field of view"), fieldOfView(answer, options, askAgain)]);
   facts.push([t("Keypoints"), numberText(counts.keypoints)]);
   facts.push([t("Matches"), t("{n}, {left} left after pruning", { n: numberText(counts.matches), left: numberText(counts.matches_pruned) })]);

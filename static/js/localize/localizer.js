@@ -153,7 +153,7 @@ export class Localizer extends EventTarget {
     const whole = Boolean(files) || photos === 1; // the server keeps one photo of several
     const buttons = [];
     if (whole && photos < MOST_OF_ONE_SPOT) buttons.push(chooseMore((chosen) => this._add(chosen)));
-    if (whole && answer.method === "verified" && this.options.offers("method", "thorough")) {
+    if (whole && ["auto", "verified"].includes(answer.method) && this.options.offers("method", "thorough")) {
       buttons.push(lookCloser(() => {
         this.options.set("method", "thorough");
         this.options.set("features", "auto");

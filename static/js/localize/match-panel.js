@@ -1,4 +1,4 @@
-/** The query beside a photo of the map that speaks for the chosen place; small in the panel, large in a dialog. */
+/** The query next to a photo of the map that supports the chosen place; small in the panel, large in a dialog. */
 
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h } from "../shared/dom.js";

@@ -50,18 +50,18 @@ export function matchView({ query, photo, lines }, { all, shape }) {
 /** Both at one height side by side, or at one width one above the other: whichever shows them larger. */
 function layout(query, photo, shape) {
   const ratios = [query, photo].map(({ width, height }) => width / height);
-  const beside = { width: ratios[0] + ratios[1] + GAP, height: 1 };
+  const sideBySide = { width: ratios[0] + ratios[1] + GAP, height: 1 };
   const above = { width: 1, height: 1 / ratios[0] + 1 / ratios[1] + GAP };
   const scale = ({ width, height }) => Math.min(shape / width, 1 / height);
   // Areas that the first photo would have in a room `shape` wide and 1 high.
-  const besideIsLarger = ratios[0] * scale(beside) ** 2 >= (1 / ratios[0]) * scale(above) ** 2;
+  const sideBySideIsLarger = ratios[0] * scale(sideBySide) ** 2 >= (1 / ratios[0]) * scale(above) ** 2;
   const unit = 1000;
-  if (besideIsLarger) {
+  if (sideBySideIsLarger) {
     const places = [
       { x: 0, y: 0, width: ratios[0] * unit, height: unit },
       { x: (ratios[0] + GAP) * unit, y: 0, width: ratios[1] * unit, height: unit },
     ];
-    return { frame: { width: beside.width * unit, height: unit }, places };
+    return { frame: { width: sideBySide.width * unit, height: unit }, places };
   }
   const places = [
     { x: 0, y: 0, width: unit, height: unit / ratios[0] },

@@ -4,7 +4,7 @@ import { lengthText } from "../shared/answer/answer-format.js";
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 
-const USUAL = { method: "verified", features: "auto", fov: "", heading_deg: "" };
+const USUAL = { method: "auto", features: "auto", fov: "", heading_deg: "" };
 
 /** The options of the next question. */
 export class Options {

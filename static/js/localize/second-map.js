@@ -1,4 +1,4 @@
-/** A second placement of the same photos beside the exact one: "which part of the map?". */
+/** A second placement of the same photos next to the exact one: "which part of the map?". */
 
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
 import { byId, h } from "../shared/dom.js";

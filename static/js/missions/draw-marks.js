@@ -83,8 +83,8 @@ function drawClosing(pen, frame, { closing }, { line, received }) {
   }
   if (!received) return;
   const [x, y] = [(from.x + to.x) / 2, (from.y + to.y) / 2];
-  const beside = Math.hypot(from.x - to.x, from.y - to.y) < SMALL_GAP_PX ? 20 : 0;
-  words(pen, frame, text, [x + 26, y + 4 + beside]);
+  const offset = Math.hypot(from.x - to.x, from.y - to.y) < SMALL_GAP_PX ? 20 : 0;
+  words(pen, frame, text, [x + 26, y + 4 + offset]);
 }
 
 function words(pen, { ink, size }, text, [x, y]) {

@@ -6,7 +6,7 @@ const ASK_MS = 3000;
 const SLOWEST_MS = 30000;
 const ENDED_MS = 15000;
 
-/** Follows one mission; fires `state` with whether it hears the server, `gone` when there is no such mission any more. */
+/** Follows one mission; fires `state` with whether it hears the server, `gone` when the mission no longer exists. */
 export class Live extends EventTarget {
   /**
    * @param {import("./mission-store.js").MissionStore} store

@@ -34,7 +34,7 @@ export class Profile {
     this.canvas = byId("profile", HTMLCanvasElement);
     this._draw = rafThrottle(() => this._paint());
     this._inks = new ThemeColours(this.canvas.parentElement, ["--line", "--text", "--text-soft"], this._draw);
-    this._later = debounce(() => this._load({ anew: true }), CALM_MS);
+    this._later = debounce(() => this._load({ reload: true }), CALM_MS);
     this._choice();
     this._listen();
     store.on("missions shown", () => this._load());
@@ -75,8 +75,8 @@ export class Profile {
     });
   }
 
-  async _load({ anew = false } = {}) {
-    const wanted = this.store.shown.filter(({ key, track }) => track.poses && (anew || !this.received.has(key)));
+  async _load({ reload = false } = {}) {
+    const wanted = this.store.shown.filter(({ key, track }) => track.poses && (reload || !this.received.has(key)));
     await Promise.all(wanted.map(({ mission, track, key }) =>
       this.store.server(mission.id).profile(track.id, POINTS).then((received) => this.received.set(key, received), toastError)));
     this._facts();

@@ -3,7 +3,7 @@
 import { busy, confirmDialog, errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
 import { moment, t } from "../shared/i18n.js";
-import { showAddress } from "../shared/share-dialog.js";
+import { maker, showAddress } from "../shared/share-dialog.js";
 import { toastError } from "../shared/toast.js";
 
 /** @param {Object} server of the mission */
@@ -54,7 +54,7 @@ function entry(server, share, close) {
   return h("li", { class: "share", "data-testid": "share" },
     h("div", { class: "share__text" },
       h("span", { class: share.public ? "badge badge--accent" : "badge" }, share.public ? t("public") : t("by a secret link")),
-      h("div", { class: "small soft" }, moment(share.created_at))),
+      h("div", { class: "small soft" }, [maker(share), moment(share.created_at)].join(" · "))),
     share.url && h("button", { class: "icon-button", type: "button", "aria-label": t("Show the link"), onclick: show }, icon("link")),
     h("button", { class: "icon-button", type: "button", "aria-label": t("Revoke the link"), onclick: revoke }, icon("close")));
 }

@@ -71,7 +71,7 @@ function facts(track) {
   rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
   if (!track.timed) rows.push([t("Times"), t("unknown: only the order of the points is known")]);
-  if (closing) rows.push([t("End to start"), t("{gap}, {share} of the way", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);
+  if (closing) rows.push([t("End to start"), t("{gap}, {share} of the distance", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);
   return rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
 }
 

@@ -1,4 +1,4 @@
-/** The page with the jobs of a map: asks once a second while it can be seen and something is going on. */
+/** The page with the jobs of a map: asks once a second while it can be seen and a job is active. */
 
 import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";

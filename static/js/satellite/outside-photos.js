@@ -7,7 +7,7 @@ import { sentence } from "../shared/toast.js";
 const ASKED = /would lie outside/;
 
 /**
- * Ask how to go on after an image was refused because of photos outside of it.
+ * Ask what to do next after an image was refused because of photos outside of it.
  * @param {{message: string}} error
  * @returns {Promise<?{scale: boolean, tray: boolean}>} null when it is another error, or nothing shall be done
  */

@@ -5,7 +5,7 @@ import { t } from "./i18n.js";
 import { sentence } from "./toast.js";
 
 /**
- * Ask whether to go on.
+ * Ask whether to continue.
  * @param {Object} words
  * @param {string} words.title
  * @param {string} [words.text]
@@ -100,15 +100,15 @@ function show(dialog) {
  * Open a dialog; it is gone when it is closed.
  * @param {string} title
  * @param {Array<Node>} body
- * @param {{actions?: Array<Node>, beside?: boolean}} [options] `actions` stand beside the button that closes;
- *   `beside`: the image stays in sight and at hand
+ * @param {{actions?: Array<Node>, modeless?: boolean}} [options] `actions` stand next to the button that closes;
+ *   `modeless`: the image stays visible and usable
  * @returns {HTMLDialogElement}
  */
-export function openDialog(title, body, { actions = [], beside = false } = {}) {
+export function openDialog(title, body, { actions = [], modeless = false } = {}) {
   const close = h("button", { class: "button", type: "button", onclick: () => dialog.close() }, actions.length ? t("Cancel") : t("Close"));
   const dialog = h(
     "dialog",
-    { class: `dialog${beside ? " ed-dialog--beside" : ""}`, "aria-labelledby": "dialog-title" },
+    { class: `dialog${modeless ? " ed-dialog--beside" : ""}`, "aria-labelledby": "dialog-title" },
     h("div", { class: "dialog__body" },
       h("h2", { id: "dialog-title" }, title),
       ...body,
@@ -117,7 +117,7 @@ export function openDialog(title, body, { actions = [], beside = false } = {}) {
   dialog.addEventListener("close", () => dialog.remove());
   document.body.append(dialog);
   dialog.addEventListener("keydown", (event) => event.key === "Escape" && dialog.close());
-  if (beside) dialog.show();
+  if (modeless) dialog.show();
   else dialog.showModal();
   return dialog;
 }

@@ -94,3 +94,8 @@ function secret(label, value, id) {
     h("label", { for: id }, label),
     h("div", { class: "secret" }, input, h("button", { class: "button", type: "button", onclick: copy }, icon("copy"), word)));
 }
+
+/** Say who made a share: it stays open when the account is removed. @param {{maker: ?string}} share */
+export function maker(share) {
+  return share.maker === null ? t("made by an account that was removed") : t("made by {name}", { name: share.maker });
+}

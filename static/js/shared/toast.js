@@ -10,7 +10,7 @@ const SHOWN_MS = 6000;
  * @param {string} message
  * @param {Object} [options]
  * @param {"info"|"error"} [options.kind] an error stays until it is closed
- * @param {?string} [options.hint] how to go on
+ * @param {?string} [options.hint] what to do next
  * @param {{label: string, run: function(): void}} [options.action] one button
  * @returns {function(): void} takes the message away
  */

@@ -4,7 +4,7 @@ import { del, get, patch } from "../shared/api.js";
 import { confirmDialog, errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
 import { moment, t } from "../shared/i18n.js";
-import { allowed, checked, shareDialog, showAddress } from "../shared/share-dialog.js";
+import { allowed, checked, maker, shareDialog, showAddress } from "../shared/share-dialog.js";
 import { toastError } from "../shared/toast.js";
 
 const list = document.getElementById("shares");
@@ -29,7 +29,7 @@ function entry(share) {
   return h("li", { class: "share", "data-testid": "share", dataset: { id: share.id } },
     h("div", { class: "share__text" },
       h("div", {}, what, " ", h("span", { class: share.public ? "badge badge--accent" : "badge" }, share.public ? t("public") : t("by a secret link"))),
-      h("div", { class: "small soft" }, [...gives(share), moment(share.created_at)].join(" · "))),
+      h("div", { class: "small soft" }, [...gives(share), maker(share), moment(share.created_at)].join(" · "))),
     share.query !== null && h("a", { class: "icon-button", href: `/maps/${slug}/localize?query=${share.query}`, "aria-label": t("Show the answer") }, icon("search")),
     share.url && button("link", t("Show the link"), () => showAddress(share)),
     button("pencil", t("What is shared"), () => change(share)),

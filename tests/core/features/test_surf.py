@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from webapp.core.features.extract import extract
-from webapp.core.features.hessian import detect_blobs
+from webapp.core.features.surf import detect_blobs
 from webapp.core.features.table import choose
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.filters.nodes import AllOf, Among, AnyOf, Between, Compared, Like, Not, SortOrder, Unknown
+from webapp.core.filters.nodes import AllOf, Among, AnyOf, Between, Comparison, Like, Not, SortOrder, Unknown
 from webapp.core.filters.parser import MAX_DEPTH, parse_columns, parse_condition, parse_order
 from webapp.core.filters.tokens import MAX_CHARACTERS
 from webapp.errors import UsageError
 
 COLUMNS = {"class": "text", "confidence": "number", "time": "time"}
-CAR = Compared("class", "=", "car")
+CAR = Comparison("class", "=", "car")
 
 
 def parsed(text):
@@ -25,20 +25,20 @@ def parsed(text):
         ("class = 'car'", CAR),
         ("CLASS='car'", CAR),
         ("(class == 'car')", CAR),
-        ("class <> 'car'", Compared("class", "!=", "car")),
-        ("class = 'it''s'", Compared("class", "=", "it's")),
-        ("class = ''", Compared("class", "=", "")),
-        ("confidence>=-.5e1", Compared("confidence", ">=", -5.0)),
-        ("confidence < 1.", Compared("confidence", "<", 1.0)),
+        ("class <> 'car'", Comparison("class", "!=", "car")),
+        ("class = 'it''s'", Comparison("class", "=", "it's")),
+        ("class = ''", Comparison("class", "=", "")),
+        ("confidence>=-.5e1", Comparison("confidence", ">=", -5.0)),
+        ("confidence < 1.", Comparison("confidence", "<", 1.0)),
         ("confidence between 0 and 1 and class='car'", AllOf((Between("confidence", 0, 1), CAR))),
         ("class not in ('a','b')", Not(Among("class", ("a", "b")))),
         ("class like '%r'", Like("class", "%r")),
         ("confidence is null", Unknown("confidence")),
         ("confidence is not null", Not(Unknown("confidence"))),
         ("not not class = 'car'", Not(Not(CAR))),
-        ("time > '1970-01-02'", Compared("time", ">", 86400.0)),
-        ("time > '1970-01-02T02:00:00+02:00'", Compared("time", ">", 86400.0)),
-        ("time > 5", Compared("time", ">", 5.0)),
+        ("time > '1970-01-02'", Comparison("time", ">", 86400.0)),
+        ("time > '1970-01-02T02:00:00+02:00'", Comparison("time", ">", 86400.0)),
+        ("time > 5", Comparison("time", ">", 5.0)),
     ],
 )
 def test_a_condition_is_understood(text, expected):
@@ -47,7 +47,7 @@ def test_a_condition_is_understood(text, expected):
 
 def test_and_binds_more_than_or_and_not_more_than_and():
     tree = parsed("class='a' or not class='b' and class='c'")
-    a, b, c = (Compared("class", "=", letter) for letter in "abc")
+    a, b, c = (Comparison("class", "=", letter) for letter in "abc")
     assert tree == AnyOf((a, AllOf((Not(b), c))))
     assert parsed("(class='a' or class='b') and class='c'") == AllOf((AnyOf((a, b)), c))
 
@@ -90,7 +90,7 @@ def test_an_error_has_its_position(text, at, message):
 
 def test_what_is_too_deep_long_or_many_is_refused():
     deepest = "(" * MAX_DEPTH + "class='a'" + ")" * MAX_DEPTH
-    assert parsed(deepest) == Compared("class", "=", "a")
+    assert parsed(deepest) == Comparison("class", "=", "a")
     for text in (f"({deepest})", "not " * 1000 + "class='a'", "x" * (MAX_CHARACTERS + 1)):
         with pytest.raises(UsageError):
             parsed(text)

@@ -57,6 +57,14 @@ def test_what_is_no_position_is_nan():
     assert np.isfinite(frame.enu_from_latlon([(51, 14)])).all()
 
 
+WKT = (
+    'PROJCS["Mercator",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],'
+    'PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Mercator_1SP"],'
+    'PARAMETER["central_meridian",0],PARAMETER["scale_factor",1],PARAMETER["false_easting",0],'
+    'PARAMETER["false_northing",0],UNIT["metre",1],AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+)
+
+
 @pytest.mark.parametrize("epsg", ["EPSG:4326", "EPSG:32633", "EPSG:3857", "EPSG:5514", "EPSG:4258"])
 def test_planes_are_east_first_whatever_their_authority_says(epsg):
     (x, y), (x2, y2), (x3, y3) = plane_from_latlon(epsg, [(50.0, 14.0), (50.0, 14.01), (50.01, 14.0)])
@@ -78,6 +86,53 @@ def test_what_is_no_plane_is_refused(name):
     with pytest.raises(GeoreferenceError) as caught:
         parse_crs(name)
     assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "+proj=utm +zone=33 +nadgrids=/proc/self/fd/6 +no_defs",
+        "+proj=utm +zone=33 +nadgrids=@null,/proc/self/fd/6",
+        "+proj=utm +zone=33 +datum=WGS84 +geoidgrids=grid.tif",
+        "+init=/etc/passwd:section",
+        "init=epsg:32633",
+        "/etc/passwd:section",
+        "+proj=pipeline +step +proj=hgridshift +grids=grid.tif",
+        WKT.replace('AXIS["Easting"', 'EXTENSION["PROJ4","+proj=merc +nadgrids=/tmp/grid"],AXIS["Easting"'),
+        WKT.replace("Mercator_1SP", "PROJ-based operation method: +proj=hgridshift +grids=/tmp/grid"),
+        WKT.replace("Mercator_1SP", "PROJ hgridshift"),
+        WKT.replace('PARAMETER["scale_factor",1]', 'PARAMETERFILE["grids","/tmp/grid"]'),
+        WKT.replace("Mercator_1SP", "a" * 20_000),
+        '{"type": "ProjectedCRS"}',
+    ],
+)
+def test_what_could_name_a_file_never_reaches_proj(name, monkeypatch):
+    """PROJ would open the file: any of the machine, or a pipe of the server."""
+    monkeypatch.setattr("webapp.core.geo.crs.CRS", None)
+    with pytest.raises(GeoreferenceError, match="unknown coordinate system"):
+        parse_crs(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "epsg:32633",
+        "ESRI:102067",
+        "OGC:CRS84",
+        "+proj=tmerc +lat_0=0 +lon_0=15 +k=0.9996 +x_0=500000 +y_0=0 +ellps=bessel +towgs84=589,76,480",
+        "proj=utm zone=33 datum=WGS84",
+    ],
+)
+def test_usual_forms_are_read_and_so_is_their_wkt(name):
+    crs = parse_crs(name)
+    for version in ("WKT1_GDAL", "WKT2_2019"):
+        assert parse_crs(crs.to_wkt(version)).name == crs.name
+
+
+def test_wkt_of_the_web_is_read():
+    """GDAL writes a PROJ string into it, which says that there is no grid."""
+    assert 'EXTENSION["PROJ4","' in parse_crs("EPSG:3857").to_wkt("WKT1_GDAL")
+    assert crs_name(parse_crs("EPSG:3857").to_wkt("WKT1_GDAL")) == "EPSG:3857"
 
 
 def test_a_name_is_short_where_that_is_exact():

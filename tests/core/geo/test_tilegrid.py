@@ -79,7 +79,7 @@ def test_a_pixel_has_the_size_that_is_known_for_the_equator():
         (GeoBox(north=86, south=49, west=14, east=15), 10, "85 degrees"),
         (GeoBox(north=50, south=49, west=14, east=195), 10, "not on the Earth"),
         (GeoBox(north=math.nan, south=49, west=14, east=15), 10, "not on the Earth"),
-        (GeoBox(north=50, south=49, west=14, east=15), 25, "no zoom 25"),
+        (GeoBox(north=50, south=49, west=14, east=15), 25, "zoom 25 does not exist"),
     ],
 )
 def test_what_is_no_area_is_refused(box, zoom, why):

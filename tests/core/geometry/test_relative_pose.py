@@ -54,7 +54,7 @@ def test_photos_of_another_size_and_lens_fit_too():
     assert math.degrees(pose.bearing) == pytest.approx(90.0, abs=3.0)
 
 
-def test_parallax_tells_near_from_far():
+def test_parallax_distinguishes_near_from_far():
     points = scene(80)
     at_home = project(points, np.zeros(3), 0.0)
     near, far = (

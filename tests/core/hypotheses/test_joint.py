@@ -32,7 +32,7 @@ def test_a_place_that_both_name_rises_above_those_that_one_names():
     assert all(h.probability < 0.1 for h in others)
     assert [h.rank for h in joint.hypotheses] == [1, 2, 3]
     assert joint.off_map_probability < 0.1
-    assert most_confident([one, two], joint) == 0
+    assert most_confident([one, two], joint.hypotheses) == 0
 
 
 def test_two_weak_opinions_that_agree_are_more_than_one_and_less_than_two():
@@ -46,7 +46,7 @@ def test_photos_that_say_nothing_leave_a_sure_one_sure():
     joint = combine([nothing, sure, nothing], paths=PATHS, top=5)
     assert joint.hypotheses[0].position.x == pytest.approx(0.0)
     assert 0.9 < joint.hypotheses[0].probability < 0.98
-    assert most_confident([nothing, sure, nothing], joint) == 1
+    assert most_confident([nothing, sure, nothing], joint.hypotheses) == 1
 
 
 def test_a_dark_photo_changes_nothing():

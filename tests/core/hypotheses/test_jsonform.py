@@ -12,7 +12,7 @@ from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchS
 
 KEYS = [
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
-    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px",
+    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
 ]  # fmt: skip
 HYPOTHESIS_KEYS = [
     "rank", "kind", "x_px", "y_px", "radius_px", "heading_deg", "lat", "lon", "radius_m", "probability",

@@ -26,7 +26,7 @@ def test_positions_next_to_a_row_are_moved_towards_it():
     assert left[1] == pytest.approx(100.0)
 
 
-def test_a_circle_also_tells_where_along_a_row():
+def test_a_circle_also_constrains_the_position_along_a_row():
     near = np.exp(-0.5 * ((ROW.photos - 1010.0) ** 2).sum(1) / 10.0**2)
     at, left = apply_path_prior(MapPixel(1000.0, 1000.0), 100.0, paths=ROW, weight=near)
     assert at.x == pytest.approx(at.y) and 1002.0 < at.x < 1009.0

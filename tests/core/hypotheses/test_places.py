@@ -57,3 +57,15 @@ def test_the_user_knows_better(kind):
 
 def test_a_map_without_photos_has_a_kind_too():
     assert describe_places(np.zeros((0, 2)), trust=None, **SIZE).kind == "metric"
+
+
+def test_noisy_positions_widen_the_radius_to_the_distance_between_photos_of_one_view():
+    walk = np.array([[10.0 * n, 0.0] for n in range(50)])
+    noisy = walk + np.random.default_rng(3).normal(0.0, 60.0, walk.shape)
+    partner = np.array([1, *range(49)])
+    exact = describe_places(walk, trust=None, partner=partner, **SIZE)
+    blurred = describe_places(noisy, trust=None, partner=partner, **SIZE)
+    assert exact.radius_px == 20.0
+    assert 60.0 < blurred.radius_px < 150.0
+    few = np.where(np.arange(50) < 9, partner, -1)
+    assert describe_places(noisy, trust=None, partner=few, **SIZE).radius_px < 60.0

@@ -177,10 +177,10 @@ def test_it_is_hardly_surer_than_right_also_where_frames_err_together(together, 
 
 
 def test_positions_next_to_a_row_are_moved_towards_it_and_far_ones_are_not():
-    _, (beside,) = walk([answer(place(500.0, 125.0))])
+    _, (off_path,) = walk([answer(place(500.0, 125.0))])
     _, (far,) = walk([answer(place(500.0, 180.0))])
-    assert beside.hypotheses[0].position.y < 120.0
-    assert beside.hypotheses[0].position.x == pytest.approx(500.0, abs=0.5)
+    assert off_path.hypotheses[0].position.y < 120.0
+    assert off_path.hypotheses[0].position.x == pytest.approx(500.0, abs=0.5)
     assert far.hypotheses[0].position.y > 170.0
 
 

@@ -54,9 +54,9 @@ def test_matches_are_the_networks_and_votes_the_searchs():
         ShortlistedPhoto(photo, votes, found_by_search, found_by_search, query.xy[:4], query.xy[:4])
         for photo, votes in ((2, 7.0), (0, 3.0))
     ]
-    anew = rematch_with_network(indexed, query, listed=listed, matcher=Reversed())
-    assert [(one.photo, one.votes) for one in anew] == [(2, 7.0), (0, 3.0)]
-    for one in anew:
+    rematched = rematch_with_network(indexed, query, listed=listed, matcher=Reversed())
+    assert [(one.photo, one.votes) for one in rematched] == [(2, 7.0), (0, 3.0)]
+    for one in rematched:
         assert np.array_equal(one.query_row, np.arange(KEYPOINTS))
         assert np.array_equal(one.photo_row, np.arange(KEYPOINTS)[::-1])
         assert np.array_equal(one.query_xy, query.xy)
@@ -67,6 +67,6 @@ def test_places_are_found_with_the_networks_matches():
     indexed, query = map_and_query()
     usual = find_places(indexed, query, fov_deg=60.0).places[0].photos[0].matched
     thorough = replace(indexed, pair_matcher=Reversed())
-    anew = find_places(thorough, query, fov_deg=60.0).places[0].photos[0].matched
+    rematched = find_places(thorough, query, fov_deg=60.0).places[0].photos[0].matched
     assert np.array_equal(usual.photo_xy[:5], query.xy[:5])
-    assert np.array_equal(anew.photo_xy, query.xy[::-1])
+    assert np.array_equal(rematched.photo_xy, query.xy[::-1])

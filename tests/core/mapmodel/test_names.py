@@ -12,7 +12,7 @@ from webapp.core.mapmodel.paths import name_problem
 
 
 @pytest.mark.parametrize(
-    "name", ["a.jpg", "a b/ž.jpg", "./a.jpg", "a//b.jpg", "..a/b...jpg", "IMG 12:30.jpg", "~/a"]
+    "name", ["a.jpg", "a b/ž.jpg", "./a.jpg", "a//b.jpg", "..a/b...jpg", "IMG 12:30.jpg", "~/a", "é" * 127]
 )
 def test_good_names(name: str) -> None:
     assert name_problem(name) is None
@@ -33,6 +33,8 @@ def test_good_names(name: str) -> None:
         ("a;b", Code.UNWRITABLE_NAME, None),
         ("a\rb", Code.CONTROL_CHARACTER, None),
         ("  ", Code.EMPTY_NAME, None),
+        ("é" * 128, Code.UNWRITABLE_NAME, None),
+        ("a/" * 500 + "b", Code.UNWRITABLE_NAME, None),
     ],
 )
 def test_refused_names(name: str, code: Code, better: str | None) -> None:

@@ -17,7 +17,7 @@ def test_folders_case_and_coding_play_no_part():
     assert found.unknown == found.ambiguous == ()
 
 
-def test_folders_tell_same_names_apart():
+def test_folders_distinguish_same_names():
     found = matched(["walk/a/1.jpg", "walk/b/1.jpg"], "b/1.jpg", "a/1.jpg")
     assert found.photo == {"walk/a/1.jpg": 1, "walk/b/1.jpg": 0}
 

@@ -114,7 +114,7 @@ def test_wrong_matches_have_no_depth_or_an_uncertain_one(room):
     assert (ratio < 3.0).mean() > 0.95
 
 
-def test_photos_that_are_not_oriented_tell_none(room):
+def test_photos_without_orientation_give_no_depths(room):
     _, held, _ = room
     known = oriented(held)
     depths = found_in(room, extrinsics=replace(known, trust=np.where(np.arange(12) == 3, 0.1, 5.0)))
@@ -147,7 +147,7 @@ def test_photos_can_get_other_numbers():
     assert again.sigma.tolist() == [4, 1, 2]
 
 
-def test_what_both_photos_of_a_pair_tell_counts_once(room):
+def test_what_both_photos_of_a_pair_see_counts_once(room):
     seen = seen_in(room)
     keys = set(zip(seen.photo.tolist(), seen.row.tolist(), seen.partner.tolist(), strict=True))
     assert len(keys) == len(seen.photo)

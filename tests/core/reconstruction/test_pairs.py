@@ -5,7 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 
 from webapp.core.geometry.relative_pose import Camera
-from webapp.core.reconstruction.pairs import PhotoPairs, _pair, best_of_each_pair, concatenate
+from webapp.core.reconstruction.pairs import (
+    PhotoPairs,
+    _pair,
+    best_of_each_pair,
+    concatenate,
+    strongest_partners,
+)
 from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
 
@@ -77,3 +83,9 @@ def test_a_pair_keeps_all_its_inliers():
 def _project(camera, points):
     centre = [(camera.width - 1) / 2.0, (camera.height - 1) / 2.0]
     return (camera.focal_px * points[:, :2] / points[:, 2:] + centre).astype(np.float32)
+
+
+def test_the_strongest_partner_shares_most_inliers_and_enough():
+    pairs = concatenate([pair(0, 1, 0.9, 50), pair(1, 2, 0.9, 80), pair(3, 0, 0.9, 60), pair(4, 5, 0.9, 39)])
+    assert strongest_partners(pairs, photos=6, inliers=40).tolist() == [3, 2, 1, 0, -1, -1]
+    assert strongest_partners(concatenate([]), photos=2, inliers=40).tolist() == [-1, -1]

@@ -5,19 +5,19 @@ import pytest
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.drift import closing
+from webapp.core.trajectory.drift import measure_closure
 
 FRAME = LocalFrame(LatLon(50.1, 14.4))
 
 
 def drift_of(corners):
-    """`closing` of the track through these metres east and north."""
+    """`measure_closure` of the track through these metres east and north."""
     enu = np.array(corners, dtype=float)
     latlon = FRAME.latlon_from_enu(enu)
     (south, west), (north, east) = latlon.min(axis=0), latlon.max(axis=0)
     way = float(np.hypot(*np.diff(enu, axis=0).T).sum())
     ends = LatLon(*latlon[0].tolist()), LatLon(*latlon[-1].tolist())
-    return closing(*ends, distance_m=way, bounds=(south, west, north, east))
+    return measure_closure(*ends, distance_m=way, bounds=(south, west, north, east))
 
 
 def test_a_square_that_misses_its_start_by_three_metres():
@@ -52,7 +52,7 @@ def test_what_does_not_close_says_why(corners, why):
 def test_across_the_date_line():
     frame = LocalFrame(LatLon(10.0, 179.9999))
     away = frame.latlon_of(frame.enu_of(LatLon(10.0, -179.999)))
-    found = closing(
+    found = measure_closure(
         LatLon(10.0, 179.9999),
         LatLon(10.0, 179.99995),
         distance_m=300,

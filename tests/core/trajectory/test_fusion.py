@@ -49,7 +49,7 @@ def test_odometry_is_of_use_wherever_it_believes_to_be(frame):
     assert np.abs(off[50:]).max() < 0.2
 
 
-def test_without_headings_the_way_tells_them():
+def test_without_headings_they_follow_from_the_path():
     drive = Drive(1)
     assert error_m(fuse(odometry_of(drive, headings=False), {"visual": gps_of(drive)}), drive) < 1.0
 
@@ -89,7 +89,7 @@ def test_a_receiver_that_promises_too_much_is_not_believed():
     assert honest.fit.receiver == 1.0
 
 
-def test_too_few_fixes_to_tell_who_is_wrong():
+def test_too_few_fixes_to_find_the_outlier():
     drive = Drive(4, nodes=200, every=20)
     assert fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)}).fit.receiver == 1.0
 

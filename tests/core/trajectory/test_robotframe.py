@@ -1,4 +1,4 @@
-"""The robot's frame on the Earth, beside the formula of 2012."""
+"""The robot's frame on the Earth, compared with the formula of 2012."""
 
 import math
 import re

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from webapp.core.trajectory.distance import profile
-from webapp.core.trajectory.simplify import simplified
+from webapp.core.trajectory.thinning import simplify
 
 DEGREE_M = 111_195.0
 
@@ -26,7 +26,7 @@ def distance_m(point, a, b):
 )
 def test_what_is_left_out_is_near(metres, tolerance):
     latlon = metres / DEGREE_M
-    keep = simplified(latlon, tolerance)
+    keep = simplify(latlon, tolerance)
     assert keep[0]
     assert keep[-1]
     kept = np.flatnonzero(keep)
@@ -38,27 +38,27 @@ def test_what_is_left_out_is_near(metres, tolerance):
 
 def test_a_straight_way_is_two_points():
     latlon = np.column_stack([np.full(5000, 50.0), np.linspace(14, 14.01, 5000)])
-    assert simplified(latlon, 0.5).sum() == 2
+    assert simplify(latlon, 0.5).sum() == 2
 
 
 def test_a_corner_stays():
     latlon = np.array([[0, 0], [0, 1], [0, 2], [1, 2], [2, 2]]) * 1e-4
-    assert simplified(latlon, 1.0).tolist() == [True, False, True, False, True]
+    assert simplify(latlon, 1.0).tolist() == [True, False, True, False, True]
 
 
 def test_a_round_comes_back_to_its_start():
     angle = np.linspace(0, 2 * np.pi, 400)
     latlon = np.column_stack([np.sin(angle), np.cos(angle)]) * 1e-3
-    assert 8 < simplified(latlon, 1.0).sum() < 100
+    assert 8 < simplify(latlon, 1.0).sum() < 100
 
 
 def test_across_the_180th_meridian():
     latlon = np.array([[0.0, 179.9999], [0.0, 180.0], [0.0, -179.9999]])
-    assert simplified(latlon, 0.5).tolist() == [True, False, True]
+    assert simplify(latlon, 0.5).tolist() == [True, False, True]
 
 
 def test_none():
-    assert simplified(np.empty((0, 2)), 1.0).shape == (0,)
+    assert simplify(np.empty((0, 2)), 1.0).shape == (0,)
 
 
 def test_profile_of_few_poses_is_all_of_them():

@@ -16,7 +16,7 @@ def write(folder: Path, data: bytes) -> Path:
     return path
 
 
-def test_reads_paths_beside_the_list_and_float_positions(tmp_path: Path) -> None:
+def test_reads_paths_relative_to_the_list_and_float_positions(tmp_path: Path) -> None:
     path = write(tmp_path, "path;x;y\nphotos/a b.jpg;10;20.5\n../ž.jpg;-3;1e2\n".encode())
     first, second = queries_csv.read(path)
     assert first == queries_csv.Query("photos/a b.jpg", tmp_path / "photos/a b.jpg", MapPixel(10, 20.5))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from webapp.files.localize.calibration import resumed_trials
+from webapp.files.localize.calibration import recorded_trials
 
 
 class Killed(BaseException):
@@ -10,7 +10,7 @@ class Killed(BaseException):
 
 
 def killed_after(path, key, *numbers):
-    with pytest.raises(Killed), resumed_trials(path, key) as (_, keep):
+    with pytest.raises(Killed), recorded_trials(path, key) as (_, keep):
         for number in numbers:
             keep(number, {"error_px": float(number)})
         raise Killed
@@ -20,10 +20,11 @@ def test_they_come_back_after_a_kill(tmp_path):
     path = tmp_path / "new" / "trials"
     killed_after(path, "a", 0, 1)
     killed_after(path, "a", 2)
-    with resumed_trials(path, "a") as (known, keep):
+    with recorded_trials(path, "a") as (known, keep):
         assert known == {n: {"error_px": float(n)} for n in range(3)}
         keep(3, None)
-    assert not path.exists()
+    with recorded_trials(path, "a") as (known, _):
+        assert sorted(known) == [0, 1, 2, 3]
 
 
 def test_half_a_line_does_not_count(tmp_path):
@@ -31,7 +32,7 @@ def test_half_a_line_does_not_count(tmp_path):
     killed_after(path, "a", 0, 1)
     path.write_bytes(path.read_bytes()[:-5])
     killed_after(path, "a", 5)
-    with resumed_trials(path, "a") as (known, _):
+    with recorded_trials(path, "a") as (known, _):
         assert sorted(known) == [0, 5]
 
 
@@ -39,12 +40,12 @@ def test_half_a_line_does_not_count(tmp_path):
 def test_another_file_does_not_count(tmp_path, content):
     path = tmp_path / "trials"
     path.write_text(content)
-    with resumed_trials(path, "a") as (known, _):
+    with recorded_trials(path, "a") as (known, _):
         assert known == {}
 
 
 def test_those_of_another_map_do_not_count(tmp_path):
     path = tmp_path / "trials"
     killed_after(path, "a", 0)
-    with resumed_trials(path, "b") as (known, _):
+    with recorded_trials(path, "b") as (known, _):
         assert known == {}

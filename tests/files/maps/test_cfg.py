@@ -197,7 +197,7 @@ def test_an_error_reads_as_one_line_with_the_fix() -> None:
 
 
 def test_unreadable_files(tmp_path: Path) -> None:
-    with pytest.raises(MapError, match="no such map file"):
+    with pytest.raises(MapError, match="map file not found"):
         read_cfg(tmp_path / "map.cfg")
     with pytest.raises(MapError, match="cannot be read"):
         read_cfg(tmp_path)

@@ -1,4 +1,4 @@
-"""A map and the files beside it."""
+"""A map and the files next to it."""
 
 import json
 import sys
@@ -50,7 +50,7 @@ def full_maps(draw: st.DrawFn) -> Map:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A map of two photos with everything beside it."""
+    """A map of two photos with all side files."""
     map_ = Map(
         SatelliteImage("s.png", 400, 300),
         (
@@ -113,7 +113,7 @@ def test_record_of_another_photo_does_not_count(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (None, "no such map file"),
+        (None, "map file not found"),
         (b"s.png;400;301\n", "another satellite image"),
         (b"s.png;400;300\n0;other.jpg;1;1\n", "another photo"),
         (b"s.png;400;300\n0;a.jpg;1\n", "clusters.cfg:2:10"),

@@ -76,6 +76,7 @@ def test_only_format_and_version_are_needed() -> None:
         (["surprise"], 1, r"\$ has an unknown field 'surprise'"),
         (["georeference"], [], r"\$\.georeference must be an object, not a list"),
         (["georeference", "plane"], "EPSG:1", r"\$\.georeference cannot be used"),
+        (["georeference", "plane"], "+init=/etc/passwd:s", r"\$\.georeference cannot be used"),
         (["georeference", "plane_from_pixel"], [[1, 0, 0]], "three rows of three"),
         (["georeference", "plane_from_pixel", 0, 1], "x", r"plane_from_pixel\[0\]\[1\] must be a number"),
         (["georeference", "plane_from_pixel"], [[0, 0, 0]] * 3, "inverse"),

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import tracemalloc
 import zlib
 
 import cv2
@@ -10,8 +11,11 @@ import piexif
 import pillow_heif
 import pytest
 from PIL import Image
+from PIL.JpegImagePlugin import JpegImageFile
 
+from tests.photo_files import progressive_jpeg
 from webapp.errors import PhotoError
+from webapp.files.jpeg_scans import has_too_many_scans
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_gray, read_upright, turn_upright
 from webapp.settings import PhotoLimits
@@ -250,3 +254,49 @@ def test_shared_odd_photos_are_read_or_refused(shared_data):
         assert (facts.width, facts.height) == gray.full_size, path.name
         positions += bool(facts.gps)
     assert (len(paths), positions) == (32, 6)
+
+
+@pytest.mark.parametrize("as_file", [False, True])
+def test_a_jpeg_of_very_many_scans_is_refused_before_it_is_decoded(tmp_path, as_file, monkeypatch):
+    """Each scan costs a pass over the whole photo, and 500 bytes."""
+    monkeypatch.setattr(JpegImageFile, "load", None)
+    source = progressive_jpeg(33)
+    if as_file:
+        (tmp_path / "a.jpg").write_bytes(source)
+        source = tmp_path / "a.jpg"
+    for read in (read_facts, read_gray, read_upright):
+        with pytest.raises(PhotoError, match="unusual way"):
+            read(source, limits=LIMITS)
+
+
+def test_a_jpeg_of_many_scans_is_read():
+    assert read_gray(progressive_jpeg(32), limits=LIMITS).pixels.shape == (300, 400)
+
+
+def test_scans_of_thumbnails_and_of_what_follows_a_photo_do_not_count():
+    data = progressive_jpeg(30)
+    thumbnail = b"\xff\xe1" + (2 + 400).to_bytes(2, "big") + b"\xff\xda" * 200
+    video = b"\xff\xda\x00\x02" * 200
+    assert read_facts(data[:2] + thumbnail + data[2:] + video, limits=LIMITS).width == 400
+
+
+def test_restart_markers_and_padding_are_no_other_markers():
+    data = encode(picture(), "JPEG", restart_marker_blocks=1)
+    assert b"\xff\xd0" in data
+    assert not has_too_many_scans(data[:2] + b"\xff\xff" + data[2:])
+
+
+@pytest.mark.parametrize("size", [(70_000, 1), (1, 70_000)])
+def test_a_line_is_no_photo(size):
+    with pytest.raises(PhotoError, match="70000 pixels long"):
+        read_facts(encode(np.zeros(size[::-1], np.uint8), "PNG"), limits=LIMITS)
+
+
+def test_wide_ranges_of_values_take_no_multiple_of_their_memory():
+    file = io.BytesIO()
+    Image.fromarray(np.zeros((2000, 3000), np.float32)).save(file, "TIFF")
+    tracemalloc.start()
+    read_gray(file.getvalue(), limits=LIMITS)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 4 * 2000 * 3000 * 4, "in bytes; as 64 bits at once it takes 6 times the file"

@@ -149,7 +149,7 @@ def test_a_world_file_counts_from_the_centre_of_the_first_pixel(tmp_path):
     check_utm(read_worldfile(world(tmp_path / "s.pgw", CENTRED), **SIZE, crs="EPSG:32633"))
 
 
-def test_a_world_file_takes_the_prj_beside_it(tmp_path):
+def test_a_world_file_takes_the_prj_next_to_it(tmp_path):
     (tmp_path / "s.prj").write_text(parse_crs("EPSG:32633").to_wkt("WKT1_ESRI"))
     check_utm(read_worldfile(world(tmp_path / "s.pgw", CENTRED), **SIZE))
     (tmp_path / "s.prj").write_text("nonsense")
@@ -208,7 +208,7 @@ def test_a_bad_world_file_is_refused(tmp_path, numbers, crs, part):
         ("a.b.jpg", "a.b.jpgw"),
     ],
 )
-def test_world_files_are_found_beside_their_image(tmp_path, image, sidecar):
+def test_world_files_are_found_next_to_their_image(tmp_path, image, sidecar):
     (tmp_path / "other.pgw").touch()
     (tmp_path / sidecar).touch()
     assert find_worldfile(tmp_path / image) == tmp_path / sidecar
@@ -274,7 +274,7 @@ def test_bad_geotiffs_are_refused(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_nothing_beside_a_geotiff_is_read(tmp_path):
+def test_no_side_files_of_a_geotiff_are_read(tmp_path):
     path = tiff(tmp_path / "plain.tif")
     world(tmp_path / "plain.tfw", CENTRED)
     with pytest.raises(GeoreferenceError, match="no georeference"):

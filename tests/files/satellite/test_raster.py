@@ -1,12 +1,14 @@
 """Large images, strip by strip, and their tiles."""
 
 import io
+import warnings
 
 import numpy as np
 import pytest
 import rasterio
 from PIL import Image
 
+from tests.photo_files import progressive_jpeg
 from webapp.errors import Cancelled, MissingPart, PhotoError
 from webapp.files.satellite.pyramid import max_zoom, write_pyramid
 from webapp.files.satellite.raster import opened_raster, reduced
@@ -93,6 +95,18 @@ class TestColours:
         assert pixels[1, 50, 0] < 10
         assert pixels[98, 50, 0] > 245
 
+    @pytest.mark.parametrize("dtype", ["float32", "float64"])
+    @pytest.mark.parametrize("share", [0.3, 1.0])
+    @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 3e38, -3e38])
+    def test_floats_without_bounds_become_colours(self, tmp_path, dtype, share, value):
+        bands = np.linspace(0.0, 1.0, 600).reshape(1, 20, 30).astype(dtype)
+        bands.flat[: int(600 * share)] = value
+        path = tmp_path / "odd.tif"
+        write_tiff(path, bands)
+        with opened_raster(path, limits=LIMITS) as raster, warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert np.concatenate(list(raster.strips())).shape == (20, 30, 3)
+
     def test_the_fourth_band_of_a_survey_is_not_opacity(self, tmp_path):
         bands = np.stack([np.full((20, 20), v, np.uint8) for v in (10, 20, 30, 0)])
         write_tiff(tmp_path / "nir.tif", bands, photometric="RGB", alpha="NO")
@@ -120,6 +134,14 @@ class TestRefused:
         Image.fromarray(noise).save(buffer, format=kind)
         with pytest.raises(error, match=r"cut off|damaged|rasterio is not installed"):
             read(buffer.getvalue()[: int(len(buffer.getvalue()) * kept)], rows=rows)
+
+    def test_a_jpeg_of_very_many_scans(self, read):
+        with pytest.raises(PhotoError, match="compressed in an unusual way"):
+            read(progressive_jpeg(33))
+
+    def test_a_line(self, read):
+        with pytest.raises(PhotoError, match="200000 pixels long"):
+            read(Image.new("L", (200_000, 1)))
 
     def test_larger_than_the_limits(self, read):
         image = Image.fromarray(gradient(1100, 1000))

@@ -138,7 +138,7 @@ def test_poses_that_come_meanwhile_are_left_out(library, new_mission, some_poses
 def test_what_does_not_exist_is_reported(library, new_mission):
     with pytest.raises(NotFound):
         export.export_mission(library, 77, form="kml")
-    with pytest.raises(UsageError, match="no format"):
+    with pytest.raises(UsageError, match="unknown export format"):
         export.export_mission(library, new_mission(), form="exe")
 
 

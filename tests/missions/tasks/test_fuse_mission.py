@@ -33,7 +33,7 @@ def driven(library, owner):
 
 def fused(library, mission_id):
     with library.database.read() as session:
-        track = next(t for t in tracks.listed(session, mission_id) if t.source == "fused")
+        track = next(t for t in tracks.list_tracks(session, mission_id) if t.source == "fused")
         return track, tracks.read(session, track)
 
 
@@ -43,7 +43,7 @@ def run(library, mission_id, progress=None):
     )
 
 
-def test_a_corrected_track_stands_beside_the_others(library, driven):
+def test_a_corrected_track_is_added_to_the_others(library, driven):
     mission_id, drive = driven
     report = run(library, mission_id)
     track, poses = fused(library, mission_id)
@@ -52,7 +52,7 @@ def test_a_corrected_track_stands_beside_the_others(library, driven):
     assert (poses.covariance_m2[:, :2] > 0).all()
     assert track.distance_m == pytest.approx(120, rel=0.1)
     with library.database.read() as session:
-        assert [t.source for t in tracks.listed(session, mission_id)] == ["odometry", "gps", "fused"]
+        assert [t.source for t in tracks.list_tracks(session, mission_id)] == ["odometry", "gps", "fused"]
         assert session.get_one(Mission, mission_id).revision == report["revision"] == 1
 
 
@@ -141,7 +141,7 @@ def test_nobody_waits_for_a_fusion_that_waits_for_a_backup(library, driven, monk
         assert rewritten.wait(10)
         with library.database.write() as session:
             session.get_one(Mission, mission_id).name = "Renamed"
-            assert [t.source for t in tracks.listed(session, mission_id)] == ["odometry", "gps"]
+            assert [t.source for t in tracks.list_tracks(session, mission_id)] == ["odometry", "gps"]
         with pytest.raises(NotFound):
             fuse.read_report(library, mission_id)
     worker.join(20)

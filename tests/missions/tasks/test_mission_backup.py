@@ -14,7 +14,7 @@ from webapp.errors import StorageError
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Pose
 from webapp.missions.tasks import add_photo, fuse, store_batch
-from webapp.missions.tasks.add_photo import About
+from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.tasks.store_batch import Numbered
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -43,7 +43,12 @@ def mission(library, save_photo):
     store_batch.store_batch(library, id, records=poses, place=Numbered("robot", 0))
     save_photo(library.uploads / "a.jpg", 1)
     add_photo.add_mission_photo(
-        library, id, source=library.uploads / "a.jpg", name="a.jpg", about=About(), settings=Settings()
+        library,
+        id,
+        source=library.uploads / "a.jpg",
+        name="a.jpg",
+        about=PhotoMetadata(),
+        settings=Settings(),
     )
     return id
 
@@ -60,7 +65,7 @@ def test_a_mission_comes_back(library, mission, tmp_path):
     restore.restore(tmp_path / "b.zip", tmp_path / "other", parts=PARTS, progress=Progress())
     restored = open_library(tmp_path / "other")
     with restored.database.read() as session:
-        (track,) = tracks.listed(session, mission)
+        (track,) = tracks.list_tracks(session, mission)
         assert tracks.read(session, track).times_s.tolist() == [0, 1, 2]
         assert session.query(Pose).count() == 3
     assert photo_of(restored, mission) == photo_of(library, mission)
@@ -90,7 +95,7 @@ def fused(library):
 
 def fused_track(library, mission):
     with library.database.read() as session:
-        track = next(t for t in tracks.listed(session, mission) if t.source == "fused")
+        track = next(t for t in tracks.list_tracks(session, mission) if t.source == "fused")
         return track.id, tracks.read(session, track).latlon.tolist()
 
 

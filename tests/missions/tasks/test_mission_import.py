@@ -65,7 +65,7 @@ def content(library, mission):
     """All that is stored: tracks with their counts and poses, objects with their sightings."""
     with library.database.read() as session:
         found = {}
-        for track in tracks.listed(session, mission):
+        for track in tracks.list_tracks(session, mission):
             poses = tracks.read(session, track)
             facts = (track.poses, track.skipped, round(track.distance_m, 6))
             found[(track.source, track.name)] = (*facts, poses.times_s.tolist(), poses.latlon.tolist())

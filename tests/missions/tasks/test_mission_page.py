@@ -68,5 +68,5 @@ def test_too_many_objects_and_none_at_all(library, owner, new_mission, monkeypat
 
 
 def test_there_is_no_other_format(library, new_mission):
-    with pytest.raises(UsageError, match="no format"):
+    with pytest.raises(UsageError, match="unknown export format"):
         export_file.export_mission_file(library, new_mission(), form="docx", settings=Settings())

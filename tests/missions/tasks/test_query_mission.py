@@ -166,7 +166,7 @@ def test_no_text_gets_more_than_the_rows_of_its_mission(made, ask, where, select
 
 @pytest.fixture
 def made(library, new_mission):
-    """A mission beside another one, and the statements that the database gets, without their values."""
+    """A mission next to another one, and the statements that the database gets, without their values."""
     from sqlalchemy import event
 
     mission = new_mission()

@@ -55,7 +55,7 @@ def test_the_kind_is_detected_from_the_content(tmp_path, kind) -> None:
         (b"#ROSBAG V1.2\nold", "version 102 is not supported"),
         (b"a,b\n1,2\n", "no columns of positions"),
         (b"<kml/>", "nothing in it can be used"),
-        (b"lat,lon\n91,14\n", "1 positions that are none on the Earth"),
+        (b"lat,lon\n91,14\n", "1 positions that are not on the Earth"),
     ],
 )
 def test_unusable_files_are_refused_in_a_sentence(tmp_path, data, message) -> None:

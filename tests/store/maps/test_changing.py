@@ -40,7 +40,7 @@ def change(library, new_map):
             changes = {"photo/0": fields}
             edits.apply(change.session, change.record, changes=changes, kind="test", account_id=new_map.owner)
         with library.database.write() as session:
-            waiting = jobs.listed(session, map_id=map_id)
+            waiting = jobs.list_jobs(session, map_id=map_id)
             assert [job.id for job in waiting] == ([] if change.job is None else [change.job])
             for job in waiting:
                 session.delete(job)
@@ -75,7 +75,7 @@ def test_what_fails_in_the_middle_changes_nothing(library, new_map):
         edits.apply(change.session, change.record, changes=changes, kind="test", account_id=new_map.owner)
         1 / 0  # noqa: B018
     with library.database.read() as session:
-        assert jobs.listed(session, map_id=map_id) == []
+        assert jobs.list_jobs(session, map_id=map_id) == []
         assert session.get_one(Photo, (map_id, 0)).x_px is None
 
 

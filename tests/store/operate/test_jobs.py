@@ -256,8 +256,8 @@ def test_what_a_page_shows(do, take, at, park):
     assert ids() == [old, new]
     at(61)
     assert ids() == [new]
-    assert do(lambda s: [job.id for job in jobs.listed(s, map_id=park)]) == [new, old]
-    assert do(lambda s: len(jobs.listed(s))) == 3
+    assert do(lambda s: [job.id for job in jobs.list_jobs(s, map_id=park)]) == [new, old]
+    assert do(lambda s: len(jobs.list_jobs(s))) == 3
     assert do(jobs.anything_to_do)
 
 

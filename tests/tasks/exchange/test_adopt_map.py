@@ -76,7 +76,7 @@ def test_photos_that_cannot_be_read_keep_their_place(adopt, rows):
 
     found = rows(adopt(change=damage))
     assert [(row.x_px, row.width > 0) for row in found.values()] == [(100, False), (200, False), (300, True)]
-    assert "there is no such file" in found[0].gps_problem
+    assert "file not found" in found[0].gps_problem
     assert "photos/1.jpg" in found[1].gps_problem
 
 
@@ -84,7 +84,7 @@ def test_unreadable_photos_are_reported(make_map, library):
     cfg = make_map(library.map_folder("park"), 2)
     (cfg.parent / "photos" / "1.jpg").unlink()
     contents = adopt_map.read(cfg, limits=adopt_map.Settings().photo, progress=adopt_map.Progress())
-    assert contents.problems == ("photos/1.jpg: there is no such file",)
+    assert contents.problems == ("photos/1.jpg: file not found",)
 
 
 def test_one_photo_at_two_places(adopt, rows, library):
@@ -112,7 +112,7 @@ def test_a_name_that_is_no_address(library, owner, slug):
 
 
 def test_a_folder_that_is_no_map(library, owner, make_map):
-    with pytest.raises(MapError, match="no such map file"):
+    with pytest.raises(MapError, match="map file not found"):
         adopt_map.adopt_map(library, "nothing", account_id=owner)
     make_map(library.map_folder("bad"), 1).write_text("plan.png;200;200\n0;photos/0.jpg;1.5;2\n")
     with pytest.raises(CfgError):

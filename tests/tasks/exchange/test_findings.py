@@ -100,7 +100,7 @@ def test_unplaced_and_removed_photos_are_no_strangers(adopt, found, edit):
     assert found(map_id) == []
 
 
-def test_a_former_satellite_image_is_no_stranger(adopt, found, edit, library, save_photo):
+def test_a_former_satellite_image_is_known(adopt, found, edit, library, save_photo):
     map_id = adopt()
     save_photo(library.map_folder("park") / "new.png", 5)
     size = {"satellite_width": 320, "satellite_height": 240}

@@ -9,7 +9,7 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Placement
-from webapp.errors import Conflict, InputError, NotFound
+from webapp.errors import Conflict, InputError, MapError, NotFound
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import ImportLimits, Settings
 from webapp.store.maps import maps
@@ -226,6 +226,53 @@ def test_a_cut_off_photo_of_the_zip_itself(park, library, owner, tmp_path):
         import_map.import_map(library, path, account_id=owner, name="x", settings=Settings())
 
 
+@pytest.mark.parametrize("method", ["STORED", "DEFLATED", "BZIP2", "LZMA"])
+def test_damage_anywhere_in_a_zip_is_no_error_of_the_disk(park, library, owner, tmp_path, method):
+    path = tmp_path / "damaged.zip"
+    with zipfile.ZipFile(path, "w", getattr(zipfile, f"ZIP_{method}")) as archive:
+        for name, content in park.items():
+            archive.writestr(name, content)
+    whole = path.read_bytes()
+    directory = whole.index(b"PK\x01\x02")
+    refused = 0
+    for place in (40, 400, directory // 2, directory + 42, directory + 46, len(whole) - 10, len(whole) - 6):
+        path.write_bytes(whole[:place] + b"\xf0\xff\xff\xf0" + whole[place + 4 :])
+        try:
+            import_map.import_map(library, path, account_id=owner, name=f"{place}", settings=Settings())
+        except (InputError, MapError):
+            refused += 1
+    assert refused >= 4
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_a_file_without_a_name_is_refused(park, library, owner, tmp_path):
+    path = tmp_path / "nameless.zip"
+    (library.inner / "imports").mkdir()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in {**park, "Qx.jpg": b"x"}.items():
+            archive.writestr(name, content)
+    path.write_bytes(path.read_bytes().replace(b"Qx.jpg", b"\0x.jpg"))
+    with pytest.raises(InputError, match="the name is empty"):
+        import_map.import_map(library, path, account_id=owner, name="x", settings=Settings())
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_lines_are_counted_before_anything_is_looked_for(park, bring, monkeypatch):
+    monkeypatch.setattr(import_map, "choose_map", None)
+    many = "".join(f"{n};photos/{n}.jpg;1;1\n" for n in range(101))
+    with pytest.raises(InputError, match="the map has 102 lines, more than the limit of 100"):
+        bring({**park, "map.cfg": f"satellite.png;400;300\n{many}"}, limits=ImportLimits(max_files=100))
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_ids_leave_room_for_further_photos(park, bring):
+    cfg = park["map.cfg"]
+    text = cfg.decode() if isinstance(cfg, bytes) else cfg
+    first, _, rest = text.partition("\n")
+    with pytest.raises(MapError, match="2147483647 is so large"):
+        bring({**park, "map.cfg": f"{first}\n{2**31 - 1}{rest[rest.index(';') :]}"})
+
+
 @pytest.mark.usefixtures("nothing_is_left")
 def test_all_errors_of_a_map_are_reported_at_once(park, bring):
     park["map.cfg"] = b"plan.png;300;200\n0;photos/0.jpg;1,5;2\n0;photos/1.jpg;2;3\n1;photos/1.jpg;999;3\n"
@@ -249,6 +296,13 @@ def test_missing_photos_are_reported_and_the_others_are_there(park, bring, rows)
     done = bring(park)
     assert [f.code for f in done.findings] == ["missing-photo"]
     assert [row.width > 0 for row in rows(done.map_id).values()] == [False, True]
+
+
+def test_the_folder_of_an_import_that_just_ended_is_no_error(park, bring, library):
+    """Between the list of the folders and a look at it, it was removed."""
+    (library.inner / "imports").mkdir(exist_ok=True)
+    (library.inner / "imports" / "gone").symlink_to("nowhere")
+    assert bring(park).slug == "park"
 
 
 def test_two_imports_of_one_name(park, bring):

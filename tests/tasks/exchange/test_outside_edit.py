@@ -68,7 +68,7 @@ def test_everything_that_differs_is_shown_and_nothing_is_changed(library, map_id
     assert shown["moved"] == [{"id": 0, "name": "0.jpg", "from": [100, 100], "to": [7, 8]}]
     assert shown["added"] == [{"id": 9, "name": "new.jpg"}]
     assert shown["removed"] == [{"id": 1, "name": "1.jpg"}]
-    assert shown["left_out"] == ["photos/none.jpg: there is no such file"]
+    assert shown["left_out"] == ["photos/none.jpg: file not found"]
     assert (shown["problem"], shown["kept"], shown["turned"]) == (None, [], [])
     assert not export.export_map(library, map_id)
     assert library.cfg("park").read_bytes() == before

@@ -71,7 +71,7 @@ def test_what_cannot_be_copied_has_a_reason(source, tmp_path):
     first.unlink()
     Image.new("RGB", (40, 30)).save(second, "PNG")
     copies = list(write_exif(source, tmp_path / "out", limits=LIMITS))
-    assert "cannot be read" in copies[0].reason or "no such" in copies[0].reason.lower()
+    assert "not found" in copies[0].reason
     assert "PNG" in copies[1].reason
     assert copies[2].position is not None
 

@@ -168,7 +168,7 @@ def test_unusable_photos_are_reported_and_the_others_built(tmp_path, make_map, b
     report = build(cfg)
     assert {i: photo for i, photo, _ in report.failed} == {i: f"photos/{i}.jpg" for i in range(6)}
     reason = {i: text for i, _, text in report.failed}
-    assert "no such file" in reason[0]
+    assert "file not found" in reason[0]
     assert "empty" in reason[1]
     assert "not an image" in reason[2]
     assert "not a file" in reason[4]

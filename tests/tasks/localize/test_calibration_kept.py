@@ -1,4 +1,4 @@
-"""A calibration is kept as long as the map is about the same, and made anew when it is not."""
+"""A calibration is kept as long as the map is about the same, and repeated when it is not."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import calibrate, open_map
+from webapp.tasks.localize import calibrate, open_map, trials
 from webapp.tasks.localize.open_map import OpenOptions
 
 
@@ -22,7 +22,8 @@ def cfg(make_map, tmp_path):
 def made(monkeypatch):
     """Count calibrations; none is really made."""
     count = []
-    monkeypatch.setattr(calibrate, "calibrate", lambda indexed, progress, **_: count.append(1) or DEFAULT)
+    monkeypatch.setattr(calibrate, "run_trials", lambda opened, **_: {})
+    monkeypatch.setattr(calibrate, "fit_trials", lambda indexed, tried: count.append(1) or DEFAULT)
     return count
 
 
@@ -70,7 +71,7 @@ def test_a_killed_calibration_continues_where_it_was(cfg, monkeypatch):
         pass
 
     tried = []
-    try_one = calibrate._try
+    try_one = trials._try
 
     def counted(indexed, photo, *how, **more):
         if len(tried) == 5:
@@ -78,13 +79,12 @@ def test_a_killed_calibration_continues_where_it_was(cfg, monkeypatch):
         tried.append(photo)
         return try_one(indexed, photo, *how, **more)
 
-    monkeypatch.setattr(calibrate, "_try", counted)
+    monkeypatch.setattr(trials, "_try", counted)
     opened = open_map.open_index(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
-    whole = calibrate.calibrate
     with pytest.raises(Killed):
         calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
-    monkeypatch.setattr(calibrate, "_try", lambda *a, **k: tried.append(a[1]) or try_one(*a, **k))
+    monkeypatch.setattr(trials, "_try", lambda *a, **k: tried.append(a[1]) or try_one(*a, **k))
     stored = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
     assert sorted(tried) == list(range(12))
-    assert stored.calibration == whole(opened.indexed, Progress())
-    assert not list(opened.writable.glob("*.trials"))
+    whole = [*trials.try_photos(opened.indexed, Progress()).values()]
+    assert stored.calibration == calibrate.fit_trials(opened.indexed, whole)

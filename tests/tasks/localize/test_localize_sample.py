@@ -14,9 +14,10 @@ from webapp.core.retrieval.indexed import candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, shortlist, weighted_votes
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize.calibrate import calibrate
+from webapp.tasks.localize.calibrate import fit_trials
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.trials import try_photos
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +130,9 @@ def test_turned_matches_are_dropped_before_the_vote(localizer):
 def test_calibration_is_repeatable_and_from_the_maps_own_photos(localizer):
     indexed = localizer.opened.indexed
     known = with_hidden_photos(localizer).sightings
-    one, two = (calibrate(indexed, Progress(), sightings=known) for _ in range(2))
+    one, two = (
+        fit_trials(indexed, [*try_photos(indexed, Progress(), sightings=known).values()]) for _ in range(2)
+    )
     assert one == two == localizer.calibration.calibration
     assert 40 <= one.cases <= 60
     assert one.radius_scale >= 1.0

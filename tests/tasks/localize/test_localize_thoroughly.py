@@ -19,10 +19,10 @@ def test_photos_are_matched_by_the_network_and_calibrated_for_it(
     tmp_path, make_map, quick, shared_models, monkeypatch
 ):
     matched = []
-    anew = shortlist.rematch_with_network
+    original = shortlist.rematch_with_network
     monkeypatch.setattr(
         "webapp.core.localize.verified.rematch_with_network",
-        lambda *given, **named: matched.append(given) or anew(*given, **named),
+        lambda *given, **named: matched.append(given) or original(*given, **named),
     )
     cfg = make_map(tmp_path, 6)
     settings = replace(quick, models=shared_models)
@@ -56,10 +56,10 @@ def test_missing_weights_are_reported_before_anything_is_built(tmp_path, make_ma
 
 
 def test_what_can_be_chosen_depends_on_the_weights_that_are_here(tmp_path, shared_models):
-    assert files.usable_methods(tmp_path) == ["vote", "verified"]
+    assert files.usable_methods(tmp_path) == ["auto", "vote", "verified"]
     assert "xfeat" not in files.usable_features(tmp_path)
     assert "sift" in files.usable_features(tmp_path)
-    assert files.usable_methods(shared_models) == ["vote", "verified", "thorough"]
+    assert files.usable_methods(shared_models) == ["auto", "vote", "verified", "thorough"]
     assert "xfeat" in files.usable_features(shared_models)
     assert "disk" not in files.usable_features(shared_models)
     assert files.usable_features(tmp_path, method="thorough") == []

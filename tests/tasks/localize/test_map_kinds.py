@@ -1,5 +1,6 @@
 """Maps of several kinds, derived from the sample map: areas, a plan not to scale, both kinds in one map."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -38,24 +39,24 @@ def half_gathered(table):
 DERIVED = {"areas": quadrants, "snake": derived_maps.snake, "mixed": half_gathered, "as it is": lambda t: t}
 
 
+pytestmark = pytest.mark.xdist_group("map kinds")
+
+
 @pytest.fixture(scope="module")
 def opened(sample_folder, tmp_path_factory):
-    """Open a derived map by a method, each once."""
-    made = {}
+    """Open a derived map by a method, each once; both methods share what is computed from its photos."""
+    folder = tmp_path_factory.mktemp("kinds")
+    tables = {kind: derive(derived_maps.read(sample_folder)) for kind, derive in DERIVED.items()}
+    for kind, table in tables.items():
+        derived_maps.write(table, folder / kind)
 
+    @functools.cache
     def get(kind, method):
-        if (kind, method) not in made:
-            folder = tmp_path_factory.mktemp("kinds") / "map"
-            table = DERIVED[kind](derived_maps.read(sample_folder))
-            derived_maps.write(table, folder)
-            pipeline = open_pipeline(
-                folder / "map.cfg",
-                OpenOptions(method=method, jobs=1),
-                settings=Settings(),
-                progress=Progress(),
-            )
-            made[kind, method] = pipeline, [*zip(derived_maps.read(folder).queries, table.truth, strict=True)]
-        return made[kind, method]
+        options = OpenOptions(method=method, jobs=1)
+        cfg = folder / kind / "map.cfg"
+        pipeline = open_pipeline(cfg, options, settings=Settings(), progress=Progress())
+        queries = derived_maps.read(cfg.parent).queries
+        return pipeline, [*zip(queries, tables[kind].truth, strict=True)]
 
     return get
 

@@ -1,4 +1,4 @@
-"""Opening a map: which index is taken, when it is brought up to date, and what happens beside a build."""
+"""Opening a map: which index is taken, when it is brought up to date, and what happens during a build."""
 
 import os
 import shutil
@@ -135,14 +135,14 @@ def test_auto_takes_no_index_whose_model_is_not_here_any_more(tmp_path, make_map
     cfg = make_map(tmp_path / "map", 3)
     settings = replace(quick, models=tmp_path / "models")
     settings.models.mkdir()
-    (settings.models / "aliked.onnx").write_bytes(brightest("aliked"))
+    (settings.models / "disk.onnx").write_bytes(brightest("disk"))
 
     def chosen(method="vote", features="auto"):
         asked = OpenOptions(method=method, jobs=1, features=features)
         return open_map.open_index(cfg, asked, settings=settings, progress=Progress()).choice.name
 
-    assert (chosen(), chosen(features="aliked"), chosen()) == ("sift", "aliked", "aliked")
-    (settings.models / "aliked.onnx").unlink()
+    assert (chosen(), chosen(features="disk"), chosen()) == ("sift", "disk", "disk")
+    (settings.models / "disk.onnx").unlink()
     assert chosen() == "sift"
 
 
@@ -296,7 +296,7 @@ def test_a_map_that_cannot_be_written_has_its_index_in_the_cache(tmp_path, make_
 
 
 @pytest.mark.parametrize("method", ["vote", "verified"])
-def test_an_index_beside_a_map_that_cannot_be_written_is_used(
+def test_an_index_next_to_a_map_that_cannot_be_written_is_used(
     tmp_path, make_map, quick, read_only, method, build
 ):
     cfg = make_map(tmp_path / "map", 5)
@@ -313,7 +313,7 @@ def test_an_index_beside_a_map_that_cannot_be_written_is_used(
     assert listing(tmp_path / "map") == before
 
 
-def test_an_old_index_beside_a_map_that_cannot_be_written_is_not_used(
+def test_an_old_index_next_to_a_map_that_cannot_be_written_is_not_used(
     tmp_path, make_map, opening, build, read_only
 ):
     cfg = make_map(tmp_path / "map", 5)

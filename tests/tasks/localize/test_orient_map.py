@@ -256,7 +256,7 @@ LITTLE_KNOWN = 10
 @pytest.fixture
 def with_network(cfg, monkeypatch):
     """The sample, opened by a method that has a network; of the first ten photos nothing is known."""
-    monkeypatch.setitem(orient_map.PAIR_MATCHERS, "sift", "network")
+    monkeypatch.setattr(orient_map, "PAIR_MATCHERS", {"sift": "network"})
     found = opened(cfg)
     path = found.writable / "pairs-ivf.arrays"
     stored = orientations.read_pairs(path)
@@ -270,7 +270,7 @@ def with_network(cfg, monkeypatch):
     (found.writable / "orientations-ivf.arrays").unlink()
     oriented(cfg)
     monkeypatch.setattr(orient_map, "_WELL_KNOWN", 0.01)
-    return replace(found, indexed=replace(found.indexed, pair_matcher=MutualNearest()))
+    return replace(found, method="thorough", indexed=replace(found.indexed, pair_matcher=MutualNearest()))
 
 
 def thoroughly(found, progress=None):

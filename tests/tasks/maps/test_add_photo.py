@@ -128,6 +128,19 @@ def test_previews_are_small_upright_and_say_nothing(desk):
     assert sizes == {"0-1600.jpg": (800, 1600), "0-256.jpg": (128, 256)}
 
 
+def test_a_photo_is_refused_as_a_whole_where_its_previews_cannot_be_kept(desk, monkeypatch):
+    def full(*_args, **_more):
+        raise DiskFull("full")
+
+    monkeypatch.setattr(add_photo.preview, "write_previews", full)
+    with pytest.raises(DiskFull):
+        desk.give(jpeg())
+    assert desk.rows() == []
+    monkeypatch.undo()
+    desk.give(jpeg())
+    assert len(desk.rows()) == len(desk.files()) == 1
+
+
 @pytest.mark.parametrize(
     "name",
     ["../../../etc/passwd", "..\\..\\x.jpg", "/etc/shadow", "C:\\CON", "a\0b.jpg", "", " ", ".", "..",

@@ -175,7 +175,7 @@ def test_links_out_of_the_folder(folder: Path, tmp_path_factory: pytest.TempPath
 
 @pytest.fixture
 def full(folder: Path) -> Path:
-    """The same with everything beside it."""
+    """The same with all side files."""
     photos = (Experience(0, "p/a.jpg", MapPixel(20.25, 10.25)), Experience(1, "p/b.png", MapPixel(5.5, 6.0)))
     placements = (Placement("clusters", {0: MapPixel(1.0, 1.0), 1: MapPixel(1.0, 1.0)}),)
     write_map(folder / "map.cfg", Map(SatelliteImage("s.png", 40, 30), photos, None, placements, 2, 1))
@@ -253,7 +253,7 @@ def test_binary_file_is_reported_and_not_a_crash(folder: Path) -> None:
 
 
 def test_missing_map_and_cancelling(folder: Path) -> None:
-    with pytest.raises(MapError, match="no such map file"):
+    with pytest.raises(MapError, match="map file not found"):
         check_map.check_map(folder / "none.cfg", settings=Settings(), progress=Progress())
 
     class Stopped(Progress):

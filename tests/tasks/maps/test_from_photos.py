@@ -283,7 +283,7 @@ def test_positions_in_pixels_outside_the_image(folder):
         ({"satellite": "sat.png", "source": GeoSource("corners", Path("c"), crs="EPSG:4326")}, "--crs"),
         ({"satellite": "sat.png", "source": GeoSource("geotiff", model="affine")}, "--model"),
         ({"cfg": "map.txt"}, ".cfg"),
-        ({"photos": "nowhere"}, "no such folder"),
+        ({"photos": "nowhere"}, "folder not found"),
     ],
 )
 def test_requests_that_cannot_work(folder, options, part):

@@ -137,7 +137,7 @@ def test_an_area_without_any_tile_is_an_error(fetch, server, library):
     assert not library.map_folder("park").exists()
 
 
-def test_who_is_to_be_named_is_kept_beside_the_image(fetch, library):
+def test_the_attribution_is_kept_next_to_the_image(fetch, library):
     new = fetch().new
     source = source_of(library.map_folder("park"), new.path)
     assert source["attribution"] == "© this test"
@@ -193,7 +193,7 @@ class TestRefused:
             fetch(zoom=20)
 
     def test_a_service_that_is_not_configured(self, fetch):
-        with pytest.raises(NotFound, match="no such tile service"):
+        with pytest.raises(NotFound, match="unknown tile service"):
             fetch(service="http://127.0.0.1/")
 
     def test_no_area(self, fetch):

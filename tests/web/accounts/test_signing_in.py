@@ -1,15 +1,19 @@
 """Links, passwords, sessions, tokens, and the pages around them."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from time import sleep
 
 import pytest
 from sqlalchemy import update
 
+from webapp.errors import NotSignedIn, TooMany
+from webapp.settings import WebSettings
 from webapp.store.accounts import accounts
 from webapp.store.accounts import sign_in as signin
 from webapp.store.clock import now
-from webapp.store.schema import Account, FailedSignIn, SignInLink
+from webapp.store.schema import Account, EndedSession, FailedSignIn, SignInLink
 
 PASSWORD = "correct horse battery"
 
@@ -104,6 +108,28 @@ def test_many_failures_from_one_address_are_429(library, stranger, jana):
     assert 0 < int(answer.headers["Retry-After"]) <= 15 * 60
 
 
+def test_of_many_guesses_at_once_no_more_are_tried_than_are_allowed(library, jana, monkeypatch):
+    tried = []
+    monkeypatch.setattr(signin, "check_password_hash", lambda *_: tried.append(sleep(0.05)))
+
+    def guess(_):
+        with pytest.raises((NotSignedIn, TooMany)):
+            signin.by_password(
+                library.database, "Jana", password="wrong", address="10.0.0.1", limits=WebSettings()
+            )
+
+    with ThreadPoolExecutor(20) as pool:
+        list(pool.map(guess, range(40)))
+    assert len(tried) == WebSettings().sign_in_failures
+
+
+def test_who_signs_in_leaves_no_failure_behind(library, stranger, jana):
+    assert enter(stranger, password="wrong").status_code == 401
+    assert enter(stranger).status_code == 303
+    with library.database.read() as session:
+        assert [row.who for row in session.query(FailedSignIn)] == ["address:127.0.0.1"]
+
+
 def test_failures_are_forgotten(library, stranger, jana):
     with library.database.write() as session:
         session.add_all(FailedSignIn(who="name:jana", at=now() - timedelta(minutes=16)) for _ in range(20))
@@ -114,6 +140,27 @@ def test_signing_out_ends_the_session(client):
     assert is_in(client)
     client.post("/sign-out")
     assert not is_in(client)
+
+
+def test_a_copy_of_the_cookie_is_worth_nothing_after_signing_out(app, client, sign_in, owner):
+    other = sign_in(owner)
+    copy = client.get_cookie("expmap").value
+    assert is_in(client)
+    client.post("/sign-out")
+    thief = app.test_client()
+    thief.set_cookie("expmap", copy)
+    assert not is_in(thief)
+    assert is_in(other), "another session of the account goes on"
+
+
+def test_ended_sessions_are_forgotten_once_their_cookies_are_too_old(library):
+    with library.database.write() as session:
+        session.add(EndedSession(id_hash="old", at=now() - timedelta(days=15)))
+    with library.database.write() as session:
+        signin.end_session(session, "new", days=14)
+        signin.end_session(session, "new", days=14)
+    with library.database.read() as session:
+        assert signin.has_ended(session, "new") and session.get(EndedSession, "old") is None
 
 
 def test_a_password_is_set_and_signs_out_elsewhere(client, sign_in, owner, stranger):

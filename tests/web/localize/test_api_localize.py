@@ -21,7 +21,7 @@ from webapp.web.localize import api_localize
 
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
-    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px",
+    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
 }  # fmt: skip
 """Of `expmap localize --json`."""
 
@@ -125,6 +125,8 @@ def test_a_wrong_circle_is_not_believed(client, sample, ask, queries):
     [
         ({"hint_x_px": 1, "hint_y_px": 1, "hint_radius_px": 1}, "hint_radius_px"),
         ({"hint_x_px": 1}, "hint_x_px"),
+        ({"hint_x_px": 1, "hint_y_px": 1, "hint_radius_px": 1e200}, "hint_radius_px"),
+        ({"hint_x_px": 1e200, "hint_y_px": 1, "hint_radius_px": 1}, "hint_x_px"),
         ({"method": "guess"}, "method"),
         ({"features": "../../etc"}, "features"),
         ({"fov": "wide"}, "fov"),
@@ -296,7 +298,7 @@ def test_the_oldest_answers_are_forgotten(library, sample, record):
             gone = stored.add(session, record(), row=row, most=3)
         assert [old.name for old in gone] == ["0.jpg"]
     with library.database.read() as session:
-        assert [row.name for row in stored.listed(session, record())] == ["3.jpg", "2.jpg", "1.jpg"]
+        assert [row.name for row in stored.list_queries(session, record())] == ["3.jpg", "2.jpg", "1.jpg"]
 
 
 def test_coordinates(client, sample):

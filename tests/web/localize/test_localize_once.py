@@ -108,7 +108,7 @@ def test_shared_answers_are_not_forgotten(library, park, owner, send, asked):
         unshared = row()
         queries.add(session, record, row=unshared, most=9)
         assert queries.add(session, record, row=row(), most=1) == [unshared]
-        assert {q.id for q in queries.listed(session, record)} >= {shared}
+        assert {q.id for q in queries.list_queries(session, record)} >= {shared}
 
 
 def row():

@@ -22,7 +22,7 @@ from webapp.tasks.maps.library_map import georeference
 
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
-    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px",
+    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
     "photo", "time", "lat", "lon", "heading_deg", "position_covariance_m2", "no_pose",
 }  # fmt: skip
 
@@ -61,11 +61,11 @@ def truth_of(queries, record):
 
 def visual_poses(library):
     with library.database.read() as session:
-        found = [t for t in tracks.listed(session, 1) if t.source == "visual"]
+        found = [t for t in tracks.list_tracks(session, 1) if t.source == "visual"]
         return tracks.read(session, found[0]) if found else None
 
 
-def test_the_answer_tells_position_and_how_exact_it_is(client, mission, send, queries, truth_of, library):
+def test_the_answer_has_position_and_accuracy(client, mission, send, queries, truth_of, library):
     answer = send(f"{mission}/fixes", queries / "query_01.jpg", time=1000.5)
     assert answer.status_code == 200, answer.json
     result = answer.json

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from webapp.tasks.localize import stored_evaluation
+from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 
 FIGURES = {

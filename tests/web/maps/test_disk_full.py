@@ -187,5 +187,5 @@ def test_a_bug_is_not_taken_for_a_full_disk(app, client, monkeypatch):
     def broken(*_):
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("webapp.web.maps.api_maps.maps.listed", broken)
+    monkeypatch.setattr("webapp.web.maps.api_maps.maps.list_maps", broken)
     assert client.get("/api/v1/maps").status_code == 500

@@ -51,7 +51,7 @@ def test_an_edit_that_changes_nothing_has_no_revision(client, paper):
     assert (again["revision"], again["photos"]) == (None, [])
 
 
-def test_the_undo_of_an_image_tells_of_the_image(client, paper):
+def test_the_undo_of_an_image_returns_the_image(client, paper):
     assert "satellite" not in place(client, paper, 0)
     client.post(f"{paper}/undo")
     assert client.post(f"{paper}/undo").json["satellite"] is None

@@ -89,6 +89,7 @@ class TestGeoreference:
             ({"kind": "control-points", "points": [{"x": 1}]}, 422),
             ({"kind": "worldfile", "worldfile": "1 2 3"}, 422),
             ({"kind": "worldfile", "worldfile": "1\n0\n0\n-1\n0\n0", "crs": "EPSG:0"}, 422),
+            ({"kind": "worldfile", "worldfile": "1\n0\n0\n-1\n0\n0", "crs": "+nadgrids=/dev/zero"}, 422),
         ],
     )
     def test_what_gives_none_is_refused_with_a_sentence(self, put, client, base, record, wish, status):

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from tests.tile_server import serving
-from tests.web.satellite.images import message
+from tests.web.satellite.images import message, png
 from webapp.settings import Settings
 from webapp.store.schema import Job
 
@@ -92,3 +92,66 @@ class TestTiles:
     def test_services_are_listed(self, service, client):
         (one,) = client.get("/api/v1/tile-services").json["services"]
         assert (one["name"], one["max_tiles"]) == ("Local", 30)
+
+
+class TestUndo:
+    @pytest.fixture
+    def other(self, new_account, sign_in, client, base):
+        """The browser of another editor."""
+        bob = new_account("Bob")
+        client.post(f"{base}/members", json={"name": "Bob", "role": "editor"})
+        return sign_in(bob)
+
+    @staticmethod
+    def place(browser, base, id, x, y):
+        changes = [{"id": id, "x_px": x, "y_px": y}]
+        assert browser.patch(f"{base}/experiences", json={"changes": changes}).status_code == 200
+
+    def test_an_image_stays_once_somebody_has_placed_photos_on_it(
+        self, put, client, base, other, record, add_photos, photo
+    ):
+        add_photos({}, {})
+        put(png(400, 300))
+        self.place(other, base, 0, 10.0, 10.0)
+        answer = client.post(f"{base}/undo")
+        assert "Bob has placed photos on the satellite image" in message(answer, 409)
+        assert record().satellite_width == 400 and photo(0).x_px == 10.0
+        assert client.get(f"{base}/map.cfg").status_code == 200
+
+    def test_an_earlier_image_does_not_come_back_under_photos_of_others(
+        self, put, client, base, other, record, add_photos
+    ):
+        add_photos({})
+        put(png(400, 300))
+        put(png(500, 300))
+        self.place(other, base, 0, 10.0, 10.0)
+        assert client.post(f"{base}/undo").status_code == 409
+        assert record().satellite_width == 500
+
+    def test_photos_that_came_by_themselves_keep_their_image(self, put, client, base, record, add_photos):
+        put(png(400, 300))
+        add_photos({"x_px": 10.0, "y_px": 10.0})
+        assert "photos were placed" in message(client.post(f"{base}/undo"), 409)
+        assert record().satellite_width == 400
+
+    def test_own_steps_are_undone_one_by_one_and_done_again(
+        self, put, client, base, record, add_photos, photo
+    ):
+        add_photos({})
+        put(png(400, 300))
+        self.place(client, base, 0, 350.0, 10.0)
+        self.place(client, base, 0, 20.0, 10.0)
+        for _ in range(3):
+            assert client.post(f"{base}/undo").status_code == 200
+        assert record().satellite_path is None and photo(0).x_px is None
+        for _ in range(3):
+            assert client.post(f"{base}/redo").status_code == 200
+        assert record().satellite_width == 400 and photo(0).x_px == 20.0
+
+    def test_what_others_have_taken_back_is_no_reason(self, put, client, base, other, record, add_photos):
+        add_photos({})
+        put(png(400, 300))
+        self.place(other, base, 0, 10.0, 10.0)
+        assert other.post(f"{base}/undo").status_code == 200
+        assert client.post(f"{base}/undo").status_code == 200
+        assert record().satellite_path is None

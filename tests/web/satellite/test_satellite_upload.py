@@ -142,3 +142,14 @@ class TestLargeImages:
             settings=Settings(library=settings.library, satellite=SatelliteLimits(max_megapixels=0.05)),
         )
         assert "megapixels, more than the limit" in message(put(png(300, 200)), 422)
+
+
+def test_images_are_taken_one_after_the_other(put, app, library):
+    """Each may keep a core busy for long, and would keep a thread from all others."""
+    permits = app.extensions["expmap_concurrency"]["satellite images"]
+    assert permits.acquire(blocking=False) and not permits.acquire(blocking=False)
+    answer = put(png(30, 20))
+    assert (answer.status_code, answer.headers["Retry-After"]) == (503, "1")
+    assert list(library.uploads.iterdir()) == []
+    permits.release()
+    assert put(png(30, 20)).status_code == 200

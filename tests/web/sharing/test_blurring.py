@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from webapp.tasks.maps import show_photo
+
 BOX = {"x": 0.25, "y": 0.25, "width": 0.5, "height": 0.5}
 
 
@@ -77,10 +79,30 @@ def test_pictures_that_are_made_again_are_blurred_too(client, full, library):
     assert contrast(fetched(client, photo_of(client, full)["preview"])) < 20
 
 
-@pytest.mark.parametrize("anew", [False, True])
-def test_exports_with_pictures_are_blurred(client, full, library, anew):
+def test_previews_made_before_the_blur_and_written_after_it_are_not_shown(
+    client, stranger, full, library, monkeypatch
+):
+    """As by a visitor who opens the photo of a restored map while it is being blurred."""
+    token = client.post(f"/api/v1/maps/{full}/shares", json={"photos": True}).json["url"].rpartition("/")[2]
+    for file in (library.folder / full / "derived" / "previews").iterdir():
+        file.unlink()
+    write = show_photo.write_previews
+
+    def blurred_meanwhile(*args, **options):
+        monkeypatch.setattr(show_photo, "write_previews", write)
+        assert blur(client, full, BOX).status_code == 200
+        write(*args, **options)
+
+    monkeypatch.setattr(show_photo, "write_previews", blurred_meanwhile)
+    fetched(stranger, f"/api/v1/shared/{token}/photos/0/preview")
+    for kind in ("preview", "thumb"):
+        assert contrast(fetched(stranger, f"/api/v1/shared/{token}/photos/0/{kind}")) < 20
+
+
+@pytest.mark.parametrize("exported_again", [False, True])
+def test_exports_with_pictures_are_blurred(client, full, library, exported_again):
     blur(client, full, BOX)
-    if anew:
+    if exported_again:
         for file in (library.folder / full / "derived" / "previews").iterdir():
             file.unlink()
     kmz = client.get(f"/api/v1/maps/{full}/export.kmz")

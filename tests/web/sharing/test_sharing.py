@@ -336,6 +336,31 @@ def test_shares_are_found_by_their_token_alone(library, full, owner):
     with library.database.write() as session:
         record = maps.find(session, full, account=owner)
         made, token = sharing.create(session, record, allows=sharing.Allows(), account_id=owner.id)
-        assert sharing.opened(session, token).map.id == record.id
+        assert sharing.open_share(session, token).map.id == record.id
         with pytest.raises(NotFound):
-            sharing.opened(session, made.token_hash)
+            sharing.open_share(session, made.token_hash)
+
+
+def test_visitors_do_not_take_all_threads(app, stranger, share, asked):
+    shared = share(localize=True)
+    permits = app.extensions["expmap_concurrency"]["visitors"]
+    taken = 0
+    while permits.acquire(blocking=False):
+        taken += 1
+    answer = ask(stranger, shared)
+    assert (answer.status_code, answer.headers["Retry-After"]) == (503, "1")
+    assert answer.json["error"]["code"] == "busy"
+    permits.release(taken)
+    assert ask(stranger, shared).status_code == 200
+    assert taken == 2, "of the 8 threads of a process"
+
+
+def test_a_share_says_who_made_it_also_when_that_account_is_gone(client, sign_in, new_account, new_map):
+    ana, bob = new_account("Ana"), new_account("Bob")
+    slug = new_map(ana, shared={bob: "owner"})
+    where = f"/api/v1/maps/{slug}/shares"
+    assert sign_in(bob).post(where, json={}).json["maker"] == "Bob"
+    assert [share["maker"] for share in sign_in(ana).get(where).json["shares"]] == ["Bob"]
+    assert client.delete(f"/api/v1/accounts/{bob.id}").status_code == 204
+    (share,) = sign_in(ana).get(where).json["shares"]
+    assert share["maker"] is None

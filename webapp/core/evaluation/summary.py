@@ -66,7 +66,7 @@ def figures(place_radius_px: float) -> dict[str, Callable[[Outcomes], float | No
     Parameters
     ----------
     place_radius_px : float
-        A hypothesis is right when it is at most so many map pixels off.
+        Largest error at which a hypothesis is right, map pixels.
     """
 
     def within(radius: int) -> Callable[[Outcomes], float | None]:
@@ -99,7 +99,7 @@ def summarise(results: Sequence[QueryResult], *, place_radius_px: float, rng: np
     results : sequence of QueryResult
         At least one.
     place_radius_px : float
-        A hypothesis is right when it is at most so many map pixels off.
+        Largest error at which a hypothesis is right, map pixels.
     rng : numpy.random.Generator
         For the bootstrap.
     """

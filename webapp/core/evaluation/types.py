@@ -102,7 +102,7 @@ class Summary:
     median_px, mean_px : float or None
         Error of the first hypothesis, over the queries that have one.
     within : mapping of int to float
-        Share of all queries whose first hypothesis is at most so many map pixels off.
+        Share of all queries whose first hypothesis is at most this many map pixels off.
     top5_within_50px : float
         Share of all queries with one of the first five hypotheses at most 50 map pixels off.
     ece : float or None

@@ -17,7 +17,7 @@ FeatureNetwork = XFeatNetwork | AlikedNetwork | DiskNetwork
 
 _UPSAMPLED_SIDE_PX, _MAX_FACTOR = 640, 4.0
 """XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos, which
-are enlarged until the longer side has so many pixels, but not by more than that factor. A large photo that
+are enlarged until the longer side has this many pixels, but not by more than that factor. A large photo that
 was made small on purpose stays so."""
 
 
@@ -37,7 +37,7 @@ def extract(
     gray : (h, w) uint8
         The upright photo, scaled by `scale`.
     keypoints : int
-        At most so many, the strongest.
+        Maximum number; the strongest are kept.
     scale : float
         Size of `gray` over size of the photo.
     photo_size : (int, int), optional

@@ -15,11 +15,11 @@ from webapp.core.features.types import Detector, Engine, Extractor, Kind
 from webapp.core.features.xfeat import XFeat
 from webapp.errors import UsageError
 
-Method = Literal["vote", "verified", "thorough"]
+Method = Literal["auto", "vote", "verified", "thorough"]
 
-METHODS: tuple[Method, ...] = ("vote", "verified", "thorough")
+METHODS: tuple[Method, ...] = ("auto", "vote", "verified", "thorough")
 
-_VERIFY: tuple[Method, ...] = ("verified", "thorough")
+_VERIFY: tuple[Method, ...] = ("auto", "verified", "thorough")
 
 PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
 """Features that `thorough` works with, and the model that matches them; the default first."""
@@ -170,7 +170,7 @@ def choose(
 
     Parameters
     ----------
-    method : {"vote", "verified", "thorough"}
+    method : Method
     features : str
         A bundle's name, or "auto".
     detector, extractor, matcher : str, optional

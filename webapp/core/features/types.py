@@ -145,7 +145,7 @@ def detect_with_fallback_threshold(
     Parameters
     ----------
     detect : callable
-        Returns at most so many keypoints, the strongest, of at least that strength.
+        Returns up to a number of keypoints, the strongest, of at least that strength.
     keypoints : int
         Number wanted.
     thresholds : (float, float)

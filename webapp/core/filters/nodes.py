@@ -13,7 +13,7 @@ Value = float | str
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class Comparison:
     """`column < value`."""
 
     column: str
@@ -74,7 +74,7 @@ class AnyOf:
     of: tuple[Condition, ...]
 
 
-Condition = Compared | Between | Among | Like | Unknown | Not | AllOf | AnyOf
+Condition = Comparison | Between | Among | Like | Unknown | Not | AllOf | AnyOf
 
 
 @dataclass(frozen=True, slots=True)

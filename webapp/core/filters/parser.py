@@ -23,7 +23,7 @@ from webapp.core.filters.nodes import (
     Among,
     AnyOf,
     Between,
-    Compared,
+    Comparison,
     Condition,
     Kind,
     Like,
@@ -53,7 +53,7 @@ def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "whe
     Parameters
     ----------
     text : str
-        Nothing but blanks is no condition.
+        Only blanks: no condition.
     columns : mapping of str to Kind
         Those that there are.
     field : str
@@ -188,7 +188,7 @@ class _Reader:
         column = self.column()
         if self.now.is_sign(*_COMPARE):
             sign = self.next().text
-            return Compared(column, cast(Operator, _SAME.get(sign, sign)), self._value(column))
+            return Comparison(column, cast(Operator, _SAME.get(sign, sign)), self._value(column))
         if self.took_word("IS"):
             opposite = self.took_word("NOT")
             if not self.took_word("NULL"):

@@ -53,7 +53,7 @@ def from_control_points(
     Raises
     ------
     GeoreferenceError
-        Too few points, a position that is none, coincident points, points on a line, a mirrored image, a
+        Too few points, an invalid position, coincident points, points on a line, a mirrored image, a
         horizon across the image.
 
     Notes
@@ -102,12 +102,10 @@ def _spread_warnings(pixels: Array, metres: Array, model: Model) -> list[str]:
         return []
     ratio = min(_roundness(pixels), _roundness(metres))
     if ratio < _COLLINEAR_REFUSE:
-        hint = "add a point beside the line, or choose a similarity"
+        hint = "add a point off the line, or choose a similarity"
         raise GeoreferenceError("the control points lie on one line", hint=hint)
     if ratio < _COLLINEAR_WARN:
-        return [
-            f"the control points lie nearly on a line (singular value ratio {ratio:.2g}); add one beside it"
-        ]
+        return [f"the control points lie nearly on a line (singular value ratio {ratio:.2g}); add one off it"]
     return []
 
 

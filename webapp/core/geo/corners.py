@@ -49,7 +49,7 @@ def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFi
     Raises
     ------
     GeoreferenceError
-        Three corners; positions that are none, coincident, in one line, mirrored or folded.
+        Three corners; positions that are invalid, coincident, in one line, mirrored or folded.
     """
     given = [corners.top_left, corners.top_right, corners.bottom_right, corners.bottom_left]
     known = [c for c in given if c is not None]

@@ -1,10 +1,14 @@
 """Latitude and longitude <-> the x, y of any coordinate system; no other module transforms with pyproj.
 
 The order is always x = east or longitude, y = north or latitude, whatever order an authority wrote down.
+
+Coordinate systems come from strangers too, and PROJ would open any file that one names (`+init`, `+nadgrids`,
+`PARAMETERFILE`). Only three forms are therefore given to it, and none that can name a file.
 """
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 
 import numpy as np
@@ -16,6 +20,21 @@ from webapp.errors import GeoreferenceError
 
 WGS84 = "EPSG:4326"
 
+_MAX_CHARACTERS = 20_000
+_CODE = re.compile(r"(EPSG|ESRI|IGNF|OGC):\w+", re.ASCII | re.IGNORECASE)
+_PROJ_KEYS = (
+    "proj|type|datum|ellps|a|b|R|f|rf|pm|towgs84|units|to_meter|axis|zone|south|lat_0|lat_1|lat_2|lat_ts|"
+    "lon_0|lon_1|lon_2|lon_wrap|lonc|alpha|gamma|k|k_0|x_0|y_0|h|sweep|no_uoff|no_off|no_rot|no_defs|wktext|over"
+)
+_PROJ_ITEM = rf"\+?(?:(?:{_PROJ_KEYS})(?:=[-+.,\w]+)?|nadgrids=@null)"
+_PROJ_STRING = re.compile(rf"\s*{_PROJ_ITEM}(?:\s+{_PROJ_ITEM})*\s*", re.ASCII)
+"""Parameters that name no file. WKT of the Mercator projection of the web says `nadgrids=@null`: no grid."""
+
+_WKT = re.compile(r"\s*[A-Z][A-Z0-9_]*\s*\[.*\]\s*", re.DOTALL | re.IGNORECASE)
+_WKT_TEXT = re.compile(r'"([^"]*)"')
+_WKT_PROJ = re.compile(r"PROJ[ -]|.*(proj|init|grids)\s*=", re.DOTALL | re.IGNORECASE)
+"""A text that PROJ takes for a part of a PROJ string: in an EXTENSION, or as the name of a METHOD."""
+
 
 @lru_cache(maxsize=64)
 def parse_crs(plane: str) -> CRS:
@@ -24,7 +43,7 @@ def parse_crs(plane: str) -> CRS:
     Parameters
     ----------
     plane : str
-        Anything PROJ understands: `EPSG:4326`, `EPSG:32633`, a PROJ string, WKT.
+        A code of an authority (`EPSG:4326`, `EPSG:32633`), a PROJ string, or WKT.
 
     Returns
     -------
@@ -34,9 +53,11 @@ def parse_crs(plane: str) -> CRS:
     Raises
     ------
     GeoreferenceError
-        PROJ does not know it, or it is no plane (a height, a geocentric system).
+        PROJ does not know it, it is not a plane (a height, a geocentric system), or it names a file.
     """
     hint = "name it like EPSG:4326 (longitude and latitude) or EPSG:32633 (UTM zone 33 north)"
+    if not _is_plain(plane):
+        raise GeoreferenceError(f"unknown coordinate system {plane[:80]!r}", hint=hint)
     try:
         crs = CRS.from_user_input(plane)
     except CRSError as error:
@@ -44,6 +65,18 @@ def parse_crs(plane: str) -> CRS:
     if not (crs.is_geographic or crs.is_projected):
         raise GeoreferenceError(f"{crs.name} is not a system of map coordinates", hint=hint)
     return crs
+
+
+def _is_plain(plane: str) -> bool:
+    """Return whether a coordinate system has one of the forms that cannot name a file."""
+    if len(plane) > _MAX_CHARACTERS:
+        return False
+    if _CODE.fullmatch(plane) or _PROJ_STRING.fullmatch(plane):
+        return True
+    if not _WKT.fullmatch(plane) or "PARAMETERFILE" in plane.upper():
+        return False
+    texts, around = _WKT_TEXT.findall(plane), _WKT_TEXT.sub("", plane)
+    return "=" not in around and all(_PROJ_STRING.fullmatch(t) for t in texts if _WKT_PROJ.match(t))
 
 
 def crs_name(text: str) -> str:

@@ -35,7 +35,7 @@ class GeoreferenceFit:
 
 
 def check_positions(positions: Iterable[LatLon]) -> None:
-    """Refuse what is no latitude and longitude.
+    """Reject what is not a latitude and longitude.
 
     Raises
     ------

@@ -163,7 +163,7 @@ class LatLonGrid:
         Cells across and down; there is one corner more each way.
     latlon : tuple of (lat, lon) or None
         Degrees, row by row from the top-left corner of the image; None where there is no position. Longitudes
-        go on beyond 180 where the image crosses that meridian, so that they can be interpolated.
+        continue beyond 180 where the image crosses that meridian, so that they can be interpolated.
     """
 
     columns: int

@@ -56,7 +56,7 @@ def utm(position: LatLon) -> Utm | None:
     Returns
     -------
     Utm or None
-        None beyond the grid's ends, and for what is no position.
+        None beyond the grid's ends, and for what is not a position.
     """
     lat, lon = position
     if not (SOUTH_END <= lat <= NORTH_END and math.isfinite(lon)):

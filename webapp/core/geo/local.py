@@ -45,7 +45,7 @@ class LocalFrame:
         Returns
         -------
         (n, 2) float64
-            East, north; NaN for what is no position on the Earth.
+            East, north; NaN for what is not a position on the Earth.
         """
         return plane_from_latlon(self.plane, latlon)
 

@@ -122,10 +122,10 @@ def cut_of(box: GeoBox, zoom: int) -> TileCut:
     Raises
     ------
     GeoreferenceError
-        No area, beyond the square of web Mercator, or no such zoom.
+        No area, beyond the square of web Mercator, or the zoom level does not exist.
     """
     if not 0 <= zoom <= MAX_ZOOM:
-        raise GeoreferenceError(f"there is no zoom {zoom}", hint=f"choose 0 to {MAX_ZOOM}")
+        raise GeoreferenceError(f"zoom {zoom} does not exist", hint=f"choose 0 to {MAX_ZOOM}")
     check_positions([LatLon(box.north, box.west), LatLon(box.south, box.east)])
     if max(abs(box.north), abs(box.south)) > MAX_LATITUDE:
         raise GeoreferenceError(

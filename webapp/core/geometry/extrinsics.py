@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,14 +75,22 @@ class MapExtrinsics:
         Downwards from the others', map pixels.
     trust : (p,) float64
         Sum of the trust in the pairs that agree with it; 0 where nothing is known.
-    depths : Depths
+    depths : KeypointDepths
         Of those of their keypoints that several of them see.
+    partner : (p,) int64
+        Of each photo that certainly shows the same as others, the number of the one that shares most with
+        it; -1 for the rest, and by default for all.
     """
 
     rotation: NDArray[np.float64]
     height: NDArray[np.float64]
     trust: NDArray[np.float64]
     depths: KeypointDepths
+    partner: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self) -> None:
+        if len(self.partner) != len(self.trust):
+            object.__setattr__(self, "partner", np.full(len(self.trust), -1, np.int64))
 
     def centres(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the cameras' centres in the world (p, 3), from their positions on the map (p, 2)."""

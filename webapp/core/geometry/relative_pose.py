@@ -24,7 +24,7 @@ _CHANCE_INLIERS = 6.0
 """Inliers that any pair of photos has."""
 
 _CHANCE_SHARE, _SURE_SHARE = 0.15, 0.5
-"""Share of the matches that agree on some pose by chance, and from which on it is no chance."""
+"""Share of the matches that agree on some pose by chance, and from which on it is not by chance."""
 
 _WILD_PARALLAX = math.radians(20.0)
 """A pose with more parallax is rather a wrong one: its turn does not bring the rays together."""

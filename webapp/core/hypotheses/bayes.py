@@ -11,14 +11,14 @@ _LEAST_MISS = 0.02
 """No photo is so sure of its hypotheses that none could be right."""
 
 _UNKNOWN_MISS = 0.5
-"""The chance that none is right, of methods that do not tell it."""
+"""The probability that none is right, for methods that do not estimate it."""
 
 _NOTHING = 1e-12
 """A hypothesis is less probable than this only in name."""
 
 
 NEARBY_SHARE = 0.5
-"""Of wrong answers on the map so many name a place near the right one, or one that looks like it."""
+"""Share of wrong answers on the map that name a place near the right one, or one that looks like it."""
 
 
 def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
@@ -32,9 +32,10 @@ def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
     Returns
     -------
     Answer
-        Its probabilities add up to 1 again; ranked anew. Places that were cut, and "not on this map", keep
-        their odds against each other. What is known often fits hypotheses that are wrong, too, because they
-        are near the truth: so it can make a lone one at most twice as likely against that none is right.
+        Its probabilities add up to 1 again; hypotheses are ranked by them. Places that were cut, and
+        "not on this map", keep their odds against each other. What is known often fits hypotheses that are
+        wrong, too, because they are near the truth: so it can make a lone one at most twice
+        as likely against that none is right.
     """
     split_missed = sum(h.probability for h in answer.hypotheses)
     if not split_missed:
@@ -79,7 +80,7 @@ def truncate(answer: Answer, top: int) -> Answer:
 
 
 def split_missed(answer: Answer) -> tuple[list[Hypothesis], float]:
-    """Tell hypotheses and the probability that none is right, which add up to 1."""
+    """Normalize hypotheses and the probability that none is right, to a sum of 1."""
     given = [h for h in answer.hypotheses if h.probability > _NOTHING]
     listed, off = sum(h.probability for h in given), answer.off_map_probability
     if not listed:

@@ -39,7 +39,7 @@ def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -
     """Weigh the hypotheses of an answer with where the photo is said to have been taken, by Bayes' rule.
 
     The circle changes the prior over places from all of the map to about the circle, except for the tenth of
-    circles that say nothing. Whether the map knows what the photo shows is hardly told by it: see `weighed`.
+    circles that say nothing. It hardly says whether the map knows what the photo shows: see `weighed`.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -
     Returns
     -------
     Answer
-        Its probabilities add up to 1 again; ranked anew.
+        Its probabilities add up to 1 again; hypotheses are ranked by them.
     """
     if not answer.hypotheses:
         return answer
@@ -60,5 +60,5 @@ def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -
 
 
 def photo_weights(near: CirclePrior, paths: PathPrior) -> Array:
-    """Tell how probable the surroundings of each photo of `paths` are; (n,)."""
+    """Compute how probable the surroundings of each photo of `paths` are; (n,)."""
     return _ASTRAY / paths.places + (1.0 - _ASTRAY) * near.density(paths.photos)

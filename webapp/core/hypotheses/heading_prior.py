@@ -10,7 +10,7 @@ from webapp.core.hypotheses.bayes import reweight
 from webapp.core.hypotheses.model import Answer, Hypothesis
 
 _SPREAD_DEG = 25.0
-"""Of a hand-held compass beside steel and electronics, and of headings that were computed."""
+"""Of a hand-held compass near steel and electronics, and of headings that were computed."""
 
 _OF_PHOTO_DEG = 40.0
 """Spread of a query about the heading of a photo that it is matched with: both see the same thing."""
@@ -32,13 +32,13 @@ def apply_compass(
     heading_deg : float
         Degrees clockwise from north.
     looked_deg : mapping of int to float
-        Headings of the map's photos, by id, as far as they are known: they tell about where a hypothesis
-        looks that has no heading itself.
+        Headings of the map's photos, by id, as far as they are known: used where a hypothesis
+        has no heading itself.
 
     Returns
     -------
     Answer
-        Its probabilities add up to 1 again; ranked anew.
+        Its probabilities add up to 1 again; hypotheses are ranked by them.
     """
     return reweight(answer, [_likelihood(h, heading_deg, looked_deg) for h in answer.hypotheses])
 

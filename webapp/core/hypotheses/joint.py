@@ -1,6 +1,6 @@
 """One answer from several photos of one spot.
 
-Each photo's probabilities, over what was to be expected before, tell how far it speaks for each place:
+Each photo's probabilities, over the prior, measure how far it supports each place:
 independent photos would multiply their odds (naive Bayes). Photos of one spot err together, so that for each
 place the photo that says most counts whole and each further one half. A photo that does not name a place
 speaks a little against it, but a dark one, which names none, says nothing.
@@ -30,13 +30,14 @@ _LEAST_RADIUS = 0.5
 
 
 @dataclass(slots=True, eq=False)
-class _Cluster:
+class PlaceCluster:
     """Hypotheses about one place, the most probable first, each with the number of its photo."""
 
     members: list[tuple[int, Hypothesis]] = field(default_factory=list)
 
     @property
     def lead(self) -> Hypothesis:
+        """The most probable one."""
         return self.members[0][1]
 
 
@@ -50,7 +51,7 @@ def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
     paths : Paths
         Of the map.
     top : int
-        At most so many hypotheses.
+        Maximum number of hypotheses.
 
     Returns
     -------
@@ -61,7 +62,7 @@ def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
     if len(answers) == 1:
         return truncate(answers[0], top)
     read = [split_missed(answer) for answer in answers]
-    spots = _cluster([(n, h) for n, (given, _) in enumerate(read) for h in given], paths.place_radius_px)
+    spots = cluster([(n, h) for n, (given, _) in enumerate(read) for h in given], paths.place_radius_px)
     missed = {n: miss for n, (given, miss) in enumerate(read) if given}
     odds = np.array([_log_odds(spot, missed, expected=-math.log(paths.places)) for spot in spots])
     most = max(float(odds.max(initial=0.0)), 0.0)
@@ -69,8 +70,11 @@ def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
     share = grown / (grown.sum() + none)
     none /= float(grown.sum()) + none
     known = [a.off_map_probability for a in answers if a.off_map_probability is not None]
-    joined = [_fuse(spot, float(p), paths) for spot, p in zip(spots, share, strict=True)]
-    best = _most_confident(answers, sorted(joined, key=lambda h: -h.probability))
+    joined = [
+        fuse([h for _, h in spot.members], probability=float(p), place_radius_px=paths.place_radius_px)
+        for spot, p in zip(spots, share, strict=True)
+    ]
+    best = answers[most_confident(answers, sorted(joined, key=lambda h: -h.probability))]
     off = len(known) == len(answers)
     whole = replace(
         best,
@@ -83,30 +87,37 @@ def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
     return truncate(rerank(whole, joined), top)
 
 
-def most_confident(answers: Sequence[Answer], joint: Answer) -> int:
-    """Tell which of the photos is the surest about the first place of the joint answer."""
-    best = _most_confident(answers, joint.hypotheses)
-    return next(n for n, answer in enumerate(answers) if answer is best)
+def most_confident(answers: Sequence[Answer], joined: Sequence[Hypothesis]) -> int:
+    """Find which of the answers is the surest of the first place of the joint answer, the best first."""
+    if not joined:
+        return 0
+    first = set(joined[0].experiences)
+
+    def sure(answer: Answer) -> float:
+        return max((h.probability for h in answer.hypotheses if first & set(h.experiences)), default=-1.0)
+
+    return max(range(len(answers)), key=lambda n: sure(answers[n]))
 
 
 def with_evidence_of(joint: Answer, one: Answer) -> Answer:
     """Give a joint answer the evidence of one of its photos: what is known besides can change which."""
-    return rerank(replace(joint, evidence=one.evidence, fov=one.fov), joint.hypotheses)
+    return rerank(replace(joint, evidence=one.evidence, fov=one.fov, looks=one.looks), joint.hypotheses)
 
 
-def _cluster(hypotheses: Sequence[tuple[int, Hypothesis]], radius: float) -> list[_Cluster]:
-    spots: list[_Cluster] = []
+def cluster(hypotheses: Sequence[tuple[int, Hypothesis]], radius_px: float) -> list[PlaceCluster]:
+    """Group hypotheses, each with the number of its photo or look, by place; the most probable first."""
+    spots: list[PlaceCluster] = []
     for number, hypothesis in sorted(hypotheses, key=lambda pair: -pair[1].probability):
-        near = (s for s in spots if math.dist(s.lead.position, hypothesis.position) <= radius)
+        near = (s for s in spots if math.dist(s.lead.position, hypothesis.position) <= radius_px)
         spot = next(near, None)
         if spot is None:
-            spot = _Cluster()
+            spot = PlaceCluster()
             spots.append(spot)
         spot.members.append((number, hypothesis))
     return spots
 
 
-def _log_odds(spot: _Cluster, missed: Mapping[int, float], *, expected: float) -> float:
+def _log_odds(spot: PlaceCluster, missed: Mapping[int, float], *, expected: float) -> float:
     """Compute log odds of a place, against that none is right.
 
     Parameters
@@ -124,12 +135,11 @@ def _log_odds(spot: _Cluster, missed: Mapping[int, float], *, expected: float) -
     return expected + first + _FURTHER * sum(max(s, _NOT_NAMED) for s in further)
 
 
-def _fuse(spot: _Cluster, probability: float, paths: PathPrior) -> Hypothesis:
+def fuse(members: Sequence[Hypothesis], *, probability: float, place_radius_px: float) -> Hypothesis:
     """Average the positions, by probability and precision; what speaks for the surest speaks for all."""
-    members = [h for _, h in spot.members]
     computed = [h for h in members if h.kind == "position"] or members
-    least = _LEAST_RADIUS * paths.place_radius_px
-    squared = [(h.radius_px or paths.place_radius_px) ** 2 + least**2 for h in computed]
+    least = _LEAST_RADIUS * place_radius_px
+    squared = [(h.radius_px or place_radius_px) ** 2 + least**2 for h in computed]
     weight = [h.probability / s for h, s in zip(computed, squared, strict=True)]
     mean = np.average([h.position for h in computed], axis=0, weights=weight)
     radius = float(np.average([h.radius_px or 0.0 for h in computed], weights=weight))
@@ -141,17 +151,6 @@ def _fuse(spot: _Cluster, probability: float, paths: PathPrior) -> Hypothesis:
         experiences=tuple(dict.fromkeys(id for h in members for id in h.experiences)),
         matches=sum(h.matches for h in members),
     )
-
-
-def _most_confident(answers: Sequence[Answer], joined: Sequence[Hypothesis]) -> Answer:
-    if not joined:
-        return answers[0]
-    first = set(joined[0].experiences)
-
-    def sure(answer: Answer) -> float:
-        return max((h.probability for h in answer.hypotheses if first & set(h.experiences)), default=-1.0)
-
-    return max(answers, key=sure)
 
 
 def _statistics(parts: Sequence[MatchStatistics]) -> MatchStatistics:

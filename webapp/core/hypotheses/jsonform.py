@@ -68,6 +68,7 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "map_revision": source.map_revision,
         "map_kind": source.map_kind,
         "place_radius_px": source.place_radius_px,
+        "looks": list(answer.looks),
         **({"sequence": True} if source.sequence else {}),
     }
 

@@ -116,7 +116,7 @@ def kalman_update(component: Component, hypothesis: Hypothesis, *, mass: float, 
 
 
 def should_merge(a: Component, b: Component) -> bool:
-    """Tell whether two components are one; the first is the heavier one."""
+    """Decide whether two components should be merged; the first is the heavier one."""
     return _distance(a, b) <= _ALIKE
 
 
@@ -150,7 +150,7 @@ def merge(components: Sequence[Component]) -> Component:
 
 
 def _distance(a: Component, b: Component) -> float:
-    """Tell how far apart two components are, in spreads of the first, the heavier one."""
+    """Measure how far apart two components are, in spreads of the first, the heavier one."""
     pp, pv, vv = a.covariance
     squared = 0.0
     for p, q in ((a.x, b.x), (a.y, b.y)):

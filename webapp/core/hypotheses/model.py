@@ -119,6 +119,8 @@ class Answer:
         Time of each stage: read, extract, retrieve, verify, position, total.
     fov : FieldOfView or None
         Of the query; None where the method does not ask for it.
+    looks : tuple of str
+        Features that were used, in order; where the first were sure, there are no others.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -129,6 +131,7 @@ class Answer:
     evidence: tuple[Evidence, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     fov: FieldOfView | None = None
+    looks: tuple[str, ...] = ()
 
     @property
     def abstained(self) -> bool:

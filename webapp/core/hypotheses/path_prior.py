@@ -2,7 +2,7 @@
 
 A prior over positions, to be joined with what one photo says by Bayes' rule. The map's photos around a
 position are seen through a Gaussian window; their scatter, freed of the window, is the density of cameras
-there. Along a row of photos it is long and thin, so that what lies beside the row is drawn across to it and
+there. Along a row of photos it is long and thin, so that what lies off the row is drawn across to it and
 nothing is moved along it; where photos stand on all sides it says nothing.
 """
 
@@ -31,8 +31,8 @@ _NARROW = 0.5
 _LONG = 0.5
 """Photos that spread less than this around a position, place radii, make a spot and no path."""
 
-_BESIDE = 0.1
-"""Spread of cameras beside the path, place radii."""
+_ACROSS = 0.1
+"""Spread of cameras across the path, place radii."""
 
 _NONE = 1e-9
 """Sum of weights below which there are no photos around a position."""
@@ -88,7 +88,7 @@ def apply_path_prior(
     Returns
     -------
     variance : (2,) float64
-        Of it, along the axis that is known better and along the other: a path tells nothing of where on it.
+        Of it, along the axis that is known better and along the other: a path says little of where along it.
     """
     at = np.array(position)
     off = paths.photos - at
@@ -100,8 +100,8 @@ def apply_path_prior(
         return position, np.array([variance, variance])
     middle = near @ off / mass
     apart = off - middle
-    beside = (_BESIDE * paths.place_radius_px) ** 2
-    scatter = np.einsum("n,ni,nj->ij", near, apart, apart) / mass + beside * np.eye(2)
+    across = (_ACROSS * paths.place_radius_px) ** 2
+    scatter = np.einsum("n,ni,nj->ij", near, apart, apart) / mass + across * np.eye(2)
     spreads, axes = np.linalg.eigh(scatter)
     # The window multiplies the density of cameras by a Gaussian, so that its precision is to be subtracted.
     precision = np.maximum(1.0 / spreads - 1.0 / (_NARROW * window), 0.0)
@@ -117,7 +117,7 @@ def apply_path_prior(
 
 
 def apply_path_prior_to_answer(answer: Answer, paths: PathPrior, *, weight: Array | None = None) -> Answer:
-    """Join each position that was computed with where cameras are, and state its radius anew.
+    """Join each position that was computed with where cameras are, and update its radius.
 
     Parameters
     ----------

@@ -25,6 +25,9 @@ AREA_RADIUS_OVER_SPACING = 0.4
 
 _SHARE_OF_SIDE = 0.05
 
+_FEWEST_MATCHED = 10
+"""Photos that certainly match others from which on their distances say how exact positions are."""
+
 _SHARED = 3
 """Photos at one position from which on it may be an area."""
 
@@ -62,6 +65,7 @@ def describe_places(
     width: int,
     height: int,
     kind: MapKind | None = None,
+    partner: NDArray[np.int64] | None = None,
 ) -> MapPlaces:
     """Find out what kind of map it is.
 
@@ -79,18 +83,24 @@ def describe_places(
         Of the satellite image.
     kind : MapKind, optional
         What the user says it is.
+    partner : (p,) int64, optional
+        As `MapExtrinsics` has it: where positions are noisy, as by GPS, photos of one view are far apart.
     """
     area = _areas(position, trust) if kind in (None, "mixed") else _all_areas(position, kind == "areas")
     share = float((area >= 0).mean()) if len(area) else 0.0
     if share <= _FEW:
         area = np.full(len(position), -1, np.int64)
-        return MapPlaces(kind or "metric", area, place_radius_px(position, width=width, height=height))
+        radius = place_radius_px(position, width=width, height=height)
+        return MapPlaces(kind or "metric", area, max(radius, _noise_px(position, partner)))
     side = _SHARE_OF_SIDE * max(width, height)
     spacing = spacing_px(position, of=position[area >= 0])
     radius = side if spacing is None else AREA_RADIUS_OVER_SPACING * spacing
     if share >= _MOST:
         return MapPlaces(kind or "areas", area, radius)
     metric = place_radius_px(position[area < 0], width=width, height=height)
+    if partner is not None:
+        alone = (area < 0) & (area[partner] < 0)
+        metric = max(metric, _noise_px(position, np.where(alone, partner, -1)))
     return MapPlaces("mixed", area, share * radius + (1.0 - share) * metric)
 
 
@@ -112,6 +122,16 @@ def _areas(position: NDArray[np.float64], trust: NDArray[np.float64] | None) -> 
     stands = shared & ~large
     confirmed = trust is None or not stands.any() or float((trust[stands] >= MIN_TRUST).mean()) >= _CONFIRMED
     return np.where(large if confirmed else shared, number, none)
+
+
+def _noise_px(position: NDArray[np.float64], partner: NDArray[np.int64] | None) -> float:
+    """Compute the median distance between photos of one view; 0 where too few are known."""
+    if partner is None:
+        return 0.0
+    matched = np.flatnonzero(partner >= 0)
+    if len(matched) < _FEWEST_MATCHED:
+        return 0.0
+    return float(np.median(np.hypot(*(position[matched] - position[partner[matched]]).T)))
 
 
 def spacing_px(position: NDArray[np.float64], *, of: NDArray[np.float64] | None = None) -> float | None:

@@ -48,7 +48,7 @@ _DOOR = 2.0
 """Spread of wrong answers that name a place near the right one, place radii."""
 
 _ERR_TOGETHER = 0.5
-"""Least 68 % radius, place radii: so much neighbouring frames are off by together, which none can tell."""
+"""Least 68 % radius, place radii: the error that neighbouring frames have in common."""
 
 _TRACKS, _LEAST_WEIGHT = 40, 1e-4
 
@@ -119,7 +119,7 @@ def filter_step(
     answer : Answer
         About this frame alone.
     top : int
-        At most so many hypotheses.
+        Maximum number of hypotheses.
     steps : float
         Time since the frame before, in usual frame intervals.
 
@@ -137,7 +137,7 @@ def filter_step(
 def smooth(
     answers: Sequence[Answer], *, motion: MotionModel, top: int, steps: Sequence[float] | None = None
 ) -> list[Answer]:
-    """Take in all frames of a sequence, and tell of each what those before and after it say, too.
+    """Answer about each frame of a sequence from all frames, those after it too.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def _reduce(belief: Belief) -> Belief:
 
 
 def _answer(belief: Belief, frame: Answer, *, motion: MotionModel, top: int) -> Answer:
-    """Tell the belief as an answer about the frame."""
+    """Convert the belief to an answer about the frame."""
     radius = motion.place_radius_px
     left, places = list(belief.components), []
     while left:

@@ -1,4 +1,4 @@
-"""The belief about a sequence as a JSON object, to go on with it later."""
+"""The belief about a sequence as a JSON object, to continue it later."""
 
 from __future__ import annotations
 

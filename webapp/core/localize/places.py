@@ -17,7 +17,7 @@ from webapp.core.geometry.relative_pose import RelativePose
 from webapp.core.localize.evidence import Voters, photo_spots, support
 from webapp.core.localize.pose_refinement import PoseEstimate, estimate_poses
 from webapp.core.localize.pose_residuals import VerifiedView
-from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Fix, resect
+from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Resection, resect
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.retrieval.shortlist import ShortlistedPhoto
 from webapp.core.tuning import PlacesTuning
@@ -187,7 +187,7 @@ def _from_poses(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[Place
 
 
 def _computed_place(
-    indexed: IndexedMap, found: PoseEstimate | Fix, photos: list[VerifiedPhoto], *, sigma_px: float
+    indexed: IndexedMap, found: PoseEstimate | Resection, photos: list[VerifiedPhoto], *, sigma_px: float
 ) -> PlaceCandidate:
     at = MapPixel(found.x, found.y)
     reach = indexed.tuning.places.anchor_reach * indexed.place_radius_px
@@ -219,15 +219,15 @@ def _from_bearings(indexed: IndexedMap, *, others: list[VerifiedPhoto]) -> list[
     usable = [v for v in others if v.weight >= tuning.min_weight and indexed.area[v.matched.photo] < 0]
     usable.sort(key=lambda v: -v.inliers)
     places = []
-    for fix in resect(
+    for solution in resect(
         _bearings(indexed, usable),
         indexed.position,
         place_radius_px=indexed.place_radius_px,
         most=tuning.most,
     ):
-        near = [v for v, a in zip(usable, fix.agreement, strict=True) if a >= tuning.min_agreement]
+        near = [v for v, a in zip(usable, solution.agreement, strict=True) if a >= tuning.min_agreement]
         if near:
-            places.append(_place_from_fix(indexed, near, fix))
+            places.append(_place_from_resection(indexed, near, solution))
     return places
 
 
@@ -246,11 +246,13 @@ def _is_occupied(places: list[PlaceCandidate], position: MapPixel, indexed: Inde
     return any(math.dist(p.position, position) <= apart for p in places)
 
 
-def _place_from_fix(indexed: IndexedMap, photos: list[VerifiedPhoto], fix: Fix) -> PlaceCandidate:
-    """Take the fix as it is, or with too few photos for one, the best photo's place."""
+def _place_from_resection(
+    indexed: IndexedMap, photos: list[VerifiedPhoto], found: Resection
+) -> PlaceCandidate:
+    """Take the solution as it is, or with too few photos for one, the best photo's place."""
     if len(photos) < MIN_BEARINGS:
-        return _photo_place(indexed, photos, score=fix.score)
-    return _computed_place(indexed, fix, photos, sigma_px=fix.sigma_px)
+        return _photo_place(indexed, photos, score=found.score)
+    return _computed_place(indexed, found, photos, sigma_px=found.sigma_px)
 
 
 def _photo_place(indexed: IndexedMap, photos: list[VerifiedPhoto], *, score: float) -> PlaceCandidate:

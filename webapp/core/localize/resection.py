@@ -1,8 +1,8 @@
 """Position and heading from bearings to photos whose places are known (resection).
 
-Each verified photo tells in which direction from the query's own viewing direction its camera stood. Three
-such bearings fix position and heading; more make it robust. The score of a position is searched on a grid
-around the photos, coarse first, so that separate solutions stay separate hypotheses.
+Each verified photo gives the direction from the query to its own camera, relative to where the query looks.
+Three such bearings fix position and heading; more make it robust. The score of a position is searched on a
+grid around the photos, coarse first, so that separate solutions stay separate hypotheses.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _REACHED_BY_DENSITY = 4.0
 _APART = 2.0
 
 _LEAST_SHARE = 0.1
-"""Of the best solution's score; what has less is no solution of its own."""
+"""Of the best solution's score; what has less is not a separate solution."""
 
 _REFINEMENTS = 2
 
@@ -75,7 +75,7 @@ class Bearings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fix:
+class Resection:
     """A position that explains the bearings.
 
     Attributes
@@ -102,7 +102,7 @@ class Fix:
 
 def resect(
     bearings: Bearings, taken_at: NDArray[np.float64], *, place_radius_px: float, most: int
-) -> list[Fix]:
+) -> list[Resection]:
     """Find the positions that explain the bearings best.
 
     Parameters
@@ -113,11 +113,11 @@ def resect(
         Scale of the search; solutions nearer to each other than twice this are one, so that the truth
         is within the radius of one of them only.
     most : int
-        At most so many solutions.
+        Maximum number of solutions.
 
     Returns
     -------
-    list of Fix
+    list of Resection
         The best first; empty without bearings.
     """
     if not len(bearings.position):
@@ -126,22 +126,22 @@ def resect(
     seeds = np.unique(bearings.position, axis=0)
     grid = np.unique(np.round(np.concatenate([seed + offsets for seed in seeds]), 3), axis=0)
     score, _ = _score(bearings, grid, place_radius_px)
-    fixes: list[Fix] = []
-    while len(fixes) < most and len(grid):
+    solutions: list[Resection] = []
+    while len(solutions) < most and len(grid):
         best = int(score.argmax())
-        if fixes and score[best] < _LEAST_SHARE * fixes[0].score:
+        if solutions and score[best] < _LEAST_SHARE * solutions[0].score:
             break
-        fix = _posterior_mean(bearings, taken_at, grid[best], place_radius_px=place_radius_px)
-        if all(math.hypot(fix.x - f.x, fix.y - f.y) > _APART * place_radius_px for f in fixes):
-            fixes.append(fix)
+        solution = _posterior_mean(bearings, taken_at, grid[best], place_radius_px=place_radius_px)
+        if all(math.hypot(solution.x - s.x, solution.y - s.y) > _APART * place_radius_px for s in solutions):
+            solutions.append(solution)
         apart = np.hypot(*(grid - grid[best]).T) > _APART * place_radius_px
         grid, score = grid[apart], score[apart]
-    return sorted(fixes, key=lambda f: -f.score)
+    return sorted(solutions, key=lambda s: -s.score)
 
 
 def _posterior_mean(
     bearings: Bearings, taken_at: NDArray[np.float64], centre: NDArray[np.float64], *, place_radius_px: float
-) -> Fix:
+) -> Resection:
     """Average the positions around a solution by their posterior; its spread is the uncertainty."""
     step = _COARSE * place_radius_px
     for _ in range(_REFINEMENTS):
@@ -155,7 +155,7 @@ def _posterior_mean(
     weight /= weight.sum()
     mean = weight @ around
     turned = float(np.angle((weight * np.exp(1j * heading)).sum()))
-    return Fix(
+    return Resection(
         x=float(mean[0]),
         y=float(mean[1]),
         heading=turned % (2.0 * math.pi),
@@ -190,7 +190,7 @@ def _square(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 def _agreement(
     bearings: Bearings, position: NDArray[np.float64], heading: float, *, place_radius_px: float
 ) -> NDArray[np.float64]:
-    """Tell how far each photo agrees with a position and a heading, 0 to 1; (n,)."""
+    """Measure how far each photo agrees with a position and a heading, 0 to 1; (n,)."""
     near, implied, reliable = _geometry(bearings, position[None], place_radius_px)
     agrees: NDArray[np.float64] = 1.0 - reliable + reliable * _kernel(implied[0] - heading)
     agrees[near[0] < _FARTHEST] = 0.0

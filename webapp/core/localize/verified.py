@@ -74,7 +74,7 @@ def with_probabilities(
     Parameters
     ----------
     top : int
-        At most so many hypotheses.
+        Maximum number of hypotheses.
     """
     if not found.places:
         return found.answer
@@ -131,11 +131,14 @@ def find_places(
     listed, further = voting[: tuning.shortlist], voting[tuning.shortlist :]
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
-        listed += _shortlist_among(indexed, query, votes=votes, closer=closer)
+        # In front: a network that matches only the first few is to match these.
+        listed = [*_shortlist_among(indexed, query, votes=votes, closer=closer), *listed]
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
     if indexed.pair_matcher is not None:
-        listed = rematch_with_network(indexed, query, listed=listed, matcher=indexed.pair_matcher)
+        most = len(listed) if indexed.rematched is None else indexed.rematched
+        best = rematch_with_network(indexed, query, listed=listed[:most], matcher=indexed.pair_matcher)
+        listed = [*best, *listed[most:]]
     camera = Camera(*query.photo_size, fov_deg)
     upright = _roll_correction(median_turn_deg(indexed, query, found=found))
     if depths is None:
@@ -186,7 +189,7 @@ def _shortlist_among(
 
 
 _ASKEW_DEG = 5.0
-"""A query turned less than this is level as far as keypoints can tell."""
+"""A query rolled by less than this cannot be distinguished from a level one by its keypoints."""
 
 
 def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
@@ -195,7 +198,7 @@ def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
     Parameters
     ----------
     askew_deg : float
-        As from `turn_deg`.
+        As from `median_turn_deg`.
 
     Returns
     -------

@@ -24,7 +24,7 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
     Parameters
     ----------
     top : int
-        At most so many hypotheses.
+        Maximum number of hypotheses.
     hide : collection of int
         Experience ids to leave out.
 

@@ -15,7 +15,7 @@ MAX_NUMBER = 2**31 - 1
 """Largest id, size and coordinate: ids are answered as 32-bit integers."""
 
 _MIN_EXPECTED = 3
-"""So many photos must have a GPS position before it can speak against the file."""
+"""Number of photos that must have a GPS position before it can count against the file."""
 
 
 @dataclass(frozen=True, slots=True)

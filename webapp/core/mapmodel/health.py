@@ -16,7 +16,7 @@ State = Literal["confusable", "lonely", "one-direction", "good"]
 _CONFIDENT = 0.5
 _FAINT = 0.1
 _ELSEWHERE = 2.0
-"""Place radii from which on a place is another one: right beside a hidden place its neighbours answer."""
+"""Place radii from which on a place is another one: right next to a hidden place its neighbours answer."""
 
 _ONE_SIDE_DEG = 120.0
 """Headings within such an angle look at one side of a place."""

@@ -57,7 +57,7 @@ class Experience:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Other positions for the same photos, by id (clusters beside exact positions, say)."""
+    """Other positions for the same photos, by id (clusters besides exact positions, say)."""
 
     name: str
     positions: Mapping[int, MapPixel]
@@ -72,7 +72,7 @@ class Map:
     experiences : tuple of Experience
         In the order of the file.
     placements : tuple of Placement
-        Beside the main one, which the experiences carry themselves.
+        Besides the main one, which the experiences carry themselves.
     next_id : int
         The id for the next photo; larger than every id ever used.
     revision : int

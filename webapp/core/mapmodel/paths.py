@@ -13,6 +13,9 @@ _SURROGATE = re.compile(r"[\ud800-\udfff]")
 _DRIVE = re.compile(r"[A-Za-z]:")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://|(?:file|data):", re.IGNORECASE)
 
+_LONGEST_PART, _LONGEST = 255, 1000
+"""Bytes of a file's or folder's name, on every usual disk, and of a path."""
+
 
 class NameProblem(NamedTuple):
     """Why a name cannot stand in a map, and the name that could (or None)."""
@@ -56,6 +59,9 @@ def _unwritable(name: str) -> NameProblem | None:
     if name != name.strip(" ") or name.startswith("\ufeff"):
         message = f"the name {quoted(name)} begins or ends with a space or a byte order mark"
         return NameProblem(Code.UNWRITABLE_NAME, message, name.strip(" \ufeff") or None)
+    if max(len(part.encode()) for part in name.split("/")) > _LONGEST_PART or len(name.encode()) > _LONGEST:
+        message = f"the name {quoted(name)} is longer than disks allow"
+        return NameProblem(Code.UNWRITABLE_NAME, message)
     return None
 
 

@@ -201,7 +201,7 @@ def _inverse_depth_sigma(
 
 
 def _without_duplicates(found: DepthObservations) -> DepthObservations:
-    """Put sightings in order; those that both photos of a pair tell of count once, the surer one."""
+    """Put sightings in order; what both photos of a pair see counts once, by the more certain one."""
     order = np.lexsort((found.sigma, found.partner, found.row, found.photo))
     keys = np.stack([found.photo, found.row, found.partner])[:, order]
     new = np.ones(len(order), np.bool_)

@@ -1,10 +1,10 @@
 """Orientations of a map's photos from relative poses and known positions.
 
-A relative pose tells in which direction, seen from one photo, the other was taken; their positions tell where
-that direction is on the map. So each pair votes for two headings (1); what pairs know of the turn from photo
+A relative pose gives the direction in which, seen from one photo, the other was taken; their positions give
+that direction on the map. So each pair votes for two headings (1); what pairs know of the turn from photo
 to photo is averaged with it, robustly (2: Hartley, Trumpf, Dai, Li, "Rotation averaging", 2013); and at last
-all matches together correct headings, pitches and heights (3, `refinement.py`). In the end `depths.py` tells
-how far away is what several photos see.
+all matches together correct headings, pitches and heights (3, `refinement.py`). In the end `depths.py`
+estimates how far away the points are that several photos see.
 """
 
 from __future__ import annotations

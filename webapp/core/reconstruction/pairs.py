@@ -85,7 +85,7 @@ class PhotoPairs:
         )
 
     def thinned(self, most: int) -> PhotoPairs:
-        """Keep at most so many matches of each pair, evenly spread over its inliers."""
+        """Limit the matches of each pair to a number, evenly spread over its inliers."""
         lengths = np.diff(self.start)
         kept = np.minimum(lengths, most)
         start = np.concatenate([[0], np.cumsum(kept)]).astype(np.int64)
@@ -133,6 +133,32 @@ def best_of_each_pair(pairs: PhotoPairs) -> PhotoPairs:
     best[1:] = (np.diff(pairs.first[order]) != 0) | (np.diff(pairs.second[order]) != 0)
     kept = np.sort(order[best])
     return pairs.subset(kept, first=pairs.first[kept], second=pairs.second[kept])
+
+
+def strongest_partners(pairs: PhotoPairs, *, photos: int, inliers: int) -> NDArray[np.int64]:
+    """Find for each photo the one that it shares most inliers with.
+
+    Parameters
+    ----------
+    photos : int
+        In the map.
+    inliers : int
+        Fewer say nothing.
+
+    Returns
+    -------
+    (photos,) int64
+        -1 where there is none.
+    """
+    shared = np.diff(pairs.start)
+    order = np.argsort(shared, kind="stable")
+    order = order[shared[order] >= inliers]
+    partner = np.full(photos, -1, np.int64)
+    # Of several assignments to one photo the last stands, which has most inliers.
+    partner[np.stack([pairs.first[order], pairs.second[order]], 1).ravel()] = np.stack(
+        [pairs.second[order], pairs.first[order]], 1
+    ).ravel()
+    return partner
 
 
 def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None = None) -> PhotoPairs:

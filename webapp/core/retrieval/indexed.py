@@ -50,6 +50,8 @@ class IndexedMap:
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
+    rematched : int or None
+        It matches only so many, those with most votes; None for all.
     extract_side_px : float
         Photos are scaled down to this longer side before keypoints are detected.
     first_row : (e + 1,) int64
@@ -70,6 +72,7 @@ class IndexedMap:
     area: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     extrinsics: MapExtrinsics | None = None
     pair_matcher: PairMatcher | None = None
+    rematched: int | None = None
     tuning: Tuning = DEFAULT
     extract_side_px: float = 800.0
     first_row: NDArray[np.int64] = field(init=False)
@@ -187,10 +190,10 @@ class Candidates:
 
 
 _SPARE = 20
-"""So many more neighbours are looked up at first where some photos are not to be seen."""
+"""Number of further neighbours looked up at first where some photos are hidden."""
 
 _MOST_NEIGHBOURS = 1000
-"""A descriptor with so many neighbours in photos that are not to be seen has none."""
+"""Number of neighbours in hidden photos from which on a descriptor has none."""
 
 
 def candidates(
@@ -228,7 +231,7 @@ def candidates(
 
 
 class _Visible(NamedTuple):
-    """As `Candidates`; `more` (n,) bool tells where further neighbours could be looked up."""
+    """As `Candidates`; `more` (n,) bool: where further neighbours could be looked up."""
 
     distance: NDArray[np.float32]
     row: NDArray[np.int64]

@@ -133,7 +133,7 @@ def shortlist(
     ----------
     votes : (p,) float64
     most : int
-        At most so many photos.
+        Maximum number of photos.
 
     Returns
     -------

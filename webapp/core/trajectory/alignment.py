@@ -21,7 +21,7 @@ GATE = 13.816
 
 MOST_FIXES = 24
 FAR = 10.0
-"""A heading is taken from a way that goes so many times as far as a fix is uncertain."""
+"""Length of the path from which a heading is taken, in standard deviations of a fix."""
 
 SURE_HEADING_RAD = 0.25
 """A heading that is worse, one standard deviation, is not taken from fixes."""

@@ -119,7 +119,7 @@ def parse_columns(text: str, header: Sequence[str]) -> Columns:
     Raises
     ------
     UsageError
-        A field, a unit or a column is none, or positions are missing.
+        A field, a unit or a column is unknown, or positions are missing.
     """
     names = [name.strip().lower() for name in header]
     found: dict[str, Column] = {}

@@ -8,7 +8,7 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 
 MOST_SHARE = 0.1
-"""Dead reckoning drifts by a few percent of the way; a gap of over a tenth of it is no drift any more."""
+"""Dead reckoning drifts by a few percent of the way; a gap of over a tenth of it is not drift."""
 
 MOST_OF_REACH = 1 / 3
 """The end must be much nearer to the start than the track has been: else it has not come back."""
@@ -18,7 +18,7 @@ LEAST_REACH_M = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Closing:
+class LoopClosure:
     """What a closed track misses its start by.
 
     Attributes
@@ -34,7 +34,7 @@ class Closing:
 
 
 @dataclass(frozen=True, slots=True)
-class Open:
+class NoClosure:
     """The track does not close, and why. Falsy."""
 
     reason: str
@@ -44,9 +44,9 @@ class Open:
         return False
 
 
-def closing(
+def measure_closure(
     first: LatLon, last: LatLon, *, distance_m: float, bounds: tuple[float, float, float, float]
-) -> Closing | Open:
+) -> LoopClosure | NoClosure:
     """Measure by how much a track misses its start, if it returns to it at all.
 
     A track closes when its end is much nearer to its start than its farthest part is, and the gap is what
@@ -66,12 +66,12 @@ def closing(
     gap = (east * east + north * north) ** 0.5
     reach = _reach(frame, bounds)
     if reach < LEAST_REACH_M:
-        return Open(f"it stays within {LEAST_REACH_M:g} m of its start")
+        return NoClosure(f"it stays within {LEAST_REACH_M:g} m of its start")
     if gap > MOST_OF_REACH * reach:
-        return Open(f"it ends {gap:.1f} m from its start, and was never farther than {reach:.1f} m away")
+        return NoClosure(f"it ends {gap:.1f} m from its start, and was never farther than {reach:.1f} m away")
     if gap >= MOST_SHARE * distance_m:
-        return Open(f"its ends are {gap:.1f} m apart, more than a tenth of its {distance_m:.1f} m")
-    return Closing(gap, gap / distance_m)
+        return NoClosure(f"its ends are {gap:.1f} m apart, more than a tenth of its {distance_m:.1f} m")
+    return LoopClosure(gap, gap / distance_m)
 
 
 def _reach(frame: LocalFrame, bounds: tuple[float, float, float, float]) -> float:

@@ -17,7 +17,7 @@ from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
 from webapp.core.trajectory.noise_fit import NoiseFit, fit
 from webapp.core.trajectory.records import Poses, Source, join, make_poses
-from webapp.core.trajectory.smoother import Smoothed, smooth
+from webapp.core.trajectory.smoother import SmoothedTrack, smooth
 from webapp.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
 
 DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
@@ -27,10 +27,10 @@ MIN_SIGMA_M = 0.02
 """Smallest standard deviation of a fix: a receiver that states 0 does not know it."""
 
 MOST_POSES = 100_000
-"""Of a longer track so many are taken, evenly: of odometry, the movement between them is kept whole."""
+"""Poses taken of a longer track, evenly: of odometry, the movement between them is kept whole."""
 
 SAMPLE = 500
-"""The noise is estimated from so many fixes of each source, and four times as many poses of odometry."""
+"""Fixes of each source from which the noise is estimated; of odometry, four times as many poses."""
 
 LEAST_SAMPLE = 8
 """Fewer fixes are too few to estimate the noise from."""
@@ -125,7 +125,7 @@ def fuse(
     """
     tracks = {source: poses for source, poses in fixes.items() if len(poses)}
     if not tracks:
-        return NoFusion("there is no fix that a track could be corrected by")
+        return NoFusion("no fix is available to correct a track")
     every = _all_fixes(tracks, most=MOST_POSES)
     frame = LocalFrame(centre_of(every.poses.latlon))
     usual = noise or Noise()
@@ -257,7 +257,7 @@ def _heights(fixes: _AllFixes, nodes: Floats, gated: NDArray[np.bool_]) -> Float
     return np.interp(nodes, fixes.poses.times_s[known], fixes.poses.height_m[known])
 
 
-def _poses(steps: Steps, done: Smoothed, *, frame: LocalFrame, height_m: Floats) -> Poses:
+def _poses(steps: Steps, done: SmoothedTrack, *, frame: LocalFrame, height_m: Floats) -> Poses:
     reckoned = np.isfinite(steps.moves[:, 0])
     reckoned[:-1] |= reckoned[1:]
     state, covariance = done.state, done.covariance

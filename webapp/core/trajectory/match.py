@@ -13,7 +13,7 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.track import FixTrack
 
 _NEAREST = 5
-"""So many fixes near a photo's own position are tried as the moment when it was taken."""
+"""Number of fixes near a photo's own position that are tried as the moment when it was taken."""
 _SAMPLE = 40
 _NEAR_M = 30.0
 _LEAST = 3

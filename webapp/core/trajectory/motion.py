@@ -6,7 +6,7 @@ clockwise from north; and what is systematically wrong with the odometry: its sc
 J. Borenstein and L. Feng, "Measurement and correction of systematic odometry errors in mobile robots", IEEE
 Transactions on Robotics and Automation 12 (1996).
 
-Where odometry has the motion, it is the prediction. Where it does not, the robot is taken to go on with
+Where odometry has the motion, it is the prediction. Where it does not, the robot is assumed to keep
 a velocity that is forgotten with time, an Ornstein-Uhlenbeck process: D. Gillespie, "Exact numerical
 simulation of the Ornstein-Uhlenbeck process and its integral", Physical Review E 54 (1996).
 """

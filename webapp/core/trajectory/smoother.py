@@ -28,7 +28,7 @@ AGREEING = 5
 """Fixes in a row that are left out and agree with each other: a new piece begins."""
 
 AGREEING_S = 10.0
-"""... over at least so many seconds: for shorter, reflections lead a receiver astray, many times in a row."""
+"""... over at least this many seconds: for shorter times, reflections often mislead a receiver."""
 
 OUTLIERS = 0.01
 """Share of fixes, and of pieces, that are expected to be wrong."""
@@ -40,7 +40,7 @@ _CHECK_EVERY = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Smoothed:
+class SmoothedTrack:
     """A corrected track.
 
     Attributes
@@ -68,7 +68,7 @@ class Smoothed:
 
 def smooth(
     steps: Steps, fixes: Fixes, *, noise: Noise | None = None, check: Callable[[int], None] = lambda _: None
-) -> Smoothed:
+) -> SmoothedTrack:
     """Filter a track forward and smooth it backward, twice.
 
     Parameters
@@ -90,7 +90,7 @@ def smooth(
         filter.forward(node, begun, check, again_to=end)
         filter.back(node, end)
         node = end
-    return Smoothed(
+    return SmoothedTrack(
         filter.state, filter.covariance, tuple(begins), filter.distance, filter.gated, filter.expected
     )
 
@@ -208,7 +208,7 @@ class _Filter:
 
 
 def mean_distance_bounds(count: int) -> tuple[float, float]:
-    """Between what the mean squared distance of so many good fixes lies in 95 % of the cases.
+    """Return the bounds of the mean squared distance of good fixes in 95 % of the cases.
 
     The sum of `count` such distances follows the chi-square distribution of 2 `count` degrees; its bounds are
     those of E. Wilson and M. Hilferty, "The distribution of chi-square", PNAS 17 (1931).

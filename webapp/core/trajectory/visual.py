@@ -14,7 +14,7 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.geometry.estimate import NoPose
 
 CLEARLY = 0.7
-"""A less probable place is no fix: a filter takes one place with an error, not several to choose from."""
+"""A less probable place is not a fix: a filter takes one place with an error, not a choice of several."""
 
 _AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
 """Standard deviation along one axis, of the radius that holds 68 % of a normal distribution in the plane."""

@@ -22,7 +22,7 @@ _OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures that stand beside the KML in a KMZ.
+    """Pictures next to the KML in a KMZ.
 
     Attributes
     ----------

@@ -6,6 +6,7 @@ unpacked.
 
 from __future__ import annotations
 
+import errno
 import lzma
 import os
 import shutil
@@ -33,12 +34,15 @@ _CHUNK = 1 << 20
 _MAX_NAME_BYTES = 200
 _WANTED = PHOTO_SUFFIXES | {".cfg", ".json", ".gif"}
 _IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
-_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError)
+_BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError)
 """What `zipfile` raises for damaged, encrypted and unknown contents."""
+
+_OF_READERS = (None, errno.EINVAL)
+"""Numbers of the errors with which bz2 and a seek before the file report damage, and no disk."""
 
 
 @dataclass(frozen=True, slots=True)
-class Unpacked:
+class UnpackedMap:
     """What came out of a zip.
 
     Attributes
@@ -46,7 +50,7 @@ class Unpacked:
     cfgs : tuple of str
         The `.cfg` files, relative to the folder, sorted.
     left_out : tuple of str
-        Files that are no part of a map, as they are named in the zip.
+        Files that do not belong to a map, as they are named in the zip.
     """
 
     folder: Path
@@ -60,7 +64,7 @@ class _File:
     name: str
 
 
-def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progress) -> Unpacked:
+def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progress) -> UnpackedMap:
     """Unpack the photos, images, `.cfg` and `.json` files of a zip.
 
     Parameters
@@ -89,7 +93,7 @@ def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progr
             _extract(opened, file, folder)
             progress.advance()
     cfgs = sorted(file.name for file in files if file.name.lower().endswith(".cfg"))
-    return Unpacked(folder, tuple(cfgs), tuple(left_out))
+    return UnpackedMap(folder, tuple(cfgs), tuple(left_out))
 
 
 def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[list[_File], list[str]]:
@@ -102,7 +106,7 @@ def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[li
     files, left_out, seen = [], [], dict[str, str]()
     for info in infos:
         name = _safe_name(info)
-        if info.is_dir():
+        if _is_folder(info):
             continue
         if not _wanted(name):
             left_out.append(name)
@@ -129,10 +133,14 @@ def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[li
     return files, left_out
 
 
+def _is_folder(info: zipfile.ZipInfo) -> bool:
+    return info.filename.endswith("/")  # `is_dir` fails for a file without a name
+
+
 def _safe_name(info: zipfile.ZipInfo) -> str:
     name = info.filename.removesuffix("/")
     name = name.replace("\\", "/").removeprefix("./")
-    problem = name_problem(name) if name else None
+    problem = None if _is_folder(info) and not name else name_problem(name)
     if problem:
         raise InputError(f"the zip has a file that a map cannot have: {problem.message}", hint="rename it")
     if stat.S_ISLNK(info.external_attr >> 16):
@@ -174,19 +182,16 @@ def _check_room(folder: Path, size: int) -> None:
 def _extract(opened: zipfile.ZipFile, file: _File, folder: Path) -> None:
     """Write one file; it may not have more bytes than it claims."""
     target = folder / file.name
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with opened.open(file.info) as source, target.open("xb") as sink:
-            left = file.info.file_size
-            while chunk := source.read(_CHUNK):
-                left -= len(chunk)
-                if left < 0:
-                    raise InputError(f"{quoted(file.name)} in the zip is larger than it claims")
-                sink.write(chunk)
-            sink.flush()
-            os.fsync(sink.fileno())
-    except OSError as error:
-        raise storage_error(error, where=file.name) from error
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with opened.open(file.info) as source, target.open("xb") as sink:
+        left = file.info.file_size
+        while chunk := source.read(_CHUNK):
+            left -= len(chunk)
+            if left < 0:
+                raise InputError(f"{quoted(file.name)} in the zip is larger than it claims")
+            sink.write(chunk)
+        sink.flush()
+        os.fsync(sink.fileno())
     if left:
         raise InputError(f"{quoted(file.name)} in the zip is smaller than it claims", hint="zip it again")
 
@@ -197,8 +202,12 @@ def _zip_errors(name: str) -> Iterator[None]:
     try:
         yield
     except _BROKEN as error:
-        raise InputError(
-            f"this is not a zip, or it is damaged: {error}", hint="zip the map's folder again"
-        ) from error
+        raise _damaged(error) from error
     except OSError as error:
+        if error.errno in _OF_READERS:
+            raise _damaged(error) from error
         raise storage_error(error, where=name) from error
+
+
+def _damaged(reason: Exception) -> InputError:
+    return InputError(f"this is not a zip, or it is damaged: {reason}", hint="zip the map's folder again")

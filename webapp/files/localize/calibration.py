@@ -1,4 +1,4 @@
-"""The calibration of a map's probabilities, beside its index, and the trials of one that is being made."""
+"""The calibration of a map's probabilities, next to its index, and the trials of one that is being made."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.errors import StorageError
 from webapp.files import atomic
 
-Trial = dict[str, Any] | None
+TrialRecord = dict[str, Any] | None
 """Plain values; None for a photo that cannot be used."""
 
-FORMAT = 10
+FORMAT = 11
 """Another one where the evidence that the slopes belong to means something else."""
 
 
@@ -34,6 +34,8 @@ class StoredCalibration:
         For each photo a word that changes with its content and, roughly, its place.
     seconds : float
         It took.
+    second_look_s : float
+        Of two looks: what the second one takes for a photo, once its features are extracted.
     """
 
     calibration: Calibration
@@ -41,6 +43,7 @@ class StoredCalibration:
     place_radius_px: float
     photos: frozenset[str]
     seconds: float
+    second_look_s: float = 0.0
 
 
 def write(path: Path, stored: StoredCalibration) -> None:
@@ -58,11 +61,17 @@ def write(path: Path, stored: StoredCalibration) -> None:
     atomic.write_text(path, json.dumps(raw, sort_keys=True))
 
 
-def read(path: Path) -> StoredCalibration | None:
-    """Read the file; None when there is none that this program can use, so that it is computed again."""
+def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
+    """Read the file; None when there is none that this program can use, so that it is computed again.
+
+    Parameters
+    ----------
+    numbers : int
+        How many describe a place.
+    """
     try:
         raw = json.loads(path.read_bytes())
-        if raw["format"] != FORMAT or len(raw["calibration"]["slope"]) != EVIDENCE:
+        if raw["format"] != FORMAT or len(raw["calibration"]["slope"]) != numbers:
             return None
         fitted = {**raw["calibration"], "slope": tuple(map(float, raw["calibration"]["slope"]))}
         return StoredCalibration(
@@ -71,16 +80,19 @@ def read(path: Path) -> StoredCalibration | None:
             place_radius_px=float(raw["place_radius_px"]),
             photos=frozenset(raw["photos"]),
             seconds=float(raw["seconds"]),
+            second_look_s=float(raw["second_look_s"]),
         )
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
 @contextmanager
-def resumed_trials(path: Path, key: str) -> Iterator[tuple[dict[int, Trial], Callable[[int, Trial], None]]]:
+def recorded_trials(
+    path: Path, key: str
+) -> Iterator[tuple[dict[int, TrialRecord], Callable[[int, TrialRecord], None]]]:
     """Return what was written under the same key, and a function that writes another photo's trial.
 
-    The file is removed at the end; only an error, or a process that is killed, leaves it.
+    A process that is killed leaves what it had; the file stays, for a calibration of several looks together.
 
     Parameters
     ----------
@@ -98,12 +110,11 @@ def resumed_trials(path: Path, key: str) -> Iterator[tuple[dict[int, Trial], Cal
         atomic.write_text(path, "".join(_line(row) for row in (key, *([n, t] for n, t in known.items()))))
         with path.open("a", encoding="utf-8") as file:
 
-            def append(number: int, trial: Trial) -> None:
+            def append(number: int, trial: TrialRecord) -> None:
                 file.write(_line([number, trial]))
                 file.flush()
 
             yield known, append
-        path.unlink()
     except OSError as error:
         raise StorageError(f"the file cannot be written: {error.strerror}", where=str(path)) from error
 
@@ -112,8 +123,8 @@ def _line(row: object) -> str:
     return json.dumps(row) + "\n"
 
 
-def _read(path: Path, key: str) -> dict[int, Trial]:
-    found: dict[int, Trial] = {}
+def _read(path: Path, key: str) -> dict[int, TrialRecord]:
+    found: dict[int, TrialRecord] = {}
     try:
         first, *lines = path.read_text(encoding="utf-8").splitlines()
         if json.loads(first) != key:

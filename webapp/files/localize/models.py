@@ -146,6 +146,16 @@ def usable_features(chosen: Path | None, *, method: Method = "verified") -> list
     return [name for name in fitting if is_usable(choose(method, features=name), chosen, method=method)]
 
 
+def second_look_features(chosen: Path | None) -> str | None:
+    """Choose the features of the second look of method `auto`; None where no model for one is here.
+
+    Those come first whose pairs a network that is here matches, too.
+    """
+    here = [name for name in PAIR_MATCHERS if name in usable_features(chosen)]
+    matched = usable_features(chosen, method="thorough")
+    return min(here, key=lambda name: name not in matched, default=None)
+
+
 def usable_methods(chosen: Path | None) -> list[Method]:
     """List the methods that can be used here with their default features."""
     return [method for method in METHODS if is_usable(choose(method), chosen, method=method)]
@@ -158,7 +168,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
     ----------
     chosen : Path or None
         Folder with the weights, instead of the user's cache.
-    method : {"vote", "verified", "thorough"}
+    method : Method
 
     Raises
     ------
@@ -239,6 +249,14 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
     return _matcher(model, path, file.sha256 or hashlib.sha256(_read(path)).hexdigest())
 
 
+def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher | None:
+    """Open the network that matches features of two photos, where there is one for them and it is here."""
+    model = PAIR_MATCHERS.get(features)
+    if model is None or not is_installed("learned") or installed(model, chosen) is None:
+        return None
+    return pair_matcher(features, chosen)
+
+
 def _find(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     file = installed(model, chosen)
     if file is None:
@@ -252,7 +270,11 @@ def _network(model: str, path: Path, sha256: str) -> FeatureNetwork:
     data = _checked(model, path, sha256=sha256)
     if model == "xfeat":
         return XFeatNetwork(data)
-    return (DiskNetwork if model == "disk" else AlikedNetwork)(data, path.name)
+    if model == "disk":
+        return DiskNetwork(data, path.name)
+    if model == "aliked":
+        return AlikedNetwork(data, path.name)
+    raise KeyError(model)
 
 
 @lru_cache(maxsize=2)

@@ -28,7 +28,7 @@ class StoredPairs:
     contents : list of str
         SHA-256 of the photo files.
     done : int
-        The partners of the first so many have been looked for.
+        Number of photos, the first ones, whose partners have been looked for.
     key : str
         Of all else that the pairs depend on.
     """
@@ -112,6 +112,7 @@ def write(path: Path, stored: StoredOrientations) -> None:
         "rotation": found.rotation,
         "height": found.height,
         "trust": found.trust,
+        "partner": found.partner,
         "position": stored.position,
         **{f"depth_{name}": getattr(found.depths, name) for name in _DEPTHS},
     }
@@ -126,7 +127,9 @@ def read(path: Path) -> StoredOrientations | None:
         if meta["format"] != FORMAT:
             return None
         depths = KeypointDepths(**{name: arrays[f"depth_{name}"] for name in _DEPTHS})
-        found = MapExtrinsics(arrays["rotation"], arrays["height"], arrays["trust"], depths)
+        found = MapExtrinsics(
+            arrays["rotation"], arrays["height"], arrays["trust"], depths, partner=arrays["partner"]
+        )
         return StoredOrientations(found, list(meta["contents"]), arrays["position"], str(meta["key"]))
     except (IndexDamaged, KeyError):
         return None

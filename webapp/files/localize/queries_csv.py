@@ -40,7 +40,7 @@ class Query:
 def read(path: Path) -> list[Query]:
     """Read a list of queries.
 
-    A byte order mark, CRLF line ends and blank lines at the end are accepted, nothing else beside the format.
+    A byte order mark, CRLF line ends and blank lines at the end are accepted, no other deviation.
     Paths are relative to the folder of the list and may leave it; the photos themselves are not looked at.
 
     Returns

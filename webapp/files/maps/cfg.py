@@ -13,7 +13,7 @@ from webapp.errors import CfgError, MapError
 from webapp.files.maps.cfg_scan import BOM, Scan, scan
 
 MAX_BYTES = 100_000_000
-"""A larger file is not read: it is no map but a mistake (a million photos need half of it)."""
+"""A larger file is not read: it is a mistake, not a map (a million photos need half of it)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def read_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except FileNotFoundError as error:
-        raise MapError("there is no such map file", where=str(path), hint="check the path") from error
+        raise MapError("map file not found", where=str(path), hint="check the path") from error
     except OSError as error:
         message = f"the map file cannot be read: {error.strerror or error}"
         raise MapError(
@@ -90,7 +90,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_cfg(path: Path) -> CfgDocument:
-    """Read a `.cfg` file strictly; without what stands beside it (see `mapfolder.read_map`).
+    """Read a `.cfg` file strictly; without the files next to it (see `folder.read_map`).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A map and its files: the `.cfg`, the JSON beside it, further placements, the photos below its folder."""
+"""A map and its files: the `.cfg`, the JSON next to it, further placements, the photos below its folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def json_path(cfg_path: Path) -> Path:
 
 
 def placement_path(cfg_path: Path, name: str) -> Path:
-    """Name the `.cfg` of a further placement, beside the map's own."""
+    """Name the `.cfg` of a further placement, next to the map's own."""
     return cfg_path.with_name(f"{name}.cfg")
 
 
@@ -59,7 +59,7 @@ def photo_path(cfg_path: Path, name: str) -> Path:
 
 
 def read_map_json(cfg_path: Path) -> MapJson:
-    """Read the JSON beside a `.cfg`; where there is none, everything in it is unknown.
+    """Read the JSON next to a `.cfg`; where there is none, everything in it is unknown.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def read_map_json(cfg_path: Path) -> MapJson:
 
 
 def read_map(cfg_path: Path) -> Map:
-    """Read a map: the `.cfg`, and what stands beside it.
+    """Read a map: the `.cfg`, and the ones drawn next to it.
 
     The `.cfg` is the truth. What `map.json` says about an id that is gone, about an id that now has another
     photo, or a sub-pixel position that does not round to the `.cfg`'s, does not count (an edit from outside;

@@ -1,4 +1,4 @@
-"""What a `.cfg` cannot hold, in JSON beside it: `maps/FORMAT.md` has the schema."""
+"""What a `.cfg` cannot hold, in JSON next to it: `maps/FORMAT.md` has the schema."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def parse_georeference(value: object, *, where: str = "georeference") -> Georefe
     Parameters
     ----------
     value : object
-        Parsed JSON; None is no georeference.
+        Parsed JSON; None means no georeference.
     where : str
         Where it comes from, for errors.
 

@@ -63,7 +63,7 @@ def read_exif(image: Image.Image) -> Exif:
     """Read the EXIF of an opened photo; a damaged part is empty and noted, never a failure.
 
     Pillow finds the block in whatever format the photo has, piexif parses it where it is well-formed. A block
-    that is not, and one that is no block of its own (TIFF, texts of PNG), is read by Pillow, tag by tag.
+    that is not, and one that is not a separate block (TIFF, texts of PNG), is read by Pillow, tag by tag.
     """
     raw = image.info.get("exif")
     tables = parse_block(raw) if isinstance(raw, bytes) else None

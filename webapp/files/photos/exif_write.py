@@ -10,7 +10,7 @@ import piexif
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import PhotoError
-from webapp.files.decode import DAMAGED, opened
+from webapp.files.decode import DAMAGED, open_image
 from webapp.files.photos.exif import orientation, parse_block, read_exif
 from webapp.settings import PhotoLimits
 
@@ -94,7 +94,7 @@ def with_position(
     PhotoError
         It is not a photo, of another format, or holds tags that leave no room for the position.
     """
-    with opened(photo, limits=limits) as image:
+    with open_image(photo, limits=limits) as image:
         if image.format not in WRITABLE:
             raise PhotoError(
                 f"positions are not written into {image.format}", hint="convert it to JPEG or WebP first"

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from webapp.errors import PhotoError
-from webapp.files.decode import Pixels, check_bytes, decode, opened
+from webapp.files.decode import Pixels, check_bytes, decode, open_image
 from webapp.files.photos.exif import Fov, orientation, read_exif, read_fov, read_time, text
 from webapp.files.photos.exif_gps import Gps, Heading, NoGps, read_gps, read_heading
 from webapp.settings import PhotoLimits
@@ -115,7 +115,7 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
     PhotoError
         Missing, no image of a known format, a damaged header, or larger than the limits.
     """
-    with opened(source, limits=limits) as image:
+    with open_image(source, limits=limits) as image:
         exif = read_exif(image)
         turn, note = orientation(exif)
         kind = image.format or ""
@@ -195,7 +195,7 @@ def turn_upright(pixels: Pixels, orientation: int) -> Pixels:
 
 
 def _read(source: Path | bytes, mode: Literal["L", "RGB"], *, limits: PhotoLimits) -> Pixels:
-    with opened(source, limits=limits) as image:
+    with open_image(source, limits=limits) as image:
         turn, _ = orientation(read_exif(image))
         by_decoder = _turned_by_decoder(image)
         pixels = decode(image, mode)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from threading import BoundedSemaphore
@@ -14,6 +15,7 @@ from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED
 from webapp.files.photos.photo import read_upright
 from webapp.settings import PhotoLimits
+from webapp.threads import permit
 
 Kind = Literal["thumb", "preview"]
 
@@ -42,9 +44,11 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
     ------
     PhotoError
         It is not a photo, damaged, cut off, or larger than the limits.
+    Busy
+        Others are being decoded.
     """
     found: dict[Kind, bytes] = {}
-    with _DECODING:
+    with permit(_DECODING):
         pixels = read_upright(source, limits=limits, max_side=max(SIDES.values()))
     pixels = blur(pixels, blurred)
     for kind, side in SIDES.items():
@@ -59,13 +63,36 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
     return found
 
 
-def preview_path(map_folder: Path, photo_id: int | str, *, kind: Kind) -> Path:
-    """Name the file of a preview, by the id of the photo: it is never used for another one."""
-    return map_folder / DERIVED / "previews" / f"{photo_id}-{SIDES[kind]}.jpg"
+def look_of(blurred: Sequence[BlurBox]) -> str | None:
+    """Return a key of what is blurred; None where nothing is."""
+    return hashlib.sha256(repr(list(blurred)).encode()).hexdigest()[:12] if blurred else None
 
 
-def write_previews(map_folder: Path, photo_id: int | str, *, previews: Mapping[Kind, bytes]) -> None:
+def preview_path(
+    map_folder: Path, photo_id: int | str, *, kind: Kind, blurred: Sequence[BlurBox] = ()
+) -> Path:
+    """Name the file of a preview, by the id of the photo and by what is blurred in it.
+
+    One made before a photo was blurred, and written afterwards, is thus never shown as the blurred one.
+    """
+    look = look_of(blurred)
+    name = f"{photo_id}-{look}" if look else f"{photo_id}"
+    return map_folder / DERIVED / "previews" / f"{name}-{SIDES[kind]}.jpg"
+
+
+def write_previews(
+    map_folder: Path,
+    photo_id: int | str,
+    *,
+    previews: Mapping[Kind, bytes],
+    blurred: Sequence[BlurBox] = (),
+) -> None:
     """Keep the previews of a photo.
+
+    Parameters
+    ----------
+    blurred : sequence of BlurBox
+        As they were made with.
 
     Raises
     ------
@@ -73,6 +100,6 @@ def write_previews(map_folder: Path, photo_id: int | str, *, previews: Mapping[K
         The disk refused; they can be made again from the photo.
     """
     for kind, data in previews.items():
-        path = preview_path(map_folder, photo_id, kind=kind)
+        path = preview_path(map_folder, photo_id, kind=kind, blurred=blurred)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, data)

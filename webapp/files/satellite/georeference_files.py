@@ -2,7 +2,7 @@
 
 - corners: JSON with the positions of the image's corners
 - control points: a table `x;y;lat;lon` of known points
-- world file: six numbers beside the image, and perhaps a `.prj` with the coordinate system
+- world file: six numbers next to the image, and perhaps a `.prj` with the coordinate system
 - GeoTIFF: the image's own transform or ground control points
 """
 
@@ -44,7 +44,7 @@ _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO",
 def read_corners(path: Path) -> Corners:
     """Read a corners file.
 
-    Beside the corners it may hold a `note`; nothing else.
+    Besides the corners it may hold a `note`; nothing else.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
         import rasterio
         from rasterio.errors import NotGeoreferencedWarning, RasterioError
     if not path.is_file():
-        raise GeoreferenceError("there is no such file", where=str(path), hint="check its path")
+        raise GeoreferenceError("file not found", where=str(path), hint="check its path")
     try:
         with rasterio.Env(**_ALONE), warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)

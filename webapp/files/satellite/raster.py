@@ -20,7 +20,7 @@ from PIL import Image
 
 from webapp.errors import PhotoError
 from webapp.extras import extra, is_installed
-from webapp.files.decode import decode, opened
+from webapp.files.decode import check_scans, decode, open_image
 from webapp.settings import PhotoLimits, SatelliteLimits
 
 if TYPE_CHECKING:
@@ -49,6 +49,13 @@ _ALONE = {
 """Only the file itself is read; what is cut off is an error (read at once, half a PNG would be given as if it
 were whole); blocks are cached in 64 MB."""
 _MAX_BLOCK_BYTES = 600_000_000
+_MAX_SIDE = 100_000
+_LARGEST = 1e38
+"""The difference of two such values is still one of 32 bits."""
+
+_SMALLEST_RANGE = 1e-6
+"""Between black and white, of the value itself: more than the precision of 32 bits."""
+
 _SAMPLE_PX = 1000
 
 
@@ -131,8 +138,8 @@ class _GdalRaster:
         values = self._dataset.read(self._bands, window=window)
         if self._range is not None:
             low, high = self._range
-            scaled = (np.nan_to_num(values.astype(np.float32), nan=low) - low) * (255.0 / (high - low))
-            values = np.clip(scaled, 0.0, 255.0).astype(np.uint8)
+            within = np.nan_to_num(np.clip(values, low, high), nan=low).astype(np.float32)
+            values = np.clip((within - low) * (255.0 / (high - low)), 0.0, 255.0).astype(np.uint8)
         if self._palette is not None:
             rgb = self._palette[values[0]]
         elif len(values) == 1:
@@ -169,6 +176,8 @@ def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
         A TIFF, and rasterio is not installed.
     """
     kind = _kind(path, limits)
+    if kind == "JPEG":
+        check_scans(path)
     read = _with_gdal if kind == "GTiff" or is_installed("geotiff") else _decoded
     with read(path, kind, limits=limits) as raster:
         yield raster
@@ -194,7 +203,7 @@ def _with_gdal(path: Path, kind: Kind, *, limits: SatelliteLimits) -> Iterator[R
 def _decoded(path: Path, kind: Kind, *, limits: SatelliteLimits) -> Iterator[Raster]:
     pixels = PhotoLimits(max_mb=limits.max_mb, max_megapixels=math.inf)
     try:
-        with opened(path, limits=pixels) as image:
+        with open_image(path, limits=pixels) as image:
             _check_size(*image.size, limits)
             yield _DecodedRaster(image, kind)
     except PhotoError as error:
@@ -248,6 +257,11 @@ def _kind(path: Path, limits: SatelliteLimits) -> Kind:
 
 
 def _check_size(width: int, height: int, limits: SatelliteLimits) -> None:
+    if max(width, height) > _MAX_SIDE:
+        raise PhotoError(
+            f"the image is {max(width, height)} pixels long, more than {_MAX_SIDE}",
+            hint="cut out the area of the map",
+        )
     megapixels = width * height / 1e6
     if megapixels > limits.max_megapixels:
         raise PhotoError(
@@ -290,5 +304,5 @@ def _range(dataset: DatasetReader, bands: list[int], kind: Kind) -> tuple[float,
     finite = values.compressed()[np.isfinite(values.compressed())]
     if not len(finite):
         return 0.0, 1.0
-    low, high = (float(v) for v in np.percentile(finite, [1.0, 99.0]))
-    return low, high if high > low else low + 1.0
+    low, high = np.clip(np.percentile(finite, [1.0, 99.0]), -_LARGEST, _LARGEST).tolist()
+    return low, max(high, low + max(1.0, abs(low) * _SMALLEST_RANGE))

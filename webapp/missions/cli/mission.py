@@ -47,7 +47,7 @@ def _start(_context: click.Context, _option: click.Parameter, text: str | None) 
     except ValueError as error:
         raise click.BadParameter("write latitude, longitude and heading: 50.1,14.4,90") from error
     if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
-        raise click.BadParameter("there is no such position or heading")
+        raise click.BadParameter("not a valid position or heading")
     return Start(LatLon(lat, lon), heading)
 
 
@@ -59,7 +59,7 @@ def list_missions(slug: str | None, library: Path | None) -> None:
     with _opened(library) as place, place.database.read() as session:
         owner = _owner(place)
         on = None if slug is None else maps.find(session, slug, account=owner).id
-        for entry in missions.listed(session, owner, map_id=on):
+        for entry in missions.list_missions(session, owner, map_id=on):
             mission = entry.mission
             given = (mission.id, mission.name, entry.poses, entry.objects)
             click.echo("\t".join(map(str, [*given, f"{mission.changed_at:%Y-%m-%d %H:%M}"])))
@@ -163,7 +163,7 @@ def _form_of(file: Path) -> str:
 
 def _known(found: Mission | None, number: int) -> Mission:
     if found is None:
-        raise NotFound("there is no such mission", where=f"mission {number}", hint="see: expmap mission list")
+        raise NotFound("mission not found", where=f"mission {number}", hint="see: expmap mission list")
     return found
 
 

@@ -155,7 +155,7 @@ def parse_start(text: str | None) -> dict[str, float] | None:
 @min_move_option
 @click.option(
     "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
-    help="Upload every so many seconds.",
+    help="Interval of uploads, seconds.",
 )  # fmt: skip
 @click.option("--at-end", is_flag=True, help="Upload at the end only, or on the line {type: upload}.")
 @click.option(
@@ -195,7 +195,7 @@ def send(spool: Path, every: float, at_end: bool, sync: float, limit: float, **c
 @token_option
 @click.option(
     "--patience", type=click.FloatRange(0.0), default=60.0, show_default=True, metavar="S",
-    help="Give up when nothing was taken for so many seconds.",
+    help="Give up when the server has accepted nothing for this many seconds.",
 )  # fmt: skip
 def recover(spool: Path, url: str | None, token: str | None, patience: float) -> int:
     """Upload what a robot has left in the folder SPOOL."""

@@ -34,7 +34,7 @@ _LOOK_S = 0.2
 @min_move_option
 @click.option(
     "--speed", type=click.FloatRange(0.0, min_open=True), default=1.0, show_default=True, metavar="N",
-    help="So many times as fast as it was.",
+    help="Factor of the recorded speed.",
 )  # fmt: skip
 @click.option("--topic", "topics", multiple=True, metavar="NAME", help="Only this topic; can be repeated.")
 @click.option(
@@ -43,7 +43,7 @@ _LOOK_S = 0.2
 )  # fmt: skip
 @click.option(
     "--every", type=click.FloatRange(0.05), default=0.5, show_default=True, metavar="S",
-    help="Upload every so many seconds.",
+    help="Interval of uploads, seconds.",
 )  # fmt: skip
 def replay(
     bag: Path,

@@ -18,7 +18,7 @@ from webapp.core.trajectory.records import SOURCES, Sighting, Source, make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time, utc
-from webapp.files.text_file import numbered_lines
+from webapp.files.text_file import cell_text, numbered_lines, plain_cell
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -186,10 +186,10 @@ class _Table:
 
     def text(self, fields: Sequence[str], name: str) -> str:
         column = self.columns.get(name)
-        return fields[column.index].strip() if column is not None and column.index < len(fields) else ""
+        return cell_text(fields[column.index].strip()) if column and column.index < len(fields) else ""
 
     def number(self, fields: Sequence[str], name: str) -> float:
-        """Return a field as a number in its usual unit; NaN for what is none."""
+        """Return a field as a number in its usual unit; NaN for what is not one."""
         text = self.text(fields, name)
         if not text:
             return math.nan
@@ -214,6 +214,7 @@ def _seconds(value: float) -> float:
 def _fields(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
+    line = line.replace("\r", " ")  # for the reader, the end of a line: it refuses one in the middle
     return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
 
 
@@ -270,9 +271,9 @@ def format_objects_csv(mission: MissionOut) -> Iterator[bytes]:
 
 
 def csv_lines(rows: Iterable[Sequence[object]]) -> bytes:
-    """Write lines as RFC 4180 has them, in UTF-8; None is empty."""
+    """Write lines as RFC 4180 has them, in UTF-8; None is empty, and no text is a formula."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\r\n").writerows(rows)
+    csv.writer(text, lineterminator="\r\n").writerows([plain_cell(value) for value in row] for row in rows)
     return text.getvalue().encode("utf-8", "replace")
 
 

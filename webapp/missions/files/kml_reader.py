@@ -40,10 +40,10 @@ MAX_LINES = 100
 """A KML with more lines is a drawing, no record of a way."""
 
 _UNUSED = {
-    "Polygon": "areas, which are no tracks",
-    "Model": "3D models, which are no tracks",
+    "Polygon": "areas, which are not tracks",
+    "Model": "3D models, which are not tracks",
     "NetworkLink": "links to other files, which are not followed",
-    "GroundOverlay": "images on the ground, which are no tracks",
+    "GroundOverlay": "images on the ground, which are not tracks",
 }
 _GAP = re.compile(r"\s*,\s*")
 
@@ -55,7 +55,7 @@ _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeErro
 
 
 @dataclass(frozen=True, slots=True)
-class _Mark:
+class _Placemark:
     """What a placemark says of all that is drawn in it."""
 
     number: int
@@ -84,7 +84,7 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
         if name != "Placemark":
             continue
         marks += 1
-        mark = _Mark(marks, " ".join(child_text(element, "name").split()), _time(element))
+        mark = _Placemark(marks, " ".join(child_text(element, "name").split()), _time(element))
         for part in element.iter():
             kind = local_name(part)
             if kind in _UNUSED:
@@ -105,7 +105,7 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
                 yield from _line(part, title, mark, findings=findings)
 
 
-def _line(part: Element, title: str, mark: _Mark, *, findings: Findings) -> Iterator[Piece]:
+def _line(part: Element, title: str, mark: _Placemark, *, findings: Findings) -> Iterator[Piece]:
     if local_name(part) == "Track":
         poses, timed = _track(part, findings=findings, where=title)
     else:
@@ -154,7 +154,7 @@ def _poses(times: np.ndarray, rows: np.ndarray, headings: np.ndarray, *, begin_s
     return make_poses(times, rows[:, [1, 0]], height_m=rows[:, 2], heading_deg=headings)
 
 
-def _object(part: Element, mark: _Mark, *, findings: Findings) -> Iterator[Piece]:
+def _object(part: Element, mark: _Placemark, *, findings: Findings) -> Iterator[Piece]:
     where = mark.name or f"placemark {mark.number}"
     rows = _coordinates(child_text(part, "coordinates"), findings=findings, where=where)
     if not len(rows):
@@ -178,7 +178,7 @@ def _time(placemark: Element) -> float:
 
 
 def _coordinates(text: str, *, findings: Findings, where: str) -> np.ndarray:
-    """Read `lon,lat[,height]` positions: (n, 3) float64, NaN for what is no number.
+    """Read `lon,lat[,height]` positions: (n, 3) float64, NaN for what is not a number.
 
     Where blanks between positions are missing, all numbers in threes are taken, as Google Earth does.
     """
@@ -220,7 +220,7 @@ def opened_kml(path: Path) -> Iterator[BinaryIO]:
             raise TrackError(f"the zip is damaged or encrypted: {str(error)[:200]}") from error
         with packed:
             # zipfile gives no more bytes of an entry than it claims to have
-            yield cast(BinaryIO, io.BufferedReader(_Told(packed)))
+            yield cast(BinaryIO, io.BufferedReader(_CheckedEntry(packed)))
 
 
 def _kml(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
@@ -230,7 +230,7 @@ def _kml(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
     return next((info for info in found if info.filename.lower() == "doc.kml"), found[0])
 
 
-class _Told(io.RawIOBase):
+class _CheckedEntry(io.RawIOBase):
     """The bytes of an entry; what is damaged in it is a `TrackError`."""
 
     def __init__(self, packed: IO[bytes]) -> None:

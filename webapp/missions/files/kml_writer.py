@@ -124,7 +124,7 @@ def _timed(track: ExportTrack) -> Iterator[str]:
 
 
 def _ascending(parts: Iterable[Poses]) -> Iterator[Poses]:
-    """Cut where time does not go on."""
+    """Split where time does not advance."""
     for part in parts:
         cuts = [0, *(np.flatnonzero(np.diff(part.times_s) <= 0) + 1).tolist(), len(part)]
         for first, end in pairwise(cuts):

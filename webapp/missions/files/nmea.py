@@ -19,7 +19,7 @@ from webapp.missions.files.track_chunks import CHUNK, Findings, Piece, WorldPiec
 
 _USED = {"RMC", "GGA", "GLL", "GST", "ZDA"}
 _BROKEN = (ValueError, TypeError, AttributeError, IndexError, KeyError)
-"""What fields that are no numbers raise, beside the library's own errors (which are ValueErrors)."""
+"""Raised by fields that are not numbers, besides the library's own errors (which are ValueErrors)."""
 
 
 @dataclass(slots=True)

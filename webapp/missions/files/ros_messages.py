@@ -55,7 +55,7 @@ class RosPose:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class DetectedObject:
     """An object in a frame; `sighting` is None for one without an id."""
 
     frame: str
@@ -99,7 +99,7 @@ def _path(message: Any, at_s: float) -> list[RosPose]:
     return [RosPose(row.values, row.frame or frame, stamped=row.stamped) for row in rows]
 
 
-def _detections(message: Any, at_s: float) -> Iterator[Seen]:
+def _detections(message: Any, at_s: float) -> Iterator[DetectedObject]:
     for detection in message.detections:
         frame = detection.header.frame_id or message.header.frame_id
         name = getattr(detection, "id", "") or getattr(detection, "tracking_id", "")
@@ -113,7 +113,7 @@ def _detections(message: Any, at_s: float) -> Iterator[Seen]:
         yield _seen(frame, str(name), kind, time_s=time_s, at=at, confidence=score)
 
 
-def _markers(message: Any, at_s: float) -> Iterator[Seen]:
+def _markers(message: Any, at_s: float) -> Iterator[DetectedObject]:
     for marker in message.markers:
         if marker.action != _ADD:
             continue
@@ -134,7 +134,7 @@ POSES: dict[str, Callable[[Any, float], list[RosPose]]] = {
 }
 """Type to what reads a message of it: (message, time of recording in seconds) -> the poses in it."""
 
-OBJECTS: dict[str, Callable[[Any, float], Iterator[Seen]]] = {
+OBJECTS: dict[str, Callable[[Any, float], Iterator[DetectedObject]]] = {
     "vision_msgs/msg/Detection3DArray": _detections,
     "visualization_msgs/msg/MarkerArray": _markers,
 }
@@ -166,11 +166,13 @@ def _covariance(matrix: Any, *, side: int) -> tuple[float, float, float]:
     return (var_x, var_y, cov) if good else _UNKNOWN
 
 
-def _seen(frame: str, name: str, kind: str, *, time_s: float, at: Any, confidence: float | None) -> Seen:
+def _seen(
+    frame: str, name: str, kind: str, *, time_s: float, at: Any, confidence: float | None
+) -> DetectedObject:
     if not name:
-        return Seen(frame, None)
+        return DetectedObject(frame, None)
     xyz = (float(at.x), float(at.y), float(at.z))
-    return Seen(frame, LocalSighting(name, kind or "object", time_s, xyz, confidence))
+    return DetectedObject(frame, LocalSighting(name, kind or "object", time_s, xyz, confidence))
 
 
 def _hypothesis(result: Any) -> Any:

@@ -76,7 +76,7 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
     Raises
     ------
     TrackError
-        It is damaged or not finished, has no such topic, or none that can be read.
+        It is damaged or unfinished, the topic is missing, or no topic can be read.
     MissingPart
         rosbags is not installed.
     """
@@ -115,7 +115,7 @@ class _Log:
             findings.skip("fixes that the receiver calls invalid", where=self.topic)
         for row in rows:
             if not all(map(math.isfinite, row.values[:4])):
-                findings.skip("poses with a time or a position that is no number", where=self.topic)
+                findings.skip("poses with a time or a position that is not a number", where=self.topic)
                 continue
             if self.rows and (row.frame, row.body) != (self.rows[-1].frame, self.rows[-1].body):
                 yield from self.pieces()
@@ -154,7 +154,7 @@ def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Find
         if one.sighting is None:
             findings.skip(NO_ID, where=topic)
         elif not all(map(math.isfinite, (one.sighting.time_s, *one.sighting.xyz_m))):
-            findings.skip("objects with a time or a position that is no number", where=topic)
+            findings.skip("objects with a time or a position that is not a number", where=topic)
         else:
             by_frame.setdefault(one.frame, []).append(one.sighting)
     for frame, sightings in by_frame.items():
@@ -223,7 +223,7 @@ def _reading() -> Iterator[None]:
         yield
     except (ExpMapError, MemoryError):
         raise
-    except Exception as error:  # what its parsers raise for damaged bags is no list
+    except Exception as error:  # its parsers raise anything for damaged bags
         said = " ".join(str(error).split())[:200] or type(error).__name__
         hint = "was its recording cut off? Then reindex it with ROS's own tools"
         raise TrackError(f"the bag cannot be read: {said}", hint=hint) from error

@@ -13,9 +13,9 @@ from webapp.core.trajectory.records import Poses, Sighting, Source
 from webapp.core.trajectory.robotframe import LocalPoses
 
 CHUNK = 2048
-"""At most so many poses in a piece."""
+"""Maximum number of poses in a piece."""
 
-BAD_POSITION = "positions that are none on the Earth"
+BAD_POSITION = "positions that are not on the Earth"
 UNTIMED = "points of tracks without times count as one second apart"
 NO_ID = "objects without an id of their own, by which they could be known again"
 
@@ -116,7 +116,7 @@ class Skipped:
 
 @dataclass(slots=True)
 class Findings:
-    """What a reader has to say beside what it reads.
+    """What a reader reports besides the poses.
 
     Attributes
     ----------

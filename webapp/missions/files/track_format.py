@@ -50,7 +50,7 @@ def kind_of(path: Path, *, table: bool = False) -> Kind:
     Raises
     ------
     TrackError
-        It is none, cannot be read, or is XML that declares a document type.
+        It is not a track, cannot be read, or is XML that declares a document type.
     """
     try:
         if path.is_dir():

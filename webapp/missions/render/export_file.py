@@ -21,7 +21,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange.export_source import Download, Source, of_library, plain_name
-from webapp.tasks.maps.thumbnails import encoded, satellite_picture
+from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture
 
 FORMATS = (*export.FORMATS, "html")
 
@@ -53,7 +53,7 @@ def export_mission_file(
     form : str
         One of `FORMATS`.
     most : int, optional
-        At most so many poses of each track, evenly spread; a page has a limit of its own.
+        Maximum number of poses of each track, evenly spread; a page has a limit of its own.
     photos : bool
         Whether a KMZ has previews of the photos of objects.
 
@@ -65,7 +65,7 @@ def export_mission_file(
         The mission does not exist.
     """
     if form not in FORMATS:
-        raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
+        raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     if form == "html":
         return mission_page(library, mission_id, settings=settings)
     return export.export_mission(
@@ -102,7 +102,7 @@ def _page(mission: MissionOut, found: list[ExportObject], ground: MercatorPictur
     folium.Control("Scale", imperial=False).add_to(page)
     if ground is not None:
         box = [[ground.south, ground.west], [ground.north, ground.east]]
-        url = data_uri("image/webp", encoded(ground.pixels, ".webp"))
+        url = data_uri("image/webp", encode_picture(ground.pixels, ".webp"))
         ImageOverlay(url, box, pixelated=False).add_to(page)
     tracks = [_line(track) for track in mission.tracks]
     for line in tracks:

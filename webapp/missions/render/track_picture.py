@@ -75,7 +75,7 @@ def of_mission(library: Library, mission_id: int) -> Image.Image:
     """
     report = fuse.read_report(library, mission_id)
     with library.database.read() as session:
-        found = [t for t in tracks.listed(session, mission_id) if t.poses]
+        found = [t for t in tracks.list_tracks(session, mission_id) if t.poses]
         wanted = [t for t in found if t.source != "odometry" or t.id == report["odometry"]]
         order: list[Source] = ["odometry", "gps", "manual", "visual", "fused"]
         shown = [

@@ -24,7 +24,7 @@ from webapp.store.clock import now
 _MOST_PARAMETERS = 500
 
 FILE = "import:"
-"""Of files, the keys and the names as senders begin so; clients have no such ones."""
+"""Of files, the keys and the names as senders begin so; clients never use these."""
 
 
 class OutOfOrder(Conflict):
@@ -67,7 +67,7 @@ def advance(session: Session, mission_id: int, sender: str, *, first: int, count
     Returns
     -------
     int
-        So many of them are stored already.
+        Number of them that are stored already.
     int
         Number of the record that has to come next.
 
@@ -113,7 +113,7 @@ def remember(
 
 def store(session: Session, mission: Mission, batch: Batch) -> None:
     """Store what a batch holds; it is one change of the mission."""
-    missions.changed(mission)
+    missions.count_change(mission)
     for (source, name), part in batch.tracks.items():
         track = tracks.get_or_create(session, mission.id, source=source, name=name)
         tracks.append(session, track, part.poses, skipped=part.skipped)
@@ -127,7 +127,7 @@ def store(session: Session, mission: Mission, batch: Batch) -> None:
 def add_sightings(session: Session, mission: Mission, seen: Sequence[Sighting]) -> None:
     """Add sightings of new and known objects; an object is where it was seen at the latest time.
 
-    Who calls it counts the change with `missions.changed` before.
+    Who calls it counts the change with `missions.count_change` before.
     """
     known = _known(session, mission.id, sorted({sighting.object_id for sighting in seen}))
     rows = []

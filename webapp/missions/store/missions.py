@@ -122,7 +122,7 @@ def find(session: Session, id: int, *, account: Account, role: Role = "viewer") 
     mission = session.get(Mission, id)
     own = None if mission is None else role_of(session, mission, account=account)
     if mission is None or own is None or (mission.binned_at and id in _going(session)):
-        raise NotFound("there is no such mission, or it is not shared with you", where=f"mission {id}")
+        raise NotFound("mission not found, or it is not shared with you", where=f"mission {id}")
     if ROLES.index(own) < ROLES.index(role):
         raise NotAllowed(f"this needs the role {role}, and yours is {own}", hint="ask an owner of the map")
     return mission
@@ -163,7 +163,7 @@ def _going(session: Session) -> set[int]:
     return {int(key) for key in session.scalars(wanted)}
 
 
-def changed(mission: Mission) -> None:
+def count_change(mission: Mission) -> None:
     """Count a change, so that open pages hear of it."""
     mission.revision += 1
     mission.changed_at = now()
@@ -202,7 +202,7 @@ def find_object(session: Session, mission_id: int, object_id: str) -> MissionObj
     """
     found = session.get(MissionObject, (mission_id, object_id))
     if found is None:
-        raise NotFound("the mission has no such object", where=object_id)
+        raise NotFound("object not found in the mission", where=object_id)
     return found
 
 
@@ -229,7 +229,7 @@ def find_photo(session: Session, mission_id: int, sha256: str) -> MissionPhoto:
     """
     found = session.get(MissionPhoto, (mission_id, sha256))
     if found is None:
-        raise NotFound("the mission has no such photo", where=sha256)
+        raise NotFound("photo not found in the mission", where=sha256)
     return found
 
 
@@ -272,7 +272,7 @@ class Entry:
         return ListCursor(self.mission.changed_at, self.mission.id)
 
 
-def listed(
+def list_missions(
     session: Session,
     account: Account,
     *,
@@ -292,7 +292,7 @@ def listed(
     after : ListCursor or None
         Only those after it.
     limit : int or None
-        At most so many; None for all.
+        Maximum number; None for all.
     """
     ids = visible(session, account, binned=binned)
     if map_id is not None:

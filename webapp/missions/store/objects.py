@@ -50,7 +50,7 @@ def page(session: Session, mission_id: int, wanted: Page) -> tuple[list[MissionO
     return list(rows), session.scalar(select(func.count()).where(*fitting)) or 0
 
 
-def changed(
+def changed_since(
     session: Session, mission_id: int, *, since: int, most: int
 ) -> tuple[list[MissionObject], int | None]:
     """List objects that changed after a revision of the mission, the longest unchanged first.

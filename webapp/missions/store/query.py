@@ -23,7 +23,7 @@ from webapp.core.filters.nodes import (
     Among,
     AnyOf,
     Between,
-    Compared,
+    Comparison,
     Condition,
     Kind,
     Like,
@@ -108,7 +108,7 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ParsedQuery:
     """A question that is understood.
 
     Attributes
@@ -121,7 +121,7 @@ class Asked:
     rows: Select[Any]
 
 
-def understand(mission_id: int, question: Question) -> Asked:
+def understand(mission_id: int, question: Question) -> ParsedQuery:
     """Read a question about a mission.
 
     Raises
@@ -148,10 +148,10 @@ def understand(mission_id: int, question: Question) -> Asked:
         rows = rows.order_by(
             *(column.desc() if one.descending else column for one, column in zip(order, by, strict=True))
         )
-    return Asked(tuple(chosen), rows.limit(question.limit + 1))
+    return ParsedQuery(tuple(chosen), rows.limit(question.limit + 1))
 
 
-def answer(session: Session, asked: Asked) -> Iterator[tuple[Any, ...]]:
+def answer(session: Session, asked: ParsedQuery) -> Iterator[tuple[Any, ...]]:
     """Yield the rows, one after the other.
 
     Raises
@@ -188,7 +188,7 @@ def _expression(condition: Condition, table: Mapping[str, tuple[Kind, Any]]) -> 
             made = or_(*(_expression(part, table) for part in parts))
         case Not(part):
             made = not_(_expression(part, table))
-        case Compared(column, operator, value):
+        case Comparison(column, operator, value):
             made = _COMPARE[operator](table[column][1], value)
         case Between(column, low, high):
             made = table[column][1].between(low, high)

@@ -1,4 +1,4 @@
-"""Reads a mission for those who take it away: in parts, so that its size is no matter.
+"""Reads a mission for exports: in parts, so that its size does not matter.
 
 Each part has a session of its own, because who takes a file away may do so slowly, and an open one keeps the
 database from tidying up. What is there at the start is what comes: later poses are left out.
@@ -36,7 +36,7 @@ def read(database: Database, mission_id: int, *, most: int | None = None) -> Mis
     Parameters
     ----------
     most : int, optional
-        At most so many poses of each track, evenly spread, with its first and its last.
+        Maximum number of poses of each track, evenly spread, with its first and its last.
 
     Returns
     -------
@@ -52,8 +52,8 @@ def read(database: Database, mission_id: int, *, most: int | None = None) -> Mis
     with database.read() as session:
         mission = session.get(Mission, mission_id)
         if mission is None:
-            raise NotFound("there is no such mission", hint="it may have been deleted: reload the page")
-        found = [track for track in tracks.listed(session, mission_id) if track.poses]
+            raise NotFound("mission not found", hint="it may have been deleted: reload the page")
+        found = [track for track in tracks.list_tracks(session, mission_id) if track.poses]
         return MissionOut(
             name=mission.name,
             tracks=tuple(_track(database, track, most=most) for track in found),
@@ -72,7 +72,7 @@ def some_objects(
     since : int
         Only those that changed after that revision of the mission.
     limit, offset : int
-        At most so many, after so many.
+        Maximum number, and the number skipped before them.
     """
     found = select(MissionObject).where(
         MissionObject.mission_id == mission_id, MissionObject.revision > since

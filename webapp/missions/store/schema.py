@@ -66,7 +66,7 @@ class Track(Base):
     min_lon: Mapped[float | None]
     max_lon: Mapped[float | None]
     built_to: Mapped[int] = mapped_column(default=0)
-    """So many poses are in pieces."""
+    """Number of poses that are in pieces."""
     timed: Mapped[bool] = mapped_column(default=True)
     """False where the source has no times: the poses count as some time apart, for their order alone."""
 

@@ -27,7 +27,7 @@ def create(
     return share, sharing.open_link(session, share, public=public)
 
 
-def listed(session: Session, mission: Mission) -> list[MissionShare]:
+def list_shares(session: Session, mission: Mission) -> list[MissionShare]:
     """List the shares of a mission, the newest first."""
     return sharing.shares_of(session, MissionShare, where=MissionShare.mission_id == mission.id)
 
@@ -42,7 +42,7 @@ def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
     return sharing.find_share(session, MissionShare, id=id, where=MissionShare.mission_id == mission.id)
 
 
-def opened(session: Session, token: str) -> OpenedMission:
+def open_share(session: Session, token: str) -> OpenedMission:
     """Find what the end of an address opens.
 
     Raises

@@ -23,7 +23,7 @@ _MOST_PARAMETERS = 500
 
 PIECES_JOB = "mission-pieces"
 PIECE = 4096
-"""Poses of the smallest piece; so many new ones are worth a job that makes pieces of them."""
+"""Poses of the smallest piece, and of the new ones that start a job which makes pieces of them."""
 
 POINT = 5
 """Numbers of a point: number, time_s, lat, lon, heading_deg."""
@@ -31,7 +31,7 @@ POINT = 5
 _FLOAT64 = np.dtype("<f8")
 
 
-def listed(session: Session, mission_id: int) -> list[Track]:
+def list_tracks(session: Session, mission_id: int) -> list[Track]:
     """List the tracks of a mission, the first made first."""
     return list(session.scalars(select(Track).where(Track.mission_id == mission_id).order_by(Track.id)))
 
@@ -73,7 +73,7 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
 
     Where there are many new ones, the job that prepares them for display is queued with them.
 
-    Who has appended to a mission calls `missions.changed` in the same session.
+    Who has appended to a mission calls `missions.count_change` in the same session.
 
     Parameters
     ----------

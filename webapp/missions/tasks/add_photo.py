@@ -28,7 +28,7 @@ _MAX_STEM = 40
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class PhotoMetadata:
     """What the sender says of a photo.
 
     Attributes
@@ -44,7 +44,7 @@ class About:
 
 
 def add_mission_photo(
-    library: Library, mission_id: int, *, source: Path, name: str, about: About, settings: Settings
+    library: Library, mission_id: int, *, source: Path, name: str, about: PhotoMetadata, settings: Settings
 ) -> MissionPhoto:
     """Take a photo into a mission; of one whose content is there already, only what is said of it changes.
 
@@ -94,11 +94,11 @@ def add_mission_photo(
         kept.time_s = about.time_s if about.time_s is not None else kept.time_s
         kept.object_id = about.object_id or kept.object_id
         _keep(source, folder / kept.path)
-        missions.changed(mission)
+        missions.count_change(mission)
         shown = session.get(MissionObject, (mission_id, kept.object_id)) if kept.object_id else None
         if shown is not None and shown.photo_sha is None:
             shown.photo_sha, shown.revision = sha256, mission.revision
-    preview.write_previews(folder, sha256, previews=previews)
+        preview.write_previews(folder, sha256, previews=previews)
     return kept
 
 

@@ -55,7 +55,7 @@ def export_mission(
     form : str
         One of `FORMATS`: `csv` has the poses, `objects.csv` the objects.
     most : int, optional
-        At most so many poses of each track, evenly spread.
+        Maximum number of poses of each track, evenly spread.
     pictures : Settings, optional
         With it, a KMZ has previews of the photos of objects; they have no EXIF.
 
@@ -72,7 +72,7 @@ def export_mission(
         The mission does not exist.
     """
     if form not in FORMATS:
-        raise UsageError(f"there is no format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
+        raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
     mission = reading.read(library.database, mission_id, most=most)
     if form == "kml":
         return export_mission_kml(mission)

@@ -44,7 +44,7 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fixed:
+class SourceFixes:
     """All fixes of a source, and where each is kept: id of its track and number in it, (m, 2) int64."""
 
     poses: Poses
@@ -86,7 +86,7 @@ def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: P
     """
     with library.database.read() as session:
         session.get_one(Mission, mission_id)
-        found = [track for track in tracks.listed(session, mission_id) if track.timed]
+        found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
         reckoned = max((t for t in found if t.source == "odometry"), key=lambda t: t.distance_m, default=None)
         odometry = None if reckoned is None else _read(session, reckoned)[0]
         fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}
@@ -140,7 +140,7 @@ def _kept(
                 tracks.clear(session, track)
                 tracks.append(session, track, poses)
                 _mark_photos(session, mission_id, gated)
-                missions.changed(mission)
+                missions.count_change(mission)
                 report |= {"track": track.id, "revision": mission.revision}
                 held.enter_context(FileLock(library.inner / LOCK, timeout=0))
         except Timeout:
@@ -159,15 +159,15 @@ def _read(session: Session, track: Track) -> tuple[Poses, NDArray[np.int64]]:
     return tracks.at(session, track, numbers.tolist()), numbers
 
 
-def _fixes(session: Session, found: list[Track], source: Source) -> Fixed | None:
+def _fixes(session: Session, found: list[Track], source: Source) -> SourceFixes | None:
     parts = [(track.id, *_read(session, track)) for track in found if track.source == source and track.poses]
     if not parts:
         return None
     kept = [np.column_stack([np.full(len(numbers), id), numbers]) for id, _, numbers in parts]
-    return Fixed(join([poses for _, poses, _ in parts]), np.vstack(kept))
+    return SourceFixes(join([poses for _, poses, _ in parts]), np.vstack(kept))
 
 
-def _report(fusion: Fusion, fixed: Mapping[Source, Fixed], *, odometry: Track | None) -> dict[str, Any]:
+def _report(fusion: Fusion, fixed: Mapping[Source, SourceFixes], *, odometry: Track | None) -> dict[str, Any]:
     return {
         "odometry": None if odometry is None else odometry.id,
         "poses": len(fusion.poses),
@@ -189,7 +189,7 @@ def _statistics(fusion: Fusion, source: Source) -> dict[str, Any]:
     }
 
 
-def _gated(fusion: Fusion, source: Source, fixes: Fixed) -> list[dict[str, Any]]:
+def _gated(fusion: Fusion, source: Source, fixes: SourceFixes) -> list[dict[str, Any]]:
     gating = fusion.gating[source]
     rejected = []
     for at in np.flatnonzero(gating.gated).tolist():

@@ -15,7 +15,7 @@ SIDE = 64
 """Pixels, both ways."""
 
 _FINE = 4
-"""Drawn so many times larger, then scaled down: edges come out smooth."""
+"""Factor by which icons are drawn larger and then scaled down, for smooth edges."""
 
 Pen = ImageDraw.ImageDraw
 _INK = "#ffffff"

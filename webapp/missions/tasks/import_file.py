@@ -147,7 +147,7 @@ def import_track_file(
             missing = group[max(_stored(session, mission_id, key) - first, 0) :]
             batches.advance(session, mission_id, sender=key, first=first, count=len(group))
             if missing:
-                missions.changed(mission)
+                missions.count_change(mission)
                 _store(session, mission, parts=missing, ids=ids)
     with library.database.read() as session:
         found = [session.get_one(Track, id) for id in ids.values()]
@@ -174,7 +174,7 @@ def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
     seen: dict[Key, bool] = {}
     parts = records = objects = 0
     for part in read_track.stream(
-        order.path, options=order.options, findings=findings, progress=_Silent(progress)
+        order.path, options=order.options, findings=findings, progress=_SilentProgress(progress)
     ):
         parts += 1
         if isinstance(part, TrackSegment):
@@ -314,7 +314,7 @@ def _called(order: Order) -> Iterator[None]:
         raise
 
 
-class _Silent(Progress):
+class _SilentProgress(Progress):
     """Shows nothing, and can be cancelled where another can."""
 
     def __init__(self, other: Progress) -> None:
@@ -348,7 +348,7 @@ def order_of(path: Path, form: Mapping[str, Any]) -> Order:
     Raises
     ------
     UsageError
-        The source or the threshold is none.
+        The source or the threshold is not valid.
     """
     topics = tuple(name for part in (form.get("topics") or "").split(",") if (name := part.strip()))
     min_move = parse_min_move(form["min_move"]) if form.get("min_move") else MinMove()

@@ -92,7 +92,7 @@ def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, An
     elif _is_pose(fix):
         track = tracks.get_or_create(session, mission_id, source="visual", name=TRACK)
         tracks.append(session, track, _pose(fix))
-    missions.changed(mission)
+    missions.count_change(mission)
 
 
 def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], account_id: int) -> Job:
@@ -113,7 +113,7 @@ def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], acc
     map_of(mission)
     for photo in photos:
         photo.fix_state = "queued"
-    missions.changed(mission)
+    missions.count_change(mission)
     return jobs.enqueue(
         session,
         JOB,
@@ -207,7 +207,7 @@ def _kept(result: MissionPhoto, fix: dict[str, Any], write: Write) -> int:
             return 0
         if "error" in fix:
             photo.fix, photo.fix_state = fix, "failed"
-            missions.changed(session.get_one(Mission, result.mission_id))
+            missions.count_change(session.get_one(Mission, result.mission_id))
         else:
             keep(session, result.mission_id, sha256=result.sha256, fix=fix)
     return 1

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from typing import IO, Any, Literal
 
 from webapp.missions.files.csv_tables import csv_lines
-from webapp.missions.store.query import Asked, Question, answer, understand
+from webapp.missions.store.query import ParsedQuery, Question, answer, understand
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download
 
@@ -69,7 +69,7 @@ class _Pieces(Iterator[bytes]):
         self._file.close()
 
 
-def _write_json(file: IO[bytes], asked: Asked, rows: Iterator[tuple[Any, ...]], *, limit: int) -> None:
+def _write_json(file: IO[bytes], asked: ParsedQuery, rows: Iterator[tuple[Any, ...]], *, limit: int) -> None:
     file.write(f'{{"columns": {json.dumps(asked.columns)}, "rows": ['.encode())
     complete = True
     for number, row in enumerate(rows):
@@ -81,7 +81,7 @@ def _write_json(file: IO[bytes], asked: Asked, rows: Iterator[tuple[Any, ...]], 
     file.write(f'\n], "complete": {json.dumps(complete)}}}\n'.encode())
 
 
-def _write_csv(file: IO[bytes], asked: Asked, rows: Iterator[tuple[Any, ...]], *, limit: int) -> None:
+def _write_csv(file: IO[bytes], asked: ParsedQuery, rows: Iterator[tuple[Any, ...]], *, limit: int) -> None:
     file.write(csv_lines([asked.columns]))
     for number, row in enumerate(rows):
         if number < limit:

@@ -1,7 +1,7 @@
 """Reads a file with tracks, of any kind, into poses and objects on the Earth.
 
-The order is always: read, bring to the Earth, leave out what is no position, measure the way, and only then
-leave out what did not move.
+The order is always: read, bring to the Earth, leave out what is not a position, measure the distance,
+and only then leave out what did not move.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from webapp.progress import Progress
 
 _SUFFIX: dict[Kind, str] = {"ros1": ".bag", "ros2-sqlite": ".db3", "ros2-mcap": ".mcap", "ros2-folder": ""}
 _MOST_S = 1e11
-"""In the year 5138: larger numbers are no seconds since 1970."""
+"""In the year 5138: larger numbers are not seconds since 1970."""
 _MAX_NAME = 100
 _MAX_TITLE = 200
-BAD_TIME = "poses or objects at times that are none"
+BAD_TIME = "poses or objects with an invalid time"
 NO_START = "poses in the robot's own frame: the mission needs a start position and heading for them"
 
 
@@ -206,7 +206,7 @@ def stream(
 ) -> Iterator[TrackSegment | tuple[Sighting, ...]]:
     """Read a file piece by piece; the same file with the same options yields the same pieces.
 
-    Parameters and errors are those of `run`, and:
+    Parameters and errors are those of `read_track`, and:
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def store_keyed_batch(
     Parameters
     ----------
     records : sequence
-        As for `run`.
+        As for `store_batch`.
     key : str
         Of this batch and no other one of the mission: what came with it before is not stored again.
     keep : timedelta
@@ -89,14 +89,14 @@ def store_keyed_batch(
     Returns
     -------
     dict
-        As for `run`; `next` is None.
+        As for `store_batch`; `next` is None.
 
     Raises
     ------
     Conflict
         Other records came with the key before.
     InputError, NotFound, StorageError, DiskFull
-        As for `run`.
+        As for `store_batch`.
     """
     batch, digest = parse(records), _digest(records)
     with library.database.write() as session:

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.trajectory.distance import profile
 from webapp.core.trajectory.records import Poses
-from webapp.core.trajectory.simplify import simplified
+from webapp.core.trajectory.thinning import simplify
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Track
 from webapp.missions.store.tracks import PIECE, POINT, Piece
@@ -26,7 +26,7 @@ from webapp.store.library import Library
 LEVELS = 8
 FINEST_M = 0.5
 _COARSER = 4
-"""The next level has so many times the tolerance, and its chunks so many times the poses."""
+"""Factor of the tolerance from level to level, and of the number of poses in a chunk."""
 
 _PROFILE_POINTS = 64
 """Of one chunk."""
@@ -71,7 +71,7 @@ def build_pieces(library: Library, mission_id: int, *, write: Write, progress: P
     Cancelled
     """
     with library.database.read() as session:
-        found = tracks.listed(session, mission_id)
+        found = tracks.list_tracks(session, mission_id)
     progress.size(sum((track.poses - track.built_to) // PIECE for track in found))
     built = 0
     for track in found:
@@ -91,7 +91,7 @@ def _build_next(track_id: int, write: Write) -> bool:
         chunk = track.built_to // PIECE
         poses = tracks.read(session, track, first=track.built_to, stop=track.built_to + PIECE)
         points = table_of(poses, first=track.built_to)
-        points = points[simplified(points[:, 2:4], FINEST_M)]
+        points = points[simplify(points[:, 2:4], FINEST_M)]
         tracks.add_piece(session, track, level=0, chunk=chunk, count=PIECE, points=points)
         samples = profile(poses.times_s, poses.travelled_m, height_m=poses.height_m, points=_PROFILE_POINTS)
         tracks.add_profile(session, track, chunk=chunk, points=samples)
@@ -110,7 +110,7 @@ def _build_coarser(session: Session, track: Track, chunk: int) -> None:
         below = range(chunk * _COARSER, (chunk + 1) * _COARSER)
         points = np.concatenate(tracks.piece_points(session, track, level=level - 1, chunks=below))
         # What the level below has left out lies within its tolerance: together it is that of this level.
-        points = points[simplified(points[:, 2:4], tolerance_of(level) - tolerance_of(level - 1))]
+        points = points[simplify(points[:, 2:4], tolerance_of(level) - tolerance_of(level - 1))]
         tracks.add_piece(
             session, track, level=level, chunk=chunk, count=PIECE * _COARSER**level, points=points
         )
@@ -178,7 +178,7 @@ def track_line(session: Session, track: Track, view: LineView) -> TrackLine:
     if level != AS_IT_IS:
         begin = len(points) - len(tail)
         keep = np.ones(len(points), dtype=np.bool_)
-        keep[begin:] = simplified(tail[:, 2:4], tolerance_of(level))
+        keep[begin:] = simplify(tail[:, 2:4], tolerance_of(level))
         points, joined = points[keep], joined[keep]
     points, gaps = _inside(points, joined, view)
     points, gaps, coarser = _thinned(points, gaps, tolerance_of(max(level, 0)))
@@ -305,7 +305,7 @@ def _thinned(
     coarser = False
     while len(points) > MOST:
         coarser = True
-        keep = simplified(points[:, 2:4], tolerance)
+        keep = simplify(points[:, 2:4], tolerance)
         keep[gaps] = keep[gaps - 1] = True
         if keep.all() or len(gaps) * 2 >= MOST:
             step = -(-len(points) // MOST)

@@ -14,8 +14,9 @@ from webapp.errors import UsageError
 from webapp.missions.store.batches import FILE, OutOfOrder
 from webapp.missions.tasks import store_batch
 from webapp.missions.tasks.store_batch import Numbered
-from webapp.missions.web.context import ConcurrencyLimit, open_mission
+from webapp.missions.web.context import open_mission
 from webapp.robot.fields import record_schema
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.errors import as_json
 
@@ -90,7 +91,7 @@ def answer_out_of_order(error: OutOfOrder) -> Response:
 @blueprint.doc(
     description="All records of a batch are stored, or none. The answer comes when they are on the disk; who "
     "lost it sends the same again, and no record is stored twice. A batch without records asks what comes "
-    "next. A batch after a gap is answered by 409 with `error.next`. When the server is busy it answers 429: "
+    "next. A batch after a gap is answered by 409 with `error.next`. When the server is busy it answers 503: "
     "wait for as long as `Retry-After` says."
 )
 def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:

@@ -21,9 +21,10 @@ from webapp.missions.store.schema import Mission, Track
 from webapp.missions.tasks.track_display import table_of
 from webapp.missions.web.api_objects import object_json
 from webapp.missions.web.api_tracks import points_json
-from webapp.missions.web.context import ConcurrencyLimit, open_mission
+from webapp.missions.web.context import open_mission
 from webapp.missions.web.state import cursor, read_cursor, track_json
 from webapp.store.database import Database
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.openapi import file_answer
 
@@ -40,7 +41,7 @@ _MOST_OBJECTS = 2000
 """Changed objects in one event; the others are in the next."""
 
 _AGAIN = 200
-"""Without a cursor, so many of the last poses are sent: they may have come since the page was made."""
+"""Number of the last poses sent without a cursor: they may have come since the page was made."""
 
 _limit = ConcurrencyLimit("events", share=_SHARE)
 blueprint.record(_limit.set_up)
@@ -129,8 +130,8 @@ def make_event(session: Session, mission: Mission, *, known: str | None) -> tupl
     """
     before = None if known is None else read_cursor(known)
     revision, counts = before or (mission.revision, {})
-    found = tracks.listed(session, mission.id)
-    objects, until = mission_objects.changed(session, mission.id, since=revision, most=_MOST_OBJECTS)
+    found = tracks.list_tracks(session, mission.id)
+    objects, until = mission_objects.changed_since(session, mission.id, since=revision, most=_MOST_OBJECTS)
     after = cursor(mission.revision if until is None else until, {track.id: track.poses for track in found})
     data = {
         "revision": mission.revision,

@@ -19,8 +19,9 @@ from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
 from webapp.missions.tasks import query as query_mission
 from webapp.missions.tasks.export import LIVE_POSES, export_network_link
-from webapp.missions.web.context import ConcurrencyLimit, open_mission
+from webapp.missions.web.context import open_mission
 from webapp.tasks.exchange.export_source import Download
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.openapi import Responses, file_answer
 
@@ -46,7 +47,7 @@ class ExportQuery(Schema):
     points = Integer(
         load_default=None,
         validate=Range(2, 1_000_000),
-        metadata={"description": "At most so many poses of each track, evenly spread; by default all."},
+        metadata={"description": "Maximum number of poses of each track, evenly spread; by default all."},
     )
 
 
@@ -119,7 +120,7 @@ def network_link(mission_id: int, query: dict[str, Any]) -> Response:
     """Take a KML link away that keeps itself up to date; programs open it by the mission's public link."""
     mission = open_mission(mission_id)
     with library().database.read() as session:
-        tokens = [share.public_token for share in shares.listed(session, mission)]
+        tokens = [share.public_token for share in shares.list_shares(session, mission)]
     token = next((token for token in tokens if token is not None), None)
     if token is None:
         raise UsageError(
@@ -136,7 +137,10 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
     """Query poses, objects or sightings; an error has the position of the character."""
     mission, form = open_mission(mission_id), asked.pop("format")
     place = library()
-    return sent(lambda: query_mission.query_mission(place, mission.id, question=Question(**asked), form=form))
+    question = Question(**asked)
+    return stream_download(
+        lambda: query_mission.query_mission(place, mission.id, question=question, form=form)
+    )
 
 
 def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool = False) -> Response:
@@ -149,9 +153,9 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool 
     TooMany
     """
     if ending not in FORMATS:
-        raise NotFound(f"there is no export {ending!r}", hint=f"there are {', '.join(FORMATS)}")
+        raise NotFound(f"unknown export format {ending!r}", hint=f"use one of {', '.join(FORMATS)}")
     place, limits, most = library(), settings(), query["points"]
-    return sent(
+    return stream_download(
         lambda: export_file.export_mission_file(
             place, mission_id, form=ending, settings=limits, most=most, photos=photos
         )
@@ -162,10 +166,10 @@ def link(name: str, *, token: str, every: int) -> Response:
     """Send a KML that has programs fetch a shared mission again and again."""
     data: dict[str, Any] = {"token": token, "ending": "kmz", "points": LIVE_POSES}
     href = url_for("public_mission_pages.export", _external=True, **data)
-    return sent(lambda: export_network_link(name, href=href, refresh_s=every))
+    return stream_download(lambda: export_network_link(name, href=href, refresh_s=every))
 
 
-def sent(make: Callable[[], Download]) -> Response:
+def stream_download(make: Callable[[], Download]) -> Response:
     """Send a file piece by piece, to be saved under its own name.
 
     Raises
@@ -183,13 +187,13 @@ def sent(make: Callable[[], Download]) -> Response:
     except BaseException:
         free.release()
         raise
-    response = Response(_Held(download.pieces, free.release), content_type=download.media_type)
+    response = Response(_LimitedPieces(download.pieces, free.release), content_type=download.media_type)
     response.headers.set("Content-Disposition", "attachment", filename=download.name)
     response.headers["Cache-Control"] = "private, no-store"
     return response
 
 
-class _Held(Iterator[bytes]):
+class _LimitedPieces(Iterator[bytes]):
     """Pieces on their way; when they are closed, or given up, others have their turn."""
 
     def __init__(self, pieces: Iterator[bytes], release: Callable[[], None]) -> None:

@@ -19,7 +19,7 @@ from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks import fuse as fuse_mission
-from webapp.missions.tasks.add_photo import About
+from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.web.context import open_mission
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize.map_cache import MethodChoice
@@ -93,7 +93,7 @@ class StatisticsOfFixesOut(Schema):
 
     source = String()
     used = Integer()
-    gated = Integer(metadata={"description": "So many were left out."})
+    gated = Integer(metadata={"description": "Number of fixes left out."})
     mean_distance = Float(
         allow_none=True,
         metadata={"description": "Mean squared Mahalanobis distance; 2 when all covariances are right."},
@@ -145,7 +145,7 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
             mission.id,
             source=sent[0].path,
             name=sent[0].name,
-            about=About(time_s=given.get("time")),
+            about=PhotoMetadata(time_s=given.get("time")),
             settings=settings(),
         )
     request = LocalizeRequest(

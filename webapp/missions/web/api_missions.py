@@ -129,7 +129,7 @@ class ListQuery(Schema):
     limit = Integer(
         load_default=None,
         validate=Range(1, _MOST),
-        metadata={"description": "At most so many; by default all."},
+        metadata={"description": "Maximum number; by default all."},
     )
 
 
@@ -179,7 +179,7 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
         "limit": None if limit is None else limit + 1,  # the one more shows whether any follow
     }
     with library().database.read() as session:
-        found = missions.listed(session, who, **wanted)
+        found = missions.list_missions(session, who, **wanted)
         shown = found[:limit]
         follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
         return {"missions": [state.entry_json(entry) for entry in shown], "next": follow}
@@ -225,11 +225,11 @@ def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
         row.note = missions.checked_note(data.get("note", row.note))
         row.start = data.get("start", row.start)
         if "map" in data and map_id != row.map_id:
-            if map_id is not None and shares.listed(session, row):
+            if map_id is not None and shares.list_shares(session, row):
                 # Who opens the mission's links sees the image of its map: that is for owners of the map.
                 maps.find(session, data["map"], account=who, role="owner")
             row.map_id = map_id
-        missions.changed(row)
+        missions.count_change(row)
         return state.summary(session, row, account=who)
 
 

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import mimetypes
 import secrets
-from pathlib import Path
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Dict, File, Float, Integer, List, Nested, String
 from apiflask.validators import Length, Predicate, Range
-from flask import Response, request, send_file, url_for
+from flask import Response, request, url_for
 
 from webapp.files.part_file import check_space, discard, receive
 from webapp.files.photos.preview import Kind
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo, localize_photos
-from webapp.missions.tasks.add_photo import About
+from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.web.context import open_mission
 from webapp.web.context import account, library, settings
 from webapp.web.openapi import file_answer
+from webapp.web.sending import as_attachment, send_immutable
 
 blueprint = APIBlueprint(
     "api_mission_photos",
@@ -126,7 +125,7 @@ def add(mission_id: int, *, given: dict[str, Any], query: dict[str, Any]) -> dic
             mission.id,
             source=part,
             name=file.filename or "",
-            about=About(given.get("time"), given.get("object")),
+            about=PhotoMetadata(given.get("time"), given.get("object")),
             settings=settings(),
         )
     finally:
@@ -159,9 +158,7 @@ def original(mission_id: int, sha256: str) -> Response:
     """Get the original file of a photo."""
     photo = _find(mission_id, sha256)
     path = add_photo.original(library(), photo)
-    response = _lasting(path, etag=sha256)
-    response.headers.set("Content-Disposition", "attachment", filename=path.name)
-    return response
+    return as_attachment(send_immutable(path, etag=sha256), path.name, default=path.name)
 
 
 def _find(mission_id: int, sha256: str) -> MissionPhoto:
@@ -173,12 +170,4 @@ def _find(mission_id: int, sha256: str) -> MissionPhoto:
 def _preview(mission_id: int, sha256: str, kind: Kind) -> Response:
     photo = _find(mission_id, sha256)
     path = add_photo.preview_of(library(), photo, kind=kind, settings=settings())
-    return _lasting(path, etag=f"{sha256}-{kind}")
-
-
-def _lasting(path: Path, *, etag: str) -> Response:
-    """Send a file that never changes under its address."""
-    kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    response = send_file(path, mimetype=kind, etag=etag, conditional=True)
-    response.headers["Cache-Control"] = "private, max-age=31536000, immutable"
-    return response
+    return send_immutable(path, etag=f"{sha256}-{kind}")

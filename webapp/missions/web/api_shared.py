@@ -28,7 +28,8 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.satellite import display
 from webapp.web.context import library, public, settings
 from webapp.web.openapi import file_answer
-from webapp.web.sharing.shared_state import sent, shown
+from webapp.web.sending import send_revalidated
+from webapp.web.sharing.shared_state import send_display
 
 blueprint = APIBlueprint(
     "api_shared_missions", __name__, url_prefix="/api/v1/shared-missions/<token>", tag="Shared"
@@ -94,7 +95,7 @@ class SharedPhotos(Schema):
 def show(token: str) -> dict[str, Any]:
     """Get all of a shared mission but its poses, objects and photos themselves."""
     with library().database.read() as session:
-        return state.shared_mission(session, shares.opened(session, token), token=token)
+        return state.shared_mission(session, shares.open_share(session, token), token=token)
 
 
 @blueprint.get(f"/tracks/{_TRACK}/line")
@@ -104,7 +105,7 @@ def show(token: str) -> dict[str, Any]:
 def line(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
     """Get a track, or what of it is in a box, as a line."""
     with library().database.read() as session:
-        mission = shares.opened(session, token).mission
+        mission = shares.open_share(session, token).mission
         return line_json(session, tracks.find(session, mission.id, track_id), query)
 
 
@@ -115,7 +116,7 @@ def line(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
 def profile(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
     """Get way, speed and height of a track over time."""
     with library().database.read() as session:
-        mission = shares.opened(session, token).mission
+        mission = shares.open_share(session, token).mission
         return profile_json(session, tracks.find(session, mission.id, track_id), query)
 
 
@@ -126,7 +127,7 @@ def profile(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, An
 def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
     """List objects of a shared mission."""
     with library().database.read() as session:
-        opened = shares.opened(session, token)
+        opened = shares.open_share(session, token)
         rows = reading.some_objects(session, opened.mission.id, **query)
         return {"objects": [state.shared_object(opened, row) for row in rows]}
 
@@ -137,7 +138,7 @@ def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
 def one_object(token: str, object_id: str) -> dict[str, Any]:
     """Get an object, with its sightings."""
     with library().database.read() as session:
-        opened = shares.opened(session, token)
+        opened = shares.open_share(session, token)
         row = missions.find_object(session, opened.mission.id, object_id)
         seen = missions.sightings(session, opened.mission.id, object_id)
         history = [state.shared_sighting(opened, one) for one in seen]
@@ -150,7 +151,7 @@ def one_object(token: str, object_id: str) -> dict[str, Any]:
 def photos(token: str) -> dict[str, Any]:
     """List the photos that the share shows."""
     with library().database.read() as session:
-        found = state.shared_photos(session, shares.opened(session, token))
+        found = state.shared_photos(session, shares.open_share(session, token))
         return {"photos": [state.shared_photo(token, photo) for photo in found]}
 
 
@@ -175,7 +176,7 @@ def photo_preview(token: str, sha256: str) -> Response:
 @blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
 def image(token: str) -> Response:
     """Get the image of the mission's map."""
-    return shown(display.copy(library(), _map(token), settings=settings()))
+    return send_display(display.copy(library(), _map(token), settings=settings()))
 
 
 @blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")
@@ -183,12 +184,12 @@ def image(token: str) -> Response:
 @blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def tile(token: str, *, z: int, x: int, y: int) -> Response:
     """Get a tile of a large image."""
-    return shown(display.tile(library(), _map(token), z=z, x=x, y=y))
+    return send_display(display.tile(library(), _map(token), z=z, x=x, y=y))
 
 
 def _map(token: str) -> MapRecord:
     with library().database.read() as session:
-        map_id = shares.opened(session, token).mission.map_id
+        map_id = shares.open_share(session, token).mission.map_id
         if map_id is None:
             raise NotFound("the mission is not on a map")
         return session.get_one(MapRecord, map_id)
@@ -196,6 +197,6 @@ def _map(token: str) -> MapRecord:
 
 def _photo(token: str, sha256: str, kind: Kind) -> Response:
     with library().database.read() as session:
-        photo = state.find_shared_photo(session, shares.opened(session, token), sha256=sha256)
+        photo = state.find_shared_photo(session, shares.open_share(session, token), sha256=sha256)
     path = add_photo.preview_of(library(), photo, kind=kind, settings=settings())
-    return sent(path, etag=f"{sha256}-{kind}")
+    return send_revalidated(path, etag=f"{sha256}-{kind}")

@@ -13,6 +13,7 @@ from webapp.missions.store import missions
 from webapp.missions.store import shares as mission_shares
 from webapp.missions.store.schema import Mission, MissionShare
 from webapp.missions.web.context import open_mission
+from webapp.store import sharing
 from webapp.web.context import account, library
 
 blueprint = APIBlueprint(
@@ -47,6 +48,9 @@ class MissionShareOut(Schema):
     id = Integer()
     public = Boolean()
     photos = Boolean()
+    maker = String(
+        allow_none=True, metadata={"description": "Who made it; null where that account was removed."}
+    )
     created_at = String()
     url = String(allow_none=True, metadata={"description": "Its address."})
     embed = String(allow_none=True, metadata={"description": "HTML that shows it in a page elsewhere."})
@@ -67,7 +71,12 @@ def list_shares(mission_id: int) -> dict[str, Any]:
     """List the shares of a mission."""
     mission = open_mission(mission_id, "owner")
     with library().database.read() as session:
-        return {"shares": [_share_json(mission, share) for share in mission_shares.listed(session, mission)]}
+        return {
+            "shares": [
+                _share_json(mission, share, maker=sharing.maker_of(session, share))
+                for share in mission_shares.list_shares(session, mission)
+            ]
+        }
 
 
 @blueprint.post("")
@@ -81,7 +90,7 @@ def create(mission_id: int, data: dict[str, bool]) -> dict[str, Any]:
         share, token = mission_shares.create(
             session, mission, photos=data["photos"], account_id=who.id, public=data["public"]
         )
-    return _share_json(mission, share, token=token)
+    return _share_json(mission, share, maker=who.name, token=token)
 
 
 @blueprint.patch(f"/{_ID}")
@@ -93,7 +102,7 @@ def change(mission_id: int, id: int, *, data: dict[str, bool]) -> dict[str, Any]
     with library().database.write() as session:
         share = mission_shares.find(session, mission, id=id)
         share.photos = data["photos"]
-        return _share_json(mission, share)
+        return _share_json(mission, share, maker=sharing.maker_of(session, share))
 
 
 @blueprint.delete(f"/{_ID}")
@@ -106,7 +115,9 @@ def revoke(mission_id: int, id: int) -> str:
     return ""
 
 
-def _share_json(mission: Mission, share: MissionShare, *, token: str | None = None) -> dict[str, Any]:
+def _share_json(
+    mission: Mission, share: MissionShare, *, maker: str | None, token: str | None = None
+) -> dict[str, Any]:
     token = token or share.public_token
 
     def address(endpoint: str) -> str | None:
@@ -117,6 +128,7 @@ def _share_json(mission: Mission, share: MissionShare, *, token: str | None = No
         "id": share.id,
         "public": share.public_token is not None,
         "photos": share.photos,
+        "maker": maker,
         "created_at": share.created_at.isoformat(timespec="seconds"),
         "url": address("public_mission_pages.shared"),
         "embed": None if framed is None else _FRAME.format(escape(framed), escape(mission.name)),

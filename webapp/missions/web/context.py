@@ -1,23 +1,18 @@
-"""What requests about missions share: the mission, parts of addresses, a limit of how many run at once."""
+"""What requests about missions share: the mission, and parts of addresses."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, cast
+from typing import Any
 
-from flask import current_app
 from flask.blueprints import BlueprintSetupState
 from werkzeug.routing import BaseConverter
 
-from webapp.errors import NotFound, TooMany
+from webapp.errors import NotFound
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.store.maps.maps import Role
 from webapp.web.context import account, library
-from webapp.web.state import KEY, AppState
 
 PATH_PARAMETERS: dict[str, dict[str, Any]] = {
     "mission_id": {"description": "Id of the mission."},
@@ -25,9 +20,6 @@ PATH_PARAMETERS: dict[str, dict[str, Any]] = {
     "track_id": {"description": "Id of the track."},
     "ending": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
 }
-
-_EXTENSION = "expmap_concurrency"
-_WAIT_S = 1
 
 
 def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mission:
@@ -57,46 +49,3 @@ class AnyText(BaseConverter):
 def allow_any_text(setup: BlueprintSetupState) -> None:
     """Let the addresses of a blueprint use these; for `blueprint.record`, before its first address."""
     setup.app.url_map.converters["text"] = AnyText
-
-
-class ConcurrencyLimit:
-    """Limits one kind of request to a share of the threads, so that others are answered too.
-
-    Parameters
-    ----------
-    name : str
-        Of the kind of request.
-    share : float
-        Of the threads of a process.
-    """
-
-    def __init__(self, name: str, *, share: float) -> None:
-        self._name = name
-        self._share = share
-
-    def set_up(self, setup: BlueprintSetupState) -> None:
-        """Make the semaphore of an application; for `blueprint.record`."""
-        state = cast(AppState, setup.app.extensions[KEY])
-        most = max(1, int(state.settings.serve.threads * self._share))
-        setup.app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)
-
-    def semaphore(self) -> threading.BoundedSemaphore:
-        """Return the semaphore: one permit for each further request."""
-        return cast(threading.BoundedSemaphore, current_app.extensions[_EXTENSION][self._name])
-
-    @contextmanager
-    def slot(self) -> Iterator[None]:
-        """Hold one permit for as long as the block lasts.
-
-        Raises
-        ------
-        TooMany
-            None is free.
-        """
-        free = self.semaphore()
-        if not free.acquire(blocking=False):
-            raise TooMany("the server is busy", wait_s=_WAIT_S, hint="repeat the request a little later")
-        try:
-            yield
-        finally:
-            free.release()

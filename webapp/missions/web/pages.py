@@ -55,7 +55,8 @@ def _list(*, binned: bool) -> str:
     who = account()
     with library().database.read() as session:
         found = [
-            {"slug": record.slug, "name": record.name} for record in maps.listed(session, who, binned=False)
+            {"slug": record.slug, "name": record.name}
+            for record in maps.list_maps(session, who, binned=False)
         ]
         in_bin = missions.count_binned(session, who)
     return render_template("missions/index.html", page={"maps": found, "binned": binned}, in_bin=in_bin)
@@ -110,7 +111,7 @@ def network_link(token: str, query: dict[str, int]) -> Response:
 def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
     try:
         with library().database.read() as session:
-            opened = shares.opened(session, token)
+            opened = shares.open_share(session, token)
             state = mission_state.shared_mission(session, opened, token=token)
     except NotFound as error:
         gone = render_template("sharing/gone.html", error=error, framed=framed)
@@ -124,4 +125,4 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
 
 def _opened(token: str) -> OpenedMission:
     with library().database.read() as session:
-        return shares.opened(session, token)
+        return shares.open_share(session, token)

@@ -9,7 +9,7 @@ from flask import url_for
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.drift import Closing, closing
+from webapp.core.trajectory.drift import LoopClosure, measure_closure
 from webapp.core.trajectory.records import Poses
 from webapp.errors import NotFound
 from webapp.missions.store import missions, tracks
@@ -19,7 +19,7 @@ from webapp.missions.store.shares import OpenedMission
 from webapp.missions.web.api_objects import object_json
 from webapp.store.schema import Account, MapRecord
 from webapp.web.maps import state as map_state
-from webapp.web.sharing.shared_state import located
+from webapp.web.sharing.shared_state import answer_for_visitors
 
 SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$(?!\n)"  # which `$` alone would let pass
 """What a place in a list looks like: microseconds since 1970, and the id of a mission."""
@@ -169,14 +169,20 @@ def _bounds(track: Track) -> list[float] | None:
     return known if len(known) == len(sides) else None
 
 
+def _fix_for_visitors(photo: MissionPhoto) -> dict[str, Any] | None:
+    if photo.fix is None or photo.fix_state != "done":
+        return None
+    return answer_for_visitors(photo.fix, exif=False)
+
+
 def _closing(track: Track, ends: Poses) -> dict[str, float] | None:
     bounds = _bounds(track)
     if bounds is None or len(ends) < 2:
         return None
     first, last = (LatLon(*latlon) for latlon in ends.latlon.tolist())
     south, west, north, east = bounds
-    found = closing(first, last, distance_m=track.distance_m, bounds=(south, west, north, east))
-    return {"gap_m": found.gap_m, "share": found.share} if isinstance(found, Closing) else None
+    found = measure_closure(first, last, distance_m=track.distance_m, bounds=(south, west, north, east))
+    return {"gap_m": found.gap_m, "share": found.share} if isinstance(found, LoopClosure) else None
 
 
 def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> dict[str, Any]:
@@ -185,7 +191,7 @@ def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> di
     What the page of a mission needs has the names that its owners see; the note is the owners' own.
     """
     mission = opened.mission
-    found = tracks.listed(session, mission.id)
+    found = tracks.list_tracks(session, mission.id)
     _, objects, shared_photos = missions.counts(session, mission.id)
     return {
         "id": mission.id,
@@ -225,7 +231,7 @@ def shared_photo(token: str, photo: MissionPhoto) -> dict[str, Any]:
         "width": photo.width,
         "height": photo.height,
         "object": photo.object_id,
-        "fix": located(photo.fix, exif=False) if photo.fix and photo.fix_state == "done" else None,
+        "fix": _fix_for_visitors(photo),
         "url": url_for("api_shared_missions.photo_preview", **named),
         "thumb": url_for("api_shared_missions.photo_thumb", **named),
     }

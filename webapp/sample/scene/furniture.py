@@ -83,7 +83,7 @@ def _pickets(rng: np.random.Generator, length: float) -> Texture:
 
 
 def along_paths(rng: np.random.Generator, plan: ParkPlan) -> list[Quad]:
-    """Put benches, lamps and notice boards beside the paths."""
+    """Put benches, lamps and notice boards along the paths."""
     quads = []
     for line in (plan.loop, plan.link):
         for at in range(12, len(line) - 6, 22):

@@ -69,12 +69,12 @@ def named(session: Session, name: str) -> Account:
     found = _named(session, name)
     if found is None:
         raise NotFound(
-            "there is no account with this name", where=name[:_MAX_NAME], hint="ask the owner of the library"
+            "no account has this name", where=name[:_MAX_NAME], hint="ask the owner of the library"
         )
     return found
 
 
-def listed(session: Session) -> list[Account]:
+def list_accounts(session: Session) -> list[Account]:
     """List all accounts by name."""
     return list(session.scalars(select(Account).order_by(Account.name)))
 
@@ -151,11 +151,11 @@ def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
     Raises
     ------
     NotFound
-        The account has no such token.
+        The account does not have this token.
     """
     token = session.get(ApiToken, token_id)
     if token is None or token.account_id != account.id:
-        raise NotFound("you have no such token", hint="reload the page")
+        raise NotFound("token not found", hint="reload the page")
     session.delete(token)
 
 
@@ -201,10 +201,10 @@ def set_member_role(session: Session, record: MapRecord, *, account: Account, ro
     Raises
     ------
     UsageError
-        There is no such role, or the map would have no owner.
+        The role is unknown, or the map would have no owner.
     """
     if role not in ROLES:
-        raise UsageError("there is no such role", where=role[:20], hint=f"it is one of {', '.join(ROLES)}")
+        raise UsageError("unknown role", where=role[:20], hint=f"it is one of {', '.join(ROLES)}")
     member = session.get(Member, (record.id, account.id))
     if member is None:
         session.add(Member(map_id=record.id, account_id=account.id, role=role))

@@ -6,7 +6,7 @@ import secrets
 from datetime import timedelta
 from functools import cache
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import delete, func, or_, select
 from sqlalchemy.orm import Session
 from werkzeug.security import check_password_hash, generate_password_hash
 
@@ -15,7 +15,7 @@ from webapp.settings import WebSettings
 from webapp.store.accounts import accounts
 from webapp.store.clock import now
 from webapp.store.database import Database
-from webapp.store.schema import Account, FailedSignIn, SignInLink
+from webapp.store.schema import Account, EndedSession, FailedSignIn, SignInLink
 
 _MAX_PASSWORD = 1000
 _MAX_WHO = 100
@@ -106,20 +106,22 @@ def by_password(
         Of this name or from this address there were too many failures.
     """
     tried = [f"name:{accounts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
-    with database.read() as session:
+    # Counted as a failure before it is tried: of many at the same time, no more are tried than are allowed.
+    with database.write() as session:
         _check_failures(session, tried, limits=limits)
+        counted = _note_failure(session, tried, limits=limits)
         account = _named(session, name)
     known = account.password_hash if account is not None else None
     # An unknown name takes as long as a wrong password, or the response time would reveal who has an account.
     right = check_password_hash(known or _nobodys_hash(), password[: _MAX_PASSWORD + 1])
     if account is None or known is None or not right:
-        _note_failure(database, tried, limits=limits)
         raise NotSignedIn(
             "wrong name or password",
             hint="without a password, sign in by a link: expmap account link",
         )
     with database.write() as session:
-        session.execute(delete(FailedSignIn).where(FailedSignIn.who == tried[0]))
+        mine = or_(FailedSignIn.who == tried[0], FailedSignIn.id.in_(counted))
+        session.execute(delete(FailedSignIn).where(mine))
     return account
 
 
@@ -156,8 +158,30 @@ def _check_failures(session: Session, tried: list[str], *, limits: WebSettings) 
         )
 
 
-def _note_failure(database: Database, tried: list[str], *, limits: WebSettings) -> None:
+def _note_failure(session: Session, subjects: list[str], *, limits: WebSettings) -> list[int]:
+    """Record a failure of each name or address; returns the ids of the records."""
     old = now() - timedelta(minutes=limits.sign_in_minutes)
-    with database.write() as session:
-        session.execute(delete(FailedSignIn).where(FailedSignIn.at < old))
-        session.add_all(FailedSignIn(who=who) for who in tried)
+    session.execute(delete(FailedSignIn).where(FailedSignIn.at < old))
+    rows = [FailedSignIn(who=subject) for subject in subjects]
+    session.add_all(rows)
+    session.flush()
+    return [row.id for row in rows]
+
+
+def end_session(session: Session, session_id: str, *, days: int) -> None:
+    """Note that a session was signed out of.
+
+    Parameters
+    ----------
+    session_id : str
+        As its cookie holds it.
+    days : int
+        So long the cookie would be valid: earlier notes are forgotten.
+    """
+    session.execute(delete(EndedSession).where(EndedSession.at < now() - timedelta(days=days)))
+    session.merge(EndedSession(id_hash=accounts.hashed(session_id)))
+
+
+def has_ended(session: Session, session_id: str) -> bool:
+    """Return whether a session was signed out of."""
+    return session.get(EndedSession, accounts.hashed(session_id)) is not None

@@ -48,7 +48,7 @@ def change_map(session: Session, map_id: int) -> Iterator[MapChange]:
     Raises
     ------
     NotFound
-        There is no such map.
+        The map does not exist.
     """
     record = session.get(MapRecord, map_id, with_for_update=True)
     if record is None:

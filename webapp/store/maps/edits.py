@@ -14,6 +14,7 @@ from typing import Any
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from webapp.core.geo.types import MapPixel, inside
 from webapp.errors import Conflict, NotFound
 from webapp.store.clock import now
 from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
@@ -130,12 +131,46 @@ def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool)
             edit.state = "closed"
             revision = _revision(session, record, change["target"])
             return UndoResult(edit, _who_changed(session, record, target=change["target"], revision=revision))
+    image = next((c[wanted] for c in edit.changes if "satellite_path" in (c[wanted] or {})), None)
+    if image is not None and (clash := _placed_on_present_image(session, record, edit, image=image)):
+        edit.state = "closed"
+        return UndoResult(edit, clash)
     _next_revision(record)
     for change in edit.changes:
         _set(session, record, target=change["target"], fields=change[wanted])
     edit.state = "undone" if back else "done"
     edit.turn = record.revision
     return UndoResult(edit, None)
+
+
+def _placed_on_present_image(
+    session: Session, record: MapRecord, edit: Edit, *, image: Mapping[str, Any]
+) -> str | None:
+    """Say who has placed photos on the present image since an edit set or removed it, if anybody has.
+
+    Parameters
+    ----------
+    edit : Edit
+        Is about to be undone or redone, which brings another image back.
+    image : mapping of str to Any
+        Fields of that image.
+    """
+    later = (
+        select(Edit, Account.name)
+        .join(Account, Account.id == Edit.account_id)
+        .where(Edit.map_id == record.id, Edit.turn > edit.turn, Edit.state == "done")
+        .where(Edit.account_id.is_distinct_from(edit.account_id))
+    )
+    for other, name in session.execute(later):
+        if any((change["after"] or {}).get("x_px") is not None for change in other.changes):
+            return f"{name} has placed photos on the satellite image in the meantime"
+    taken_along = {change["target"] for change in edit.changes}
+    width, height = (image.get(f"satellite_{side}", 0) or -1 for side in ("width", "height"))
+    placed = select(Photo).where(Photo.map_id == record.id, Photo.x_px.is_not(None))
+    left = [photo for photo in session.scalars(placed) if f"photo/{photo.id}" not in taken_along]
+    if all(inside(MapPixel(p.x_px or 0.0, p.y_px or 0.0), width=width, height=height) for p in left):
+        return None
+    return "photos were placed on the satellite image in the meantime"
 
 
 def _next_revision(record: MapRecord) -> None:
@@ -170,7 +205,7 @@ def _value(
             there = session.get(PlacedElsewhere, (record.id, placement, int(number)))
             return None if there is None else {"x_px": there.x_px, "y_px": there.y_px}
         case _:
-            raise ValueError(f"no such target: {target}")
+            raise ValueError(f"unknown target: {target}")
 
 
 def _known(fields: Mapping[str, Any] | None, known: frozenset[str]) -> list[str]:

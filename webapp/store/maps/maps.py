@@ -71,7 +71,7 @@ def find(session: Session, slug: str, *, account: Account, role: Role = "viewer"
     record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).first()
     own = None if record is None else role_of(session, record, account=account)
     if record is None or own is None:
-        raise NotFound("there is no such map, or it is not shared with you", where=slug)
+        raise NotFound("map not found, or it is not shared with you", where=slug)
     if ROLES.index(own) < ROLES.index(role):
         raise NotAllowed(f"this needs the role {role}, and yours is {own}", hint="ask an owner of the map")
     return record
@@ -85,7 +85,7 @@ def role_of(session: Session, record: MapRecord, *, account: Account) -> Role | 
     return next((role for role in ROLES if member is not None and member.role == role), None)
 
 
-def listed(session: Session, account: Account, *, binned: bool = False) -> list[MapRecord]:
+def list_maps(session: Session, account: Account, *, binned: bool = False) -> list[MapRecord]:
     """List the maps that an account may see, the last changed first."""
     found = select(MapRecord).where(MapRecord.binned_at.is_not(None) == binned)
     if not account.is_owner:

@@ -57,7 +57,7 @@ def find(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
     """
     upload = session.get(Upload, id)
     if upload is None or (upload.map_id, upload.account_id) != (map_id, account_id):
-        raise NotFound("there is no such upload: it is finished or was cancelled", hint="start it again")
+        raise NotFound("upload not found: it is finished or was cancelled", hint="start it again")
     return upload
 
 

@@ -49,7 +49,7 @@ class Limits:
     seconds : float
         How long it lasts without being renewed.
     attempts : int
-        After so many workers that died on it one after the other, without a step done, a job has failed; and
+        Number of workers that may die on a job in a row, without a step done, before it fails; and
         after ten times as many in all, as it will never come to its end.
     """
 
@@ -106,11 +106,11 @@ def find(session: Session, id: int) -> Job:
     """
     job = session.get(Job, id)
     if job is None:
-        raise NotFound(f"there is no job {id}", hint="reload the page")
+        raise NotFound(f"job {id} not found", hint="reload the page")
     return job
 
 
-def listed(session: Session, *, map_id: int | None = None, limit: int = 50) -> list[Job]:
+def list_jobs(session: Session, *, map_id: int | None = None, limit: int = 50) -> list[Job]:
     """List the jobs of a map, or of the whole library, the newest first."""
     found = select(Job) if map_id is None else select(Job).where(Job.map_id == map_id)
     return list(session.scalars(found.order_by(Job.id.desc()).limit(limit)))
@@ -120,6 +120,12 @@ def current(session: Session, map_id: int) -> list[Job]:
     """List the jobs of a map that wait, run, or have ended within the last minute, the oldest first."""
     recent = or_(Job.state.not_in(ENDED), Job.ended_at > now() - _SHOWN)
     return list(session.scalars(select(Job).where(Job.map_id == map_id, recent).order_by(Job.id)))
+
+
+def newest(session: Session, map_id: int, *, kind: str, key: str) -> Job | None:
+    """Find the last job of a kind that was queued for a map under a key."""
+    wanted = select(Job).where(Job.map_id == map_id, Job.kind == kind, Job.key == key)
+    return session.scalar(wanted.order_by(Job.id.desc()).limit(1))
 
 
 def cancel(session: Session, job: Job) -> None:

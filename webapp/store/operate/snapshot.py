@@ -85,7 +85,7 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
                 source = connection.connection.driver_connection
                 assert isinstance(source, sqlite3.Connection)
                 source.backup(copy)
-            copy.execute("PRAGMA journal_mode=DELETE")  # one file, and no others beside it
+            copy.execute("PRAGMA journal_mode=DELETE")  # one file, without journal files
             return _contents(copy, readers)
     except sqlite3.Error as error:
         raise _storage_error(error, target) from error

@@ -19,8 +19,9 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks import staging
-from webapp.tasks.localize import stored_evaluation
+from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
+from webapp.tasks.maps.show_photo import boxes_of
 
 _RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
 _NOT_COPIED = frozenset({"exports", "health.json", stored_evaluation.FILE})
@@ -51,7 +52,7 @@ def duplicate_map(
     Raises
     ------
     NotFound, UsageError
-        There is no such map; the name is none.
+        The map does not exist, or the name is not valid.
     StorageError, Cancelled
         There is no copy.
     """
@@ -82,7 +83,7 @@ def _read(session: Session, map_id: int) -> _Original:
     """Read the records of what the map has, without what was removed from it."""
     record = session.get(MapRecord, map_id)
     if record is None:
-        raise NotFound("there is no such map")
+        raise NotFound("map not found")
     photos = [photo for photo in maps.photos(session, record) if not photo.removed]
     ids = {photo.id for photo in photos}
     placed = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)).all()
@@ -143,7 +144,11 @@ def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator
     if record.satellite_path is not None:
         yield folder / record.satellite_path
         yield (folder / record.satellite_path).with_suffix(".json")
-    previews = {preview_path(folder, photo.id, kind=kind) for photo in photos for kind in SIDES}
+    previews = {
+        preview_path(folder, photo.id, kind=kind, blurred=boxes_of(photo))
+        for photo in photos
+        for kind in SIDES
+    }
     holding = {path.parent for path in previews}
     for parent, folders, files in os.walk(folder / DERIVED):
         here = Path(parent)

@@ -20,7 +20,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download, Source, of_library
 from webapp.tasks.maps import export
-from webapp.tasks.maps.thumbnails import encoded, satellite_picture, thumbnail
+from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture, thumbnail
 
 UNPLACED = "unplaced"
 """Folder of the zip with the photos in the tray, below it where they are in the map's folder."""
@@ -45,7 +45,7 @@ def export_map_zip(library: Library, map_id: int, *, progress: Progress | None =
     Raises
     ------
     NotFound, UsageError
-        There is no such map, or it has no satellite image yet.
+        The map does not exist, or it has no satellite image yet.
     """
     source = of_library(library, map_id)
     texts = map_files(library, map_id, source=source)
@@ -97,7 +97,7 @@ def export_map_cfg(library: Library, map_id: int, *, placement: str | None = Non
     Raises
     ------
     NotFound
-        There is no such map or placement.
+        The map or the placement does not exist.
     UsageError
         The map has no satellite image yet.
     """
@@ -181,7 +181,7 @@ def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> I
     image = satellite_picture(source.cfg, source.map.satellite.path, side=GROUND_SIDE, settings=settings)
     ground = None if image is None else "files/satellite.jpg"
     if image is not None and ground is not None:
-        yield ZipMember(ground, encoded(image))
+        yield ZipMember(ground, encode_picture(image))
     kml = format_kml(source.map, source.georeference(), title=source.title, pictures=Pictures(there, ground))
     yield ZipMember("doc.kml", kml)
 

@@ -86,14 +86,14 @@ def of_library(library: Library, map_id: int) -> Source:
     Raises
     ------
     NotFound
-        There is no such map.
+        The map does not exist.
     UsageError
         It has no satellite image yet.
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
         if record is None:
-            raise NotFound("there is no such map")
+            raise NotFound("map not found")
         map_ = as_map(session, record)
         slug, title = record.slug, record.name
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]

@@ -12,8 +12,8 @@ from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.core.mapmodel.model import Map, Placement
 from webapp.errors import Conflict, InputError, MapError, NotFound
 from webapp.files.atomic import write_bytes
-from webapp.files.exchange.map_zip import Unpacked, unpack
-from webapp.files.maps.cfg import read_cfg
+from webapp.files.exchange.map_zip import UnpackedMap, unpack
+from webapp.files.maps.cfg import read_bytes, read_cfg
 from webapp.files.maps.folder import json_path, placement_path, read_map, read_map_json
 from webapp.files.maps.map_json import check_placement_name, format_map_json
 from webapp.progress import Progress
@@ -28,10 +28,10 @@ from webapp.tasks.maps import adopt_map, check_map
 from webapp.tasks.relative_paths import relative_finding, show_relative_to
 
 
-def choose_map(unpacked: Unpacked) -> Path:
+def choose_map(unpacked: UnpackedMap) -> Path:
     """Find the map, and give it its usual names: `map.cfg` and `map.json`.
 
-    A `.cfg` that another one's JSON calls its placement is none; of several that are left, `map.cfg` is it.
+    A `.cfg` that the JSON of another one calls a placement is not a map; of several others, it is `map.cfg`.
 
     Returns
     -------
@@ -70,12 +70,12 @@ def choose_map(unpacked: Unpacked) -> Path:
 
 
 def add_placements(cfg: Path) -> None:
-    """Make placements of the other `.cfg` files beside a map that is fine, in its `map.json`.
+    """Make placements of the other `.cfg` files next to a map that is fine, in its `map.json`.
 
     Raises
     ------
     InputError
-        One is no placement of this map.
+        One is not a placement of this map.
     MapError
         One cannot be read.
     """
@@ -131,7 +131,7 @@ class ImportedMap:
     findings : tuple of Finding
         What the linter says about it.
     left_out : tuple of str
-        Files of the zip that are no part of a map; photos without a place with the reason.
+        Files of the zip that do not belong to a map; photos without a place with the reason.
     """
 
     map_id: int
@@ -203,7 +203,7 @@ def run_into(
 ) -> ImportedMap:
     """Import a map into one that is empty; repeated, it does nothing the second time.
 
-    Parameters and errors are those of `run`, and:
+    Parameters and errors are those of `import_map`, and:
 
     Parameters
     ----------
@@ -251,6 +251,7 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         folder = place / "map"
         folder.mkdir()
         unpacked = unpack(archive, folder, limits=settings.imports, progress=progress)
+        _check_lines(unpacked, most=settings.imports.max_files)
         cfg = choose_map(unpacked)
         with show_relative_to(cfg.parent):
             tray = import_tray.set_aside(cfg, place / "tray")
@@ -265,6 +266,16 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         yield _Found(cfg, contents, findings, (*unpacked.left_out, *not_taken))
     finally:
         shutil.rmtree(place, ignore_errors=True)
+
+
+def _check_lines(unpacked: UnpackedMap, *, most: int) -> None:
+    """Refuse maps with more lines than the zip may have files: each is looked for on the disk."""
+    lines = sum(read_bytes(unpacked.folder / name).count(b"\n") for name in unpacked.cfgs)
+    if lines > most:
+        raise InputError(
+            f"the map has {lines} lines, more than the limit of {most}",
+            hint="leave out photos that are missing",
+        )
 
 
 def _register(library: Library, found: _Found, *, name: str, account_id: int) -> tuple[int, str]:

@@ -26,7 +26,7 @@ class Tray:
     Attributes
     ----------
     folder : Path
-        Where they are meanwhile: beside the map, whose linter would ask why it does not name them.
+        Where they are meanwhile: outside the map, whose linter would ask why it does not name them.
     names : tuple of str
         Their paths in there, as they shall be in the map's folder.
     """

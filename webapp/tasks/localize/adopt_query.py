@@ -21,7 +21,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.localize import show_query
 from webapp.tasks.maps import add_photo
-from webapp.tasks.maps.placing import Wanted, find_spots, needed_image, place_spots
+from webapp.tasks.maps.placing import RequestedPose, find_spots, needed_image, place_spots
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Adopted:
     id : int
         Of the photo in the map.
     job : int or None
-        That takes it into the index; only this photo is described anew.
+        That takes it into the index; only this photo is extracted.
     """
 
     id: int
@@ -60,7 +60,7 @@ def adopt_query(
     Raises
     ------
     NotFound
-        There is no such answer, or its photo is missing.
+        The answer does not exist, or its photo is missing.
     Conflict
         The map has this photo in a place already.
     UsageError
@@ -95,7 +95,7 @@ def adopt_query(
 
 
 def link_or_copy(source: Path, target: Path) -> None:
-    """Give a file that never changes a second name; copy it where the disk knows no such thing.
+    """Give a file that never changes a second name; copy it where the file system does not support that.
 
     Raises
     ------
@@ -116,9 +116,7 @@ def _where(query: QueryRecord, spot: Spot) -> tuple[MapPixel, float | None]:
     if spot.position is not None:
         return spot.position, spot.heading_deg
     if first is None:
-        raise UsageError(
-            "nobody knows where this photo was taken", where="x_px", hint="say where: x_px and y_px"
-        )
+        raise UsageError("the position of this photo is unknown", where="x_px", hint="give it: x_px and y_px")
     heading = first["heading_deg"] if spot.heading_deg is None else spot.heading_deg
     return MapPixel(first["x_px"], first["y_px"]), heading
 
@@ -136,5 +134,5 @@ def _check_inside(record: MapRecord, position: MapPixel) -> None:
 def _place(session: Session, record: MapRecord, *, photo: Photo, at: Spot, account_id: int) -> None:
     assert at.position is not None
     image = needed_image(record, with_georeference=False)
-    spots = find_spots(image, [Wanted(photo, at.position, at.heading_deg)])
+    spots = find_spots(image, [RequestedPose(photo, at.position, at.heading_deg)])
     place_spots(session, record, spots=spots, kind="place", account_id=account_id)

@@ -1,4 +1,4 @@
-"""Builds or updates the index beside a map.
+"""Builds or updates the index next to a map.
 
 Only what changed is computed, and a kill at any moment loses no finished photo.
 """
@@ -90,7 +90,7 @@ def update_index(request: BuildRequest, *, settings: Settings, progress: Progres
 
     Every photo that is finished is on disk at once; segments are made of the finished photos in the map's
     order, so that an interrupted and continued build ends with the same files as an undisturbed one. Files of
-    the index that are missing or damaged are made anew.
+    the index that are missing or damaged are rebuilt.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def update_index(request: BuildRequest, *, settings: Settings, progress: Progres
         coding = coding_of(index, request.choice.engine or before.engine, kind=request.choice.kind)
         old = segments.intact(index, before, coding=coding)
         if old != before and coding.engine == before.engine:
-            progress.note("files of the index are missing or damaged: making them anew")
+            progress.note("files of the index are missing or damaged: rebuilding them")
         photos, extracted = _photos(old, request, settings=settings, progress=progress)
         new = segments.join(index, replace(old, photos=photos), coding=coding, progress=progress)
         if new != before:
@@ -135,7 +135,7 @@ def _manifest(
     try:
         manifest = index.read_manifest()
     except IndexDamaged as error:
-        progress.note(f"{error.message}: making the index anew")
+        progress.note(f"{error.message}: rebuilding the index")
         manifest = None
     return manifest or Manifest(request.choice.detector, request.choice.extractor, settings.extract)
 
@@ -160,7 +160,7 @@ def _photos(
 
 
 def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
-    """Tell whether the index holds the photo as it is on disk now, judged by path, size and time."""
+    """Check whether the index holds the photo as it is on disk now, judged by path, size and time."""
     record = manifest.photos.get(experience.id)
     if record is None or record.photo != experience.photo or record.error:
         return False
@@ -197,7 +197,7 @@ def _tasks(
     for e in changed:
         size, _ = size_and_time(request.cfg.parent / e.photo)
         same = of_size.get(size, [])
-        # Where all have one size, as without compression, it tells nothing.
+        # Where all have one size, as without compression, size identifies nothing.
         indexed = tuple(same) if len(same) <= _MOST_OF_ONE_SIZE else ()
         yield PhotoJob(e.id, request.cfg, e.photo, request.folder, request.choice, settings, indexed)
 

@@ -1,71 +1,35 @@
-"""Fits a map's probabilities on its own photos: each is hidden and looked for (leave one place out)."""
+"""Fits a map's probabilities on trials: its own photos, hidden and looked for."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Features
-from webapp.core.geo.types import MapPixel
-from webapp.core.hypotheses.calibration import DEFAULT, EVIDENCE, Calibration, Case, fit, probabilities
-from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
-from webapp.core.hypotheses.places import spacing_px
+from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
 from webapp.core.localize.places import PlaceCandidate
-from webapp.core.localize.verified import LocatedPlace, find_places, locate
-from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
-from webapp.core.retrieval.indexed import IndexedMap, candidates
-from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes
+from webapp.core.localize.verified import LocatedPlace, locate
+from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import calibration as calibrationfile
-from webapp.files.localize.calibration import StoredCalibration, Trial, resumed_trials
+from webapp.files.localize.calibration import StoredCalibration, recorded_trials
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
 from webapp.tasks.localize import orient_map
 from webapp.tasks.localize.open_map import OpenMap
-
-Hidden = Literal["photo", "place", "surroundings"]
-
-MOST_PHOTOS = 200
-
-_HIDDEN: tuple[Hidden, ...] = ("photo", "surroundings", "photo", "place")
-"""What is hidden with a photo that plays a query, in turn: itself, as when somebody comes by again; what
-stands as near as the next place; and all around, so that it plays a photo from elsewhere."""
-
-_OFF_MAP_WEIGHT = 0.1
-"""Of a photo from elsewhere against one from the map; ten of eleven are taken to be from the map."""
-
-_SAME_PLACE = 1.05
-"""Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query: what is
-left is about as far from it as a map's photos are from a new one."""
-
-_ELSEWHERE, _MOST_HIDDEN = 10.0, 0.6
-"""Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere: along a
-path one sees far. At most about this share of the map is hidden, the nearest photos."""
-
-_OTHER_DAY_EVERY, _LEFT_ON_OTHER_DAY = 2, 10
-"""Every second photo whose place is hidden plays one of another day, when one in ten of its keypoints is
-found again."""
+from webapp.tasks.localize.trials import Trial, try_photos
 
 _CHANGED_SHARE = 0.1
 """A map that changed by less, in its photos and their places or its place radius, keeps its calibration."""
 
 _PREFIX = 8
-"""Characters of a content hash that are enough to tell whether a map has changed much."""
-
-_ALIKE = 0.5
-"""Photos of an area with more than this share of the most similar one's votes are of the same capture."""
+"""Characters of a content hash that are enough to detect whether a map has changed much."""
 
 _FEWEST_RADII = 10
-
-_STRONG_INLIERS = 40
-"""Inliers from which on a photo surely shows the same as the query."""
 
 _PHOTO_SIGMAS = (0.5, 0.25, 1.0, 3.0)
 """How far a query may be from its best photo, place radii; the first unless another is better."""
@@ -80,64 +44,13 @@ photo left stands half a place radius away."""
 _COVERAGE = 0.68
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Trial:
-    """A photo of the map that played a query.
-
-    Attributes
-    ----------
-    evidence : (h, EVIDENCE) float64
-    places : list of PlaceCandidate
-        Their photos are left out.
-    truth : (x, y)
-    strong : bool
-        The best photo surely shows the same.
-    """
-
-    evidence: NDArray[np.float64]
-    places: list[PlaceCandidate]
-    truth: tuple[float, float]
-    hidden: Hidden
-    strong: bool
-
-    def to_record(self) -> dict[str, Any]:
-        """Give plain values."""
-        places = [[p.kind, *p.position, p.sigma_px, *p.anchor, p.area] for p in self.places]
-        return {
-            "evidence": self.evidence.tolist(),
-            "places": places,
-            "truth": [*self.truth],
-            "hidden": self.hidden,
-            "strong": self.strong,
-        }
-
-    @classmethod
-    def from_record(cls, record: dict[str, Any]) -> _Trial:
-        """Build it from plain values."""
-        places = [
-            PlaceCandidate(kind, MapPixel(x, y), None, sigma, [], 0.0, MapPixel(ax, ay), area)
-            for kind, x, y, sigma, ax, ay, area in record["places"]
-        ]
-        evidence = np.array(record["evidence"], np.float64).reshape(-1, EVIDENCE)
-        x, y = record["truth"]
-        return cls(evidence, places, (x, y), record["hidden"], record["strong"])
-
-    def located(self, indexed: IndexedMap, calibration: Calibration) -> list[LocatedPlace]:
-        """Locate the places as an answer does."""
-        radius = indexed.place_radius_px
-        return [
-            _on_paths(locate(p, calibration=calibration, place_radius_px=radius), indexed.paths)
-            for p in self.places
-        ]
-
-
 def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
     """Take the stored calibration where it still fits the map, else make and store a new one.
 
     Parameters
     ----------
     map_fov_deg : float or None
-        As given for photos that do not tell theirs.
+        As given for photos whose EXIF does not state theirs.
     progress : Progress
         One step a photo.
 
@@ -149,33 +62,63 @@ def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progr
         known = calibrationfile.read(there)
         if known is not None and still_fits(known, opened, map_fov_deg=map_fov_deg):
             return known
-    photos, radius = _photos(opened), opened.indexed.place_radius_px
+    radius = opened.indexed.place_radius_px
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
-    key = f"{calibrationfile.FORMAT} {opened.map_hash} {radius} {map_fov_deg}"
-    path = paths(opened)[-1]
-    with resumed_trials(path.with_suffix(".trials"), key) as (known_trials, keep):
-        sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
-        calibration = calibrate(opened.indexed, progress, sightings=sightings, known=known_trials, keep=keep)
-    stored = StoredCalibration(calibration, map_fov_deg, radius, photos, time.perf_counter() - started)
-    calibrationfile.write(path, stored)
+    trials = run_trials(opened, map_fov_deg=map_fov_deg, progress=progress)
+    calibration = fit_trials(opened.indexed, [*trials.values()])
+    seconds = time.perf_counter() - started
+    stored = StoredCalibration(calibration, map_fov_deg, radius, photo_keys(opened), seconds)
+    calibrationfile.write(paths(opened)[-1], stored)
     return stored
+
+
+def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> dict[int, Trial]:
+    """Have the map's photos play queries; what an earlier run has tried is taken from its record.
+
+    Returns
+    -------
+    dict of int to Trial
+        As from `try_photos`.
+
+    Raises
+    ------
+    Cancelled, StorageError
+    """
+    key = f"{calibrationfile.FORMAT} {opened.map_hash} {opened.indexed.place_radius_px} {map_fov_deg}"
+    with recorded_trials(paths(opened)[-1].with_suffix(".trials"), key) as (known, keep):
+        sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
+        return try_photos(opened.indexed, progress, sightings=sightings, known=known, keep=keep)
 
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's calibration may be; the last one is written."""
     verified = opened.indexed.tuning.retrieval.shortlist
-    own = "" if verified == RetrievalSettings().shortlist else f"-shortlist{verified}"
+    by_network = opened.indexed.pair_matcher is not None and opened.method != "thorough"
+    own = "-network" if by_network else ""
+    own += "" if verified == RetrievalSettings().shortlist else f"-shortlist{verified}"
     own += f"-{opened.indexed.kind}" if opened.indexed.kind_is_given else ""
-    return opened.beside(f"calibration-{opened.method}-{opened.choice.matcher}{own}.json")
+    return opened.artifact_paths(f"calibration-{opened.method}-{opened.choice.matcher}{own}.json")
 
 
-def still_fits(known: StoredCalibration, opened: OpenMap, *, map_fov_deg: float | None) -> bool:
-    """Tell whether a map has changed so little since it was calibrated that this need not be repeated."""
+def still_fits(
+    known: StoredCalibration,
+    opened: OpenMap,
+    *,
+    map_fov_deg: float | None,
+    place_radius_px: float | None = None,
+) -> bool:
+    """Check whether a map has changed too little since it was calibrated to calibrate it again.
+
+    Parameters
+    ----------
+    place_radius_px : float, optional
+        What counts as right, where that is not the map's own.
+    """
     if known.map_fov_deg != map_fov_deg:
         return False
-    changed = len(known.photos ^ _photos(opened)) > _CHANGED_SHARE * max(len(known.photos), 1)
-    radius = opened.indexed.place_radius_px
+    changed = len(known.photos ^ photo_keys(opened)) > _CHANGED_SHARE * max(len(known.photos), 1)
+    radius = place_radius_px or opened.indexed.place_radius_px
     return not changed and abs(math.log(radius / known.place_radius_px)) <= _CHANGED_SHARE
 
 
@@ -185,46 +128,7 @@ def newest(opened: OpenMap) -> StoredCalibration | None:
     return next((k for k in known if k is not None), None)
 
 
-def calibrate(
-    indexed: IndexedMap,
-    progress: Progress,
-    *,
-    sightings: DepthObservations | None = None,
-    known: Mapping[int, Trial] = MappingProxyType({}),
-    keep: Callable[[int, Trial], None] = lambda number, trial: None,
-) -> Calibration:
-    """Fit the calibration on at most `MOST_PHOTOS` photos of the map, evenly spread over it.
-
-    Parameters
-    ----------
-    sightings : Sightings, optional
-        Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
-    known : mapping of int to Trial
-        Photos that an earlier run has tried.
-    keep : callable
-        Is given each other photo and its trial.
-    """
-    count = min(MOST_PHOTOS, len(indexed.ids))
-    chosen = [i * len(indexed.ids) // count for i in range(count)]
-    progress.size(count)
-    trials: list[_Trial] = []
-    for number, photo in enumerate(chosen):
-        progress.check()
-        if number in known:
-            tried = known[number]
-        else:
-            turn, which = divmod(number, len(_HIDDEN))
-            hidden = _HIDDEN[which]
-            other_day = hidden == "place" and turn % _OTHER_DAY_EVERY == _OTHER_DAY_EVERY - 1
-            trial = _try(indexed, photo, sightings, hidden=hidden, other_day=other_day)
-            tried = None if trial is None else trial.to_record()
-            keep(number, tried)
-        trials += [] if tried is None else [_Trial.from_record(tried)]
-        progress.advance()
-    return fit_trials(indexed, trials)
-
-
-def fit_trials(indexed: IndexedMap, trials: Sequence[_Trial]) -> Calibration:
+def fit_trials(indexed: IndexedMap, trials: Sequence[Trial]) -> Calibration:
     """Fit first what a position and a photo are worth, then the probabilities of what comes of it."""
     fitted = replace(DEFAULT, schematic=_is_schematic(indexed, trials), cases=len(trials))
     if not fitted.schematic:
@@ -237,83 +141,21 @@ def fit_trials(indexed: IndexedMap, trials: Sequence[_Trial]) -> Calibration:
     return replace(fitted, slope=slope, offset=offset, radius_scale=scale)
 
 
-def _case(trial: _Trial, errors: NDArray[np.float64], place_radius_px: float) -> Case:
-    weight = _OFF_MAP_WEIGHT if trial.hidden == "surroundings" else 1.0
-    return Case(trial.evidence, errors <= place_radius_px, weight)
+def _case(trial: Trial, errors: NDArray[np.float64], place_radius_px: float) -> Case:
+    return Case(trial.evidence, errors <= place_radius_px, trial.weight)
 
 
 def _errors(located: Sequence[LocatedPlace], truth: tuple[float, float]) -> NDArray[np.float64]:
     return np.array([math.dist(one.position, truth) for one in located])
 
 
-def _try(
-    indexed: IndexedMap,
-    photo: int,
-    sightings: DepthObservations | None,
-    *,
-    hidden: Hidden,
-    other_day: bool,
-) -> _Trial | None:
-    features = indexed.features(photo)
-    if features is None:
-        return None
-    if other_day:
-        features = features.subset(np.arange(photo % _LEFT_ON_OTHER_DAY, len(features), _LEFT_ON_OTHER_DAY))
-    without = _hide(indexed, photo, features, hidden=hidden)
-    if without.all():
-        return None  # nothing of the map is left to be looked through
-    found = find_places(
-        indexed,
-        features,
-        fov_deg=float(indexed.fov_deg[photo]),
-        hide=indexed.ids[without].tolist(),
-        depths=None if sightings is None else DepthsExcluding(sightings, without),
-    )
-    x, y = indexed.position[photo].tolist()
-    strong = bool(found.places) and found.places[0].photos[0].inliers >= _STRONG_INLIERS
-    return _Trial(found.evidence, found.places, (x, y), hidden, strong)
-
-
-def _hide(indexed: IndexedMap, photo: int, features: Features, *, hidden: Hidden) -> NDArray[np.bool_]:
-    """Choose the photos that are hidden with one that plays a query; (p,)."""
-    itself: NDArray[np.bool_] = np.arange(len(indexed.ids)) == photo
-    area = int(indexed.area[photo])
-    apart: NDArray[np.float64] = np.hypot(*(indexed.position - indexed.position[photo]).T)
-    if hidden == "photo":
-        return itself
-    if area >= 0:
-        there: NDArray[np.bool_] = indexed.area == area
-        return there if hidden == "surroundings" else there & _capture(indexed, itself, features)
-    if hidden == "place":
-        spacing = spacing_px(indexed.position) or indexed.place_radius_px
-        return apart <= _SAME_PLACE * spacing
-    within = min(_ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart, _MOST_HIDDEN)))
-    return apart <= within
-
-
-def _capture(indexed: IndexedMap, itself: NDArray[np.bool_], features: Features) -> NDArray[np.bool_]:
-    """Find the photos that look as if they were taken with one: many share a place, and few a moment."""
-    neighbours = indexed.tuning.retrieval.neighbours + 1
-    nearest = candidates(indexed, features.descriptors, k=neighbours, hide=indexed.ids[itself].tolist())
-    votes = weighted_votes(filter_by_rotation(indexed, features, found=nearest), len(indexed.ids))
-    same: NDArray[np.bool_] = votes > _ALIKE * votes.max()
-    return itself | same
-
-
-def _on_paths(located: LocatedPlace, paths: PathPrior) -> LocatedPlace:
-    if located.kind != "position":
-        return located
-    position, _ = apply_path_prior(located.position, located.sigma_px**2, paths=paths)
-    return replace(located, position=position)
-
-
-def _first_positions(trials: Sequence[_Trial]) -> list[tuple[PlaceCandidate, _Trial]]:
+def _first_positions(trials: Sequence[Trial]) -> list[tuple[PlaceCandidate, Trial]]:
     """Take the best computed place of each photo that was hidden alone and surely found."""
     computed = [(next((p for p in t.places if p.kind == "position"), None), t) for t in trials]
     return [(p, t) for p, t in computed if p is not None and t.hidden == "photo" and t.strong]
 
 
-def _is_schematic(indexed: IndexedMap, trials: Sequence[_Trial]) -> bool:
+def _is_schematic(indexed: IndexedMap, trials: Sequence[Trial]) -> bool:
     """Decide whether computed positions contradict the map: wrong where the photo that matches is right."""
     if indexed.kind_is_given:
         return indexed.kind == "schematic"
@@ -326,8 +168,8 @@ def _is_schematic(indexed: IndexedMap, trials: Sequence[_Trial]) -> bool:
     return enough and contradicted > _CONTRADICTED * len(firsts) + _PER_ERROR * corrected
 
 
-def _photo_sigma(indexed: IndexedMap, trials: Sequence[_Trial]) -> float:
-    """Choose how much the best photo's place says beside a computed position."""
+def _photo_sigma(indexed: IndexedMap, trials: Sequence[Trial]) -> float:
+    """Choose the weight of the best photo's place against a computed position."""
     chosen, least = DEFAULT.photo_sigma, math.inf
     firsts = _first_positions(trials)
     if len(firsts) < _FEWEST_RADII:
@@ -348,7 +190,7 @@ def _photo_sigma(indexed: IndexedMap, trials: Sequence[_Trial]) -> float:
 
 
 def _radius_scale(
-    trials: Sequence[_Trial],
+    trials: Sequence[Trial],
     located: Sequence[list[LocatedPlace]],
     *,
     errors: Sequence[NDArray[np.float64]],
@@ -370,7 +212,7 @@ def _radius_scale(
     return max(float(np.quantile(ratios, _COVERAGE)), 1.0)
 
 
-def _photos(opened: OpenMap) -> frozenset[str]:
+def photo_keys(opened: OpenMap) -> frozenset[str]:
     """Describe each photo by its content and the cell, about a place radius wide, that it stands in."""
     cell = 2.0 ** round(math.log2(opened.indexed.place_radius_px))
     cells = np.floor(opened.indexed.position / cell).astype(int).tolist()

@@ -43,7 +43,7 @@ class Coding(Protocol):
         """Write a segment's codes; returns their hash."""
 
     def holds(self, record: SegmentRecord | None, *, codebook: str) -> bool:
-        """Tell whether the codes of a segment, or without one the codebook, are there and whole."""
+        """Check whether the codes of a segment, or without one the codebook, are present and intact."""
 
 
 def coding_of(index: IndexFolder, engine: Engine, *, kind: Kind) -> Coding:
@@ -87,7 +87,7 @@ class DescriptorCoding:
         return write_search_index(path, codes, kind=self.kind)
 
     def holds(self, record: SegmentRecord | None, *, codebook: str) -> bool:
-        """Tell whether the codes of a segment, or without one the codebook, are there and whole."""
+        """Check whether the codes of a segment, or without one the codebook, are present and intact."""
         path, rows = self.index.codebook_path(codebook), 0
         if record is not None:
             path, rows = (
@@ -129,7 +129,7 @@ class SignatureCoding:
         )
 
     def holds(self, record: SegmentRecord | None, *, codebook: str) -> bool:
-        """Tell whether the codes of a segment, or without one the codebook, are there and whole."""
+        """Check whether the codes of a segment, or without one the codebook, are present and intact."""
         try:
             known = read_codebook(self.index.codebook_path(codebook))
             if record is None:

@@ -13,7 +13,7 @@ from webapp.core.features.table import FeatureChoice, Method, choose
 from webapp.errors import IndexDamaged, UsageError
 from webapp.files.listing import DERIVED
 from webapp.files.localize.index_store import IndexFolder, index_key
-from webapp.files.localize.models import is_usable
+from webapp.files.localize.models import is_usable, second_look_features
 from webapp.settings import ExtractSettings
 
 
@@ -28,17 +28,17 @@ def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
     Returns
     -------
     tuple of Path
-        A folder of this map's in what was asked for; else in `derived` beside the map; where that cannot be
+        A folder of this map's in what was asked for; else in `derived` next to the map; where that cannot be
         written, it is followed by one in the user's cache.
     """
     elsewhere = f"{cfg.stem}-{hashlib.sha256(os.fsencode(cfg.resolve())).hexdigest()[:16]}"
     if chosen is not None:
         return (chosen / elsewhere,)
-    beside = cfg.parent / DERIVED / cfg.stem
-    existing = next(p for p in (beside, *beside.absolute().parents) if p.exists())
+    local = cfg.parent / DERIVED / cfg.stem
+    existing = next(p for p in (local, *local.absolute().parents) if p.exists())
     if os.access(existing, os.W_OK):
-        return (beside,)
-    return (beside, user_cache_path("experience-map") / "indexes" / elsewhere)
+        return (local,)
+    return (local, user_cache_path("experience-map") / "indexes" / elsewhere)
 
 
 def newest_choice(
@@ -52,13 +52,15 @@ def newest_choice(
     """Resolve `auto`: the features of the newest complete index that fits, or else the best there are.
 
     An index does not fit where a model that is needed to ask it is not in `models`, which is None for the
-    user's cache.
+    user's cache. That of the second look of method `auto`, which is built last, is taken where there is no
+    other.
 
     Raises
     ------
     UsageError
         The matcher fits neither.
     """
+    fitting = []
     for folder in _newest_first(bases):
         try:
             manifest = folder.read_manifest()
@@ -67,10 +69,13 @@ def newest_choice(
                     method, detector=manifest.detector, extractor=manifest.extractor, matcher=matcher
                 )
                 if is_usable(choice, models, method=method):
-                    return choice
+                    fitting.append(choice)
         except (IndexDamaged, UsageError):
             continue  # a build of its features mends the one; for the other, the next may fit
-    return choose(method, matcher=matcher)
+    if not fitting:
+        return choose(method, matcher=matcher)
+    second = second_look_features(models)
+    return min(fitting, key=lambda choice: choice.name == second)
 
 
 def index_folder(base: Path, choice: FeatureChoice, *, extract: ExtractSettings) -> Path:

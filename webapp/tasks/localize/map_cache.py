@@ -8,25 +8,27 @@ soon as it is there.
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 
 from webapp.core.features.table import METHODS, Method, choose
 from webapp.core.mapmodel.model import Map
-from webapp.errors import MapError, NotFound, NotReady, UsageError
+from webapp.errors import IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady, UsageError
+from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.part_file import show_file_as
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize import calibrate, open_map, orient_map
+from webapp.tasks.localize import calibrate, cascade, open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
 from webapp.tasks.maps.library_map import as_map
 
-MAX_OPEN = 8
-"""Maps, each with its method and features; one that is asked rarely is opened again."""
+MAX_OPEN = 12
+"""Indexes of maps, two for a map with a second look; one that is asked rarely is opened again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,16 +38,16 @@ class MethodChoice:
     Attributes
     ----------
     method : str
-        `vote`, `verified` or `thorough`.
+        One of `METHODS`.
     features : str
         Of the index to use; `auto` for those that the library's own index has.
     """
 
-    method: str = "verified"
+    method: str = "auto"
     features: str = "auto"
 
     def resolved(self) -> tuple[Method, str]:
-        """Return method and features that fit each other.
+        """Return method and features that fit each other; of both `auto` the features stay so, too.
 
         Raises
         ------
@@ -55,7 +57,8 @@ class MethodChoice:
         if method is None:
             hint = f"known: {', '.join(METHODS)}"
             raise UsageError(f"unknown method {self.method!r}", where="method", hint=hint)
-        return method, choose(method, features=self.features).name
+        features = choose(method, features=self.features).name
+        return method, "auto" if method == "auto" and self.features == "auto" else features
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,14 +103,14 @@ class MapCache:
     Parameters
     ----------
     most : int
-        So many are kept open.
+        Maximum number kept open.
     """
 
     def __init__(self, library: Library, settings: Settings, *, most: int = MAX_OPEN) -> None:
         self._library = library
         self._settings = settings
         self._most = most
-        self._slots: OrderedDict[tuple[int, Method, str], _Slot] = OrderedDict()
+        self._slots: OrderedDict[tuple[int, OpenOptions], _Slot] = OrderedDict()
         self._lock = Lock()
 
     def get(self, map_id: int, choice: MethodChoice) -> OpenedMap:
@@ -126,8 +129,24 @@ class MapCache:
         IndexDamaged
         """
         method, features = choice.resolved()
-        options = OpenOptions(method=method, features=features, build=False)
-        slot = self._slot((map_id, method, features))
+        asked = OpenOptions(method=method, features=features, build=False)
+        first, *further = cascade.look_options(asked, first=choose("verified"), settings=self._settings)
+        opened = self._get_look(map_id, first)
+        opened = replace(opened, pipeline=replace(opened.pipeline, asked=method))
+        if not further:
+            return opened
+        try:
+            second = cascade.of_one_kind(further[0], opened.pipeline.opened)
+            return _with_second_look(opened, self._get_look(map_id, second))
+        except (NotReady, IndexDamaged):
+            return replace(opened, to_calibrate=True)  # it is built meanwhile, and one look answers
+        except (MapError, MissingPart, InputError):
+            return opened  # `expmap build` says why
+
+    def _get_look(self, map_id: int, options: OpenOptions) -> OpenedMap:
+        choice = options.choice()  # so that an index is open once, however its features were asked for
+        options = replace(options, features="auto", detector=choice.detector, extractor=choice.extractor)
+        slot = self._slot((map_id, options))
         with slot.lock:
             try:
                 slot.ready = self._current(slot, map_id, options)
@@ -136,7 +155,7 @@ class MapCache:
                 raise
             return slot.ready
 
-    def _slot(self, key: tuple[int, Method, str]) -> _Slot:
+    def _slot(self, key: tuple[int, OpenOptions]) -> _Slot:
         with self._lock:
             slot = self._slots.setdefault(key, _Slot())
             self._slots.move_to_end(key)
@@ -188,8 +207,36 @@ class MapCache:
         )
 
 
+def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
+    """Add a second look to a map, where there is time for it and both are calibrated."""
+    pipeline, further = first.pipeline, second.pipeline
+    opened = (pipeline.opened, further.opened)
+    not_indexed = max(first.not_indexed, second.not_indexed)
+    to_calibrate = first.to_calibrate or second.to_calibrate
+    if pipeline.calibration is None or further.calibration is None or not cascade.share_areas(*opened):
+        return replace(first, to_calibrate=to_calibrate, not_indexed=not_indexed)
+    path = cascade.path(*opened)
+    both = _stored_looks(path, _look(path))
+    if both is None or not cascade.is_within_budget(both, pipeline.settings):
+        to_calibrate = to_calibrate or both is None
+        return replace(first, to_calibrate=to_calibrate, not_indexed=not_indexed)
+    calibrations = cascade.agree_on_scale(pipeline.calibration.calibration, further.calibration.calibration)
+    return replace(
+        first,
+        pipeline=join_looks(pipeline, further, calibrations=calibrations, both=both.calibration),
+        to_calibrate=to_calibrate or not cascade.still_fits(both, opened),
+        not_indexed=not_indexed,
+    )
+
+
+@lru_cache(maxsize=MAX_OPEN)
+def _stored_looks(path: Path, seen: tuple[int, int] | None) -> StoredCalibration | None:
+    """Read the calibration of two looks, again only when the file has changed."""
+    return cascade.stored_looks(path) if seen is not None else None
+
+
 def _files(opened: OpenMap) -> _Files:
-    """Tell what the files look like that an open map depends on."""
+    """Read size and time of the files that an open map depends on."""
     return tuple(_look(path) for path in _paths(opened))
 
 

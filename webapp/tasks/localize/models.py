@@ -53,7 +53,7 @@ def missing(names: Collection[str], *, settings: Settings, models: Models = MODE
     """
     unknown = next((name for name in names if name not in models), None)
     if unknown is not None:
-        raise UsageError(f"there is no model {unknown!r}", where="models", hint=f"known: {', '.join(models)}")
+        raise UsageError(f"unknown model {unknown!r}", where="models", hint=f"known: {', '.join(models)}")
     wanted = [name for name in models if name in names or (not names and models[name][0].published)]
     own = next((models[name][0] for name in wanted if not models[name][0].published), None)
     if own is not None:
@@ -89,7 +89,7 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
     if source is None:
         if not files[0].address:
             hint = install_hint(files[0])
-            raise UsageError("there is no sure address to fetch it from", where=files[0].name, hint=hint)
+            raise UsageError("no trusted download address is known", where=files[0].name, hint=hint)
         return files[0]
     found = next((file for file in files if (source / file.name).is_file()), None)
     if found is None:

@@ -27,7 +27,7 @@ from webapp.core.tuning import DEFAULT, RetrievalTuning
 from webapp.errors import IndexDamaged, MapError, NotReady
 from webapp.files.localize.features import read_codebook, read_segment, read_signatures
 from webapp.files.localize.index_store import IndexFolder, Manifest, read_search_index
-from webapp.files.localize.models import pair_matcher, with_weights
+from webapp.files.localize.models import pair_matcher, pair_matcher_if_installed, with_weights
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -44,20 +44,22 @@ GUESSED_FOV_DEG = 65.0
 class OpenOptions:
     """What was asked for; None leaves the choice to the program."""
 
-    method: Method = "verified"
+    method: Method = "auto"
     features: str = "auto"
     detector: str | None = None
     extractor: str | None = None
     matcher: str | None = None
     index: Path | None = None
-    """Folder for the indexes, instead of `derived` beside the map."""
+    """Folder for the indexes, instead of `derived` next to the map."""
     jobs: int | None = None
     map_fov_deg: float | None = None
-    """Horizontal field of view of map photos that do not tell theirs."""
+    """Horizontal field of view of map photos whose EXIF does not state theirs."""
     right_within_px: float | None = None
     """Instead of the map's own place radius."""
     map_kind: MapKind | None = None
     """Instead of what the positions and the relative poses of the photos show."""
+    second_look: bool = False
+    """It is the second look of method `auto`: a network, where it is here, matches the best photos."""
     build: bool = True
     """Bring the index up to date; else the one that is there is taken as it is."""
 
@@ -84,7 +86,7 @@ class OpenMap:
 
     Attributes
     ----------
-    method : {"vote", "verified", "thorough"}
+    method : Method
     writable : Path
         Folder for what else is computed from the index; its own, unless that cannot be written.
     built : BuildReport or None
@@ -102,8 +104,8 @@ class OpenMap:
     built: BuildReport | None
     options: OpenOptions
 
-    def beside(self, name: str) -> tuple[Path, Path]:
-        """Name the files in which something that is computed from the index may be; the last is written."""
+    def artifact_paths(self, name: str) -> tuple[Path, Path]:
+        """Paths of a file computed from the index: where it is looked for first, and where it is written."""
         return self.folder.folder / name, self.writable / name
 
     @property
@@ -148,7 +150,7 @@ def open_index(
     StorageError, IndexDamaged, Cancelled
     """
     bases = index_bases(cfg, options.index)
-    # What is missing is told before anything is built.
+    # Report what is missing before anything is built.
     choice = with_weights(_choice(bases, options, settings=settings), settings.models, method=options.method)
     the_map = read_map(cfg) if the_map is None else the_map
     choice = within_memory(choice, the_map, options=options, settings=settings)
@@ -165,27 +167,22 @@ def open_index(
         request = BuildRequest(cfg, the_map, folder.folder, choice, options.jobs)
         built = build_index.update_index(request, settings=settings, progress=progress)
     manifest, indexed = _load_latest(the_map, folder, cfg=cfg, choice=choice, options=options)
-    matcher = pair_matcher(choice.name, settings.models) if options.method == "thorough" else None
+    matcher = None
+    if options.method == "thorough":
+        matcher = pair_matcher(choice.name, settings.models)
+    elif options.second_look:
+        matcher = pair_matcher_if_installed(choice.name, settings.models)
     tuning = replace(DEFAULT, retrieval=RetrievalTuning(shortlist=settings.retrieval.shortlist))
     indexed = replace(
         indexed,
         pair_matcher=matcher,
+        rematched=tuning.retrieval.second_look_photos if options.second_look else None,
         tuning=tuning,
         extract_side_px=settings.extract.max_side_px,
     )
     choice = _as_built(choice, manifest)
-    return OpenMap(
-        cfg,
-        the_map,
-        options.method,
-        choice,
-        folder,
-        folders[-1].folder,
-        manifest,
-        indexed,
-        built,
-        options,
-    )
+    writable = folders[-1].folder
+    return OpenMap(cfg, the_map, options.method, choice, folder, writable, manifest, indexed, built, options)
 
 
 def within_memory(
@@ -225,7 +222,11 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
     loaded = _Loaded(old.segments, old.search)
     indexed = _indexed(the_map, loaded, manifest=opened.manifest, options=options)
     indexed = replace(
-        indexed, pair_matcher=old.pair_matcher, tuning=old.tuning, extract_side_px=old.extract_side_px
+        indexed,
+        pair_matcher=old.pair_matcher,
+        rematched=old.rematched,
+        tuning=old.tuning,
+        extract_side_px=old.extract_side_px,
     )
     return replace(opened, map=the_map, indexed=indexed, built=None)
 
@@ -278,7 +279,7 @@ def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
 
 
 def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
-    """Tell whether a photo that could not be used is still the same file, or still missing."""
+    """Check whether a photo that could not be used is still the same file, or still missing."""
     record = manifest.photos[experience.id]
     if not record.error or record.photo != experience.photo:
         return False
@@ -336,8 +337,10 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
     number = {c: i for i, c in reversed([*enumerate(_contents(the_map, manifest))])}
     position = np.array([e.position for e in the_map.experiences], np.float64).reshape(-1, 2)
     photo_of_entry = np.array([number.get(c, -1) for c in contents], np.int64)
-    size = {"width": the_map.satellite.width, "height": the_map.satellite.height}
-    places = describe_places(position, trust=None, kind=options.map_kind, **size)
+    size = the_map.satellite
+    places = describe_places(
+        position, trust=None, width=size.width, height=size.height, kind=options.map_kind
+    )
     return IndexedMap(
         ids=np.array([e.id for e in the_map.experiences], np.int64),
         position=position,

@@ -1,4 +1,4 @@
-"""Finds out how a map's photos were held and how far away is what they see; keeps it beside the index."""
+"""Estimates the orientations of a map's photos and depths of what they see; stores them next to the index."""
 
 from __future__ import annotations
 
@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import PAIR_MATCHERS
 from webapp.core.geometry.extrinsics import MapExtrinsics
-from webapp.core.hypotheses.places import describe_places
+from webapp.core.hypotheses.places import MapPlaces, describe_places
 from webapp.core.reconstruction.depths import DepthObservations, triangulate_depths
 from webapp.core.reconstruction.orientation import estimate_extrinsics
-from webapp.core.reconstruction.pairs import PhotoPairs, best_of_each_pair, concatenate, match_photo
+from webapp.core.reconstruction.pairs import (
+    PhotoPairs,
+    best_of_each_pair,
+    concatenate,
+    match_photo,
+    strongest_partners,
+)
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
@@ -36,7 +42,7 @@ _NOTE = "comparing the map's photos with each other"
 _NOTE_BY_NETWORK = "comparing them by a network"
 
 _WELL_KNOWN = 2.0
-"""Sum of trust from which on comparing a photo by a network would tell little more."""
+"""Sum of trust above which comparing a photo by a network would add little."""
 
 
 def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
@@ -45,14 +51,14 @@ def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progres
     Where the method has a network to match photos with, those of which little is known are compared by it
     again, all of them: on two cores about a second each.
     What was found out of single photos is kept: photos that are new are compared with the others, and one
-    that is moved changes nothing but the last, quick step. Killed, it goes on where it was.
+    that is moved changes nothing but the last, quick step. Killed, it resumes where it was.
 
     Parameters
     ----------
     opened : OpenMap
         A method that verifies.
     map_fov_deg : float or None
-        As given for photos that do not tell theirs.
+        As given for photos whose EXIF does not state theirs.
     progress : Progress
         A stage of comparing, and where there is a network a second one; one step a photo that is new to it.
 
@@ -84,7 +90,7 @@ def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progres
 
 
 def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservations | None:
-    """Tell what each stored pair of a map's photos says of depths; None where it has no orientations.
+    """Triangulate depths from each stored pair of a map's photos; None where it has no orientations.
 
     Raises
     ------
@@ -120,20 +126,26 @@ def stored_pairs(opened: OpenMap, *, map_fov_deg: float | None) -> PhotoPairs:
 def estimate(indexed: IndexedMap, pairs: PhotoPairs) -> MapExtrinsics:
     """Estimate the extrinsics of a map from its pairs, with its own tuning."""
     tuning = indexed.tuning.extrinsics
-    return estimate_extrinsics(
+    found = estimate_extrinsics(
         pairs,
         indexed.position,
         ray_sigma=indexed.ray_sigmas(tuning.keypoint_sigma_px),
         place_radius_px=indexed.place_radius_px,
         tuning=tuning,
     )
+    return replace(found, partner=_partners(indexed, pairs))
+
+
+def _partners(indexed: IndexedMap, pairs: PhotoPairs) -> NDArray[np.int64]:
+    least = indexed.tuning.extrinsics.certain_inliers
+    return strongest_partners(pairs, photos=len(indexed.ids), inliers=least)
 
 
 def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Comparison, _Comparison | None]:
     """Give the usual comparison of photos, and the one by the method's network, where it has one."""
     usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
     network = opened.indexed.pair_matcher
-    if network is None:
+    if network is None or opened.method != "thorough":
         return usual, None
     return usual, _Comparison(opened, _with_network(opened), network, map_fov_deg)
 
@@ -153,7 +165,8 @@ def _up_to_date(
         return known
     pairs = compare()
     progress.note("working out how the photos were held")
-    found = estimate(opened.indexed, pairs)
+    places = _describe(opened, trust=None, partner=_partners(opened.indexed, pairs))
+    found = estimate(replace(opened.indexed, place_radius_px=places.radius_px), pairs)
     stored = StoredOrientations(found, opened.contents, opened.indexed.position, key)
     orientations.write(files[-1], stored)
     return stored
@@ -175,14 +188,14 @@ def newest(opened: OpenMap) -> StoredOrientations | None:
 
 
 def _usual_paths(opened: OpenMap) -> tuple[Path, Path]:
-    return opened.beside(f"orientations-{opened.choice.matcher}.arrays")
+    return opened.artifact_paths(f"orientations-{opened.choice.matcher}.arrays")
 
 
 def _own_paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files with the orientations that are worked out for the map's method."""
-    if opened.indexed.pair_matcher is None:
+    if opened.method != "thorough":
         return _usual_paths(opened)
-    return opened.beside(f"orientations-{_with_network(opened)}.arrays")
+    return opened.artifact_paths(f"orientations-{_with_network(opened)}.arrays")
 
 
 def _there(files: tuple[Path, ...]) -> list[StoredOrientations]:
@@ -212,29 +225,38 @@ def with_orientations(opened: OpenMap, stored: StoredOrientations | None) -> Ope
         height=there.height[row],
         trust=np.where(known, there.trust[row], 0.0),
         depths=there.depths.renumbered(now),
+        partner=np.where(known & (there.partner[row] >= 0), now[there.partner[row]], -1),
     )
     return _with_extrinsics(opened, found)
 
 
 def _with_extrinsics(opened: OpenMap, extrinsics: MapExtrinsics) -> OpenMap:
     """Give an open map its extrinsics, and see by them what kind of map it is; areas have none."""
-    indexed, size = opened.indexed, opened.map.satellite
-    places = describe_places(
-        indexed.position,
-        trust=extrinsics.trust,
-        width=size.width,
-        height=size.height,
-        kind=opened.options.map_kind,
-    )
+    indexed = opened.indexed
+    places = _describe(opened, trust=extrinsics.trust, partner=extrinsics.partner)
     trust = np.where(places.area < 0, extrinsics.trust, 0.0)
     indexed = replace(
         indexed,
         extrinsics=replace(extrinsics, trust=trust),
         kind=places.kind,
         area=places.area,
-        place_radius_px=opened.options.right_within_px or places.radius_px,
+        place_radius_px=places.radius_px,
     )
     return replace(opened, indexed=indexed)
+
+
+def _describe(opened: OpenMap, *, trust: NDArray[np.float64] | None, partner: NDArray[np.int64]) -> MapPlaces:
+    """Find out what kind of map it is and how near is right, unless the user says so."""
+    size, options = opened.map.satellite, opened.options
+    places = describe_places(
+        opened.indexed.position,
+        trust=trust,
+        width=size.width,
+        height=size.height,
+        kind=options.map_kind,
+        partner=partner,
+    )
+    return replace(places, radius_px=options.right_within_px or places.radius_px)
 
 
 class _Known(NamedTuple):
@@ -270,7 +292,7 @@ class _Comparison:
 
     @property
     def _files(self) -> tuple[Path, Path]:
-        return self.opened.beside(f"pairs-{self.name}.arrays")
+        return self.opened.artifact_paths(f"pairs-{self.name}.arrays")
 
     def known(self) -> _Known:
         """Read the stored pairs whose photos are both still in the map."""
@@ -288,7 +310,7 @@ class _Comparison:
     def run(self, photos: Iterable[int], progress: Progress, *, stage: bool = True) -> PhotoPairs:
         """Compare those of some photos that are not yet; gives all pairs that are known.
 
-        Without `stage` the progress is not told how many there are.
+        Without `stage` the progress does not get their number.
         """
         contents = self.opened.contents
         number = _numbers(contents)

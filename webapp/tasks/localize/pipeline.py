@@ -7,6 +7,9 @@
 5. prior: photos are taken where the photos of the map are, along the paths between them
    (`core.hypotheses.path_prior`).
 
+Method `auto` goes through 1 to 4 once more, by other features, where the answer is not sure, and combines
+both looks (`core.hypotheses.looks`).
+
 `observe` stops before the prior: several photos of one spot (`spot.py`) and the frames of a sequence
 (`sequence.py`) are combined first, and have priors of their own.
 """
@@ -14,7 +17,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,8 +25,11 @@ from pathlib import Path
 import numpy as np
 
 from webapp.core.features.extract import extract
+from webapp.core.features.table import Method
 from webapp.core.features.types import Features
-from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.core.hypotheses import looks
+from webapp.core.hypotheses.bayes import truncate
+from webapp.core.hypotheses.calibration import DEFAULT, Calibration
 from webapp.core.hypotheses.model import Answer, FieldOfView
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
@@ -31,13 +37,18 @@ from webapp.core.localize import vote
 from webapp.core.localize.verified import find_places, with_probabilities
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
+from webapp.errors import InputError, MapError, MissingPart
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
+from webapp.files.maps.folder import read_map
 from webapp.files.photos.photo import GrayPhoto, read_facts, read_gray
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import calibrate, open_map, orient_map
+from webapp.tasks.localize import calibrate, cascade, open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions, guessed_fov_deg
+
+_ALL = 100
+"""More hypotheses than a look has."""
 
 
 @dataclass(slots=True)
@@ -70,6 +81,12 @@ class LocalizationPipeline:
     sightings : DepthObservations or None
         Of the map's keypoints, where photos are to be hidden: for depths that do not rest on them. Where
         this is None, no depths are used then.
+    asked : Method or None
+        The method that was asked for, where the map is opened for one of its looks.
+    second : LocalizationPipeline or None
+        The second look of `auto`.
+    both : Calibration
+        Of both looks together.
     """
 
     opened: OpenMap
@@ -77,6 +94,9 @@ class LocalizationPipeline:
     calibration: StoredCalibration | None = None
     fov_deg: float | None = None
     sightings: DepthObservations | None = None
+    asked: Method | None = None
+    second: LocalizationPipeline | None = None
+    both: Calibration = looks.DEFAULT
 
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize one photo by all stages.
@@ -84,7 +104,7 @@ class LocalizationPipeline:
         Parameters
         ----------
         top : int
-            At most so many hypotheses.
+            Maximum number of hypotheses.
         hide : frozenset of int
             Experience ids to leave out.
 
@@ -116,6 +136,19 @@ class LocalizationPipeline:
         ------
         PhotoError
         """
+        if self.second is None:
+            return self._look(photo_path, top=top, hide=hide, include=include)
+        first = self._look(photo_path, top=_ALL, hide=hide, include=include)
+        if looks.is_sure(first):
+            return truncate(first, top)
+        second = replace(self.second, fov_deg=self.fov_deg)
+        further = second._look(photo_path, top=_ALL, hide=hide, include=include)
+        return looks.combine_looks(
+            (first, further), calibration=self.both, place_radius_px=self.place_radius_px, top=top
+        )
+
+    def _look(self, photo_path: Path, *, top: int, hide: frozenset[int], include: frozenset[int]) -> Answer:
+        """Localize by the pipeline's own features."""
         watch = _Stopwatch()
         with watch.stage("read"):
             gray, fov = self._read(photo_path)
@@ -125,7 +158,7 @@ class LocalizationPipeline:
         if fov is None:
             with watch.stage("retrieve"):
                 answer = vote.localize(indexed, features, top=top, hide=hide)
-            return replace(answer, seconds=watch.total())
+            return replace(answer, seconds=watch.total(), looks=(self.features,))
         found = find_places(
             indexed,
             features,
@@ -136,13 +169,14 @@ class LocalizationPipeline:
         )
         calibration = self.calibration.calibration if self.calibration else DEFAULT
         answer = with_probabilities(indexed, found, calibration=calibration, top=top)
-        return replace(answer, seconds={**found.answer.seconds, **watch.total()}, fov=fov)
+        seconds = {**found.answer.seconds, **watch.total()}
+        return replace(answer, seconds=seconds, fov=fov, looks=(self.features,))
 
     def _read(self, photo_path: Path) -> tuple[GrayPhoto, FieldOfView | None]:
         """Read a photo and its field of view, which `vote` does not ask for."""
         limits = self.settings.photo
         gray = read_gray(photo_path, limits=limits, max_side=self.settings.extract.max_side_px)
-        if self.method == "vote":
+        if self.opened.method == "vote":
             return gray, None
         if self.fov_deg is not None:
             return gray, FieldOfView(self.fov_deg, "option")
@@ -168,9 +202,9 @@ class LocalizationPipeline:
         return DepthsExcluding(self.sightings, np.isin(self.opened.indexed.ids, [*hide]))
 
     @property
-    def method(self) -> str:
+    def method(self) -> Method:
         """Name of the method."""
-        return self.opened.method
+        return self.asked or self.opened.method
 
     @property
     def features(self) -> str:
@@ -190,7 +224,12 @@ class LocalizationPipeline:
     @property
     def place_radius_px(self) -> float:
         """How far off a right hypothesis may be, map pixels."""
-        return self.opened.indexed.place_radius_px
+        return cascade.place_radius_px(self.all_opened)
+
+    @property
+    def all_opened(self) -> tuple[OpenMap, ...]:
+        """The map with the index of each look."""
+        return (self.opened,) if self.second is None else (self.opened, self.second.opened)
 
     @property
     def map_kind(self) -> MapKind:
@@ -202,17 +241,24 @@ class LocalizationPipeline:
     @property
     def build_seconds(self) -> float | None:
         """Time the index took."""
-        return self.opened.manifest.build_seconds
+        return _sum(o.manifest.build_seconds for o in self.all_opened)
 
     @property
     def calibration_seconds(self) -> float | None:
         """Time the calibration took; None for a method that has none."""
-        return self.calibration.seconds if self.calibration else None
+        stored = (self.calibration, self.second.calibration if self.second else None)
+        return _sum(c.seconds for c in stored if c is not None)
 
     @property
     def index_bytes(self) -> int:
         """Size of the index on disk."""
-        return self.opened.folder.bytes_on_disk()
+        return sum(o.folder.bytes_on_disk() for o in self.all_opened)
+
+
+def _sum(seconds: Iterable[float | None]) -> float | None:
+    """Add up what is known; None where nothing is."""
+    known = [s for s in seconds if s is not None]
+    return sum(known) if known else None
 
 
 def open_pipeline(
@@ -234,12 +280,71 @@ def open_pipeline(
     ------
     MapError, UsageError, StorageError, IndexDamaged, Cancelled
     """
-    opened = open_map.open_index(cfg, options, settings=settings, progress=progress)
+    options.choice()  # what cannot work is reported before anything is read
+    the_map = read_map(cfg)
+    newest = cascade.newest_features(cfg, options, settings=settings)
+    one, *further = cascade.look_options(options, first=newest, settings=settings)
+    first = _open_look(cfg, one, the_map=the_map, settings=settings, progress=progress)
+    first = replace(first, fov_deg=fov_deg, asked=options.method)
+    if not further:
+        return first
+    try:
+        look = cascade.of_one_kind(further[0], first.opened)
+        progress.note(f"second look: {look.features}")
+        second = _open_look(cfg, look, the_map=the_map, settings=settings, progress=progress)
+    except (MapError, MissingPart, InputError) as error:
+        progress.note(f"without a second look: {error}")
+        return first
+    return with_second_look(first, second, progress=progress)
+
+
+def _open_look(
+    cfg: Path, options: OpenOptions, *, the_map: Map, settings: Settings, progress: Progress
+) -> LocalizationPipeline:
+    opened = open_map.open_index(cfg, options, settings=settings, progress=progress, the_map=the_map)
     if opened.method == "vote":
         return LocalizationPipeline(opened, settings)
     opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
-    return LocalizationPipeline(opened, settings, stored, fov_deg)
+    return LocalizationPipeline(opened, settings, stored)
+
+
+def with_second_look(
+    first: LocalizationPipeline, second: LocalizationPipeline, *, progress: Progress
+) -> LocalizationPipeline:
+    """Give a pipeline its second look, calibrated with the first; both must be calibrated themselves.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    opened = (first.opened, second.opened)
+    if first.calibration is None or second.calibration is None:
+        raise ValueError("both looks have to be calibrated")
+    if not cascade.share_areas(*opened):
+        progress.note("without a second look: its features show other areas")
+        return first
+    calibrations = cascade.agree_on_scale(first.calibration.calibration, second.calibration.calibration)
+    both = cascade.calibrate_looks(opened, calibrations, progress=progress)
+    if not cascade.is_within_budget(both, first.settings):
+        progress.note("without a second look: it takes longer than the budget")
+        return first
+    return join_looks(first, second, calibrations=calibrations, both=both.calibration)
+
+
+def join_looks(
+    first: LocalizationPipeline,
+    second: LocalizationPipeline,
+    *,
+    calibrations: tuple[Calibration, Calibration],
+    both: Calibration,
+) -> LocalizationPipeline:
+    """Put two looks together; `calibrations` are those on which they agree."""
+    if first.calibration is None or second.calibration is None:
+        raise ValueError("both looks have to be calibrated")
+    one = replace(first.calibration, calibration=calibrations[0])
+    other = replace(second.calibration, calibration=calibrations[1])
+    return replace(first, calibration=one, second=replace(second, calibration=other), both=both)
 
 
 def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
@@ -252,4 +357,8 @@ def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
     known, opened = pipeline.calibration, pipeline.opened
     if known is None:
         return pipeline
-    return replace(pipeline, sightings=orient_map.sightings(opened, map_fov_deg=known.map_fov_deg))
+    return replace(
+        pipeline,
+        sightings=orient_map.sightings(opened, map_fov_deg=known.map_fov_deg),
+        second=None if pipeline.second is None else with_hidden_photos(pipeline.second),
+    )

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from sqlalchemy.orm import Session
 
-from webapp.core.features.table import Method
+from webapp.core.features.table import Method, choose
 from webapp.errors import IndexDamaged, NotReady
+from webapp.files.localize.calibration import FORMAT
+from webapp.files.localize.models import second_look_features
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
@@ -17,7 +19,7 @@ from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.localize import upload
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
+from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import LocalizeRequest, LocalizeResult
 
 
@@ -36,7 +38,7 @@ def localize_or_build(
     try:
         result = upload.localize_uploads(cache, record.id, request=request, settings=settings)
     except (NotReady, IndexDamaged) as error:
-        if not _build_index(library, record, features):
+        if not _build_index(library, record, method, features=features, settings=settings):
             raise
         raise NotReady(
             "the index of this map is being built",
@@ -44,42 +46,63 @@ def localize_or_build(
             hint="ask again in a moment; the list of jobs shows the progress",
         ) from error
     if result.opened.not_indexed:
-        _build_index(library, record, features)
+        _build_index(library, record, method, features=features, settings=settings)
     if result.opened.to_calibrate:
-        _calibrate(library, record, method, features=features)
+        _calibrate(library, record, method, features=features, settings=settings)
     return result
 
 
-def _build_index(library: Library, record: MapRecord, features: str) -> bool:
+def _build_index(
+    library: Library, record: MapRecord, method: Method, *, features: str, settings: Settings
+) -> bool:
     """Queue a build unless there is one; return False for a map that has nothing to build from."""
     with library.database.read() as session:
         row = session.get_one(MapRecord, record.id)
         if not maps.counts(session, row)[1] or row.satellite_path is None:
             return False
-        at_work = _index_jobs(session, row.id, key=_job_key("verified", features))
+        at_work = _index_jobs(session, row.id, key=_job_key(method, features))
     if all(job.state in jobs.ENDED for job in at_work):
-        _enqueue(library, record, "verified", features=features)
+        _enqueue(library, record, method, features=features, settings=settings)
     return True
 
 
-def _calibrate(library: Library, record: MapRecord, method: Method, *, features: str) -> None:
-    """Queue a calibration for a method, but not again at once after one that failed."""
+def _calibrate(
+    library: Library, record: MapRecord, method: Method, *, features: str, settings: Settings
+) -> None:
+    """Queue a calibration, once for each state of the map, and not at once after one that failed."""
+    key = _job_key(method, features)
     with library.database.read() as session:
-        at_work = _index_jobs(session, record.id, key=_job_key(method, features))
-    if all(job.state == "done" for job in at_work):
-        _enqueue(library, record, method, features=features)
+        at_work = _index_jobs(session, record.id, key=key)
+        last = jobs.newest(session, record.id, kind=INDEX_JOB, key=key)
+        tried = last is not None and last.arguments.get("state") == _state(session, record, settings)
+    if not tried and all(job.state == "done" for job in at_work):
+        _enqueue(library, record, method, features=features, settings=settings)
+
+
+def _state(session: Session, record: MapRecord, settings: Settings) -> str:
+    """Describe what the outcome of a job depends on: another one would come to the same."""
+    revision = session.get_one(MapRecord, record.id).revision
+    return f"{revision} {FORMAT} {second_look_features(settings.models)}"
 
 
 def _job_key(method: Method, features: str) -> str:
-    other = "" if features == MethodChoice().resolved()[1] else features
-    return other if method == "verified" else f"{features} {method}"
+    """Name a job: one builds what all methods need of features, but `thorough`, which has its own."""
+    if method == "thorough":
+        return f"{features} {method}"
+    return "" if features in ("auto", choose("verified").name) else features
 
 
 def _index_jobs(session: Session, map_id: int, *, key: str) -> list[Job]:
     return [job for job in jobs.current(session, map_id) if job.kind == INDEX_JOB and job.key == key]
 
 
-def _enqueue(library: Library, record: MapRecord, method: Method, *, features: str) -> None:
-    arguments, key = {"features": features, "method": method}, _job_key(method, features)
+def _enqueue(
+    library: Library, record: MapRecord, method: Method, *, features: str, settings: Settings
+) -> None:
+    key = _job_key(method, features)
+    arguments = {"features": features, "method": method if method == "thorough" else "verified"}
+    if not key:
+        arguments = {"features": "auto", "method": "auto"}
     with library.database.write() as session:
+        arguments["state"] = _state(session, record, settings)
         jobs.enqueue(session, INDEX_JOB, map_id=record.id, arguments=arguments, key=key)

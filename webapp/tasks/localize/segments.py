@@ -16,20 +16,20 @@ from webapp.progress import Progress
 from webapp.tasks.localize.coding import Coding
 
 PHOTOS_PER_SEGMENT = 1000
-"""Bounds the memory of a build: so many photos are joined at once."""
+"""Number of photos joined at once, which bounds the memory of a build."""
 
 _MOST_SMALL = 16
 """When there are more segments than this with less than half of that, they are joined."""
 
 _MOST_DEAD = 0.3
-"""Share of a segment's photos no longer in the map from which the rest of it is written anew."""
+"""Share of a segment's photos no longer in the map from which the rest of it is rewritten."""
 
 _RETRAIN_GROWTH = 4
 """A codebook trained on a map this many times smaller no longer divides it well."""
 
 
 def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifest:
-    """Leave out of a manifest what its files no longer hold: `join` makes it anew.
+    """Leave out of a manifest what its files no longer hold: `join` rebuilds it.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def descriptors_in_map(index: IndexFolder, manifest: Manifest) -> int:
 def _worth_keeping(
     records: Collection[SegmentRecord], opened: Mapping[str, Segment], *, wanted: Collection[str]
 ) -> list[SegmentRecord]:
-    """Leave out the segments that are better written anew: small and many, or with much that is gone."""
+    """Leave out the segments that are better rewritten: small and many, or with much that is gone."""
 
     def small(record: SegmentRecord) -> bool:
         return record.photos < PHOTOS_PER_SEGMENT // 2

@@ -19,7 +19,7 @@ from webapp.settings import PhotoLimits
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 FRAME_TOP = 10
-"""So many hypotheses of each frame are looked at."""
+"""Number of hypotheses considered of each frame."""
 
 _LEAST_STEP = 0.5
 """EXIF often counts whole seconds: photos of one second were not taken at once."""
@@ -59,7 +59,7 @@ class SequenceFilter:
         Raises
         ------
         PhotoError
-            The photo cannot be used; the sequence goes on without it.
+            The photo cannot be used; the sequence continues without it.
         """
         alone = self._pipeline.observe(photo_path, top=FRAME_TOP, hide=hide)
         self._belief, answer = filter_step(

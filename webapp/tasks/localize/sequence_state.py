@@ -51,13 +51,13 @@ def filter_frame(file: Path, answer: Answer, *, pipeline: LocalizationPipeline, 
     Parameters
     ----------
     file : Path
-        Of the sequence; written anew. A sequence without one begins.
+        Of the sequence; it is overwritten. Without one a sequence starts.
     answer : Answer
         About the frame alone.
     pipeline : LocalizationPipeline
-        What gave it. The sequence begins anew when the map has changed since.
+        What gave it. The sequence starts over when the map has changed since.
     top : int
-        At most so many hypotheses.
+        Maximum number of hypotheses.
 
     Raises
     ------

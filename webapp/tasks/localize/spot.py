@@ -63,7 +63,7 @@ def combine(
     answers : sequence of Answer
         By `observe`, one a photo; at least one.
     top : int
-        At most so many hypotheses.
+        Maximum number of hypotheses.
 
     Returns
     -------
@@ -86,7 +86,7 @@ def combine_without_prior(
         answer = apply_circle_prior(answer, hints.near, paths=paths)
     if hints.heading_deg is not None:
         answer = apply_compass(answer, hints.heading_deg, looked_deg=photo_headings(pipeline))
-    best = joint.most_confident(answers, answer)
+    best = joint.most_confident(answers, answer.hypotheses)
     return joint.with_evidence_of(answer, answers[best]), best
 
 

@@ -24,6 +24,7 @@ from webapp.tasks.localize.map_cache import MapCache, MethodChoice, OpenedMap
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.spot import Hints
 from webapp.tasks.maps.add_photo import suffix_of, tidy_name
+from webapp.threads import permit
 
 MAX_PHOTOS = 8
 """Of one spot, in one request."""
@@ -52,7 +53,7 @@ class LocalizeRequest:
     photos : tuple of UploadedPhoto
         All taken at one spot.
     top : int
-        At most so many hypotheses.
+        Maximum number of hypotheses.
     fov_deg : float or None
         Horizontal field of view, instead of what EXIF says.
     near : CirclePrior or None
@@ -108,6 +109,8 @@ def localize_uploads(
         A circle without a photo of the map; too many photos.
     NotReady, MapError, NotFound, IndexDamaged
         The map cannot answer.
+    Busy
+        Others are being answered.
     """
     if not 1 <= len(request.photos) <= MAX_PHOTOS:
         raise UsageError(f"{len(request.photos)} photos", where="file", hint=f"send 1 to {MAX_PHOTOS}")
@@ -117,7 +120,7 @@ def localize_uploads(
     ready = map_cache.get(map_id, request.choice)
     pipeline = replace(ready.pipeline, fov_deg=request.fov_deg)
     hints = Hints(request.near, request.heading_deg)
-    with _THOROUGH if pipeline.method == "thorough" else _QUICK:
+    with permit(_THOROUGH if pipeline.method == "thorough" else _QUICK):
         answers = [_observe(pipeline, photo, hints) for photo in request.photos]
     if request.sequence is None:
         answer, best = spot.combine(pipeline, answers, hints=hints, top=request.top)

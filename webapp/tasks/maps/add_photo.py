@@ -19,7 +19,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.place_photos import FileState, Surveyed, place
+from webapp.tasks.maps.place_photos import FileState, SurveyedFile, place
 from webapp.tasks.maps.placing import image_of
 
 PHOTOS = "photos"
@@ -116,8 +116,9 @@ def add_photo(
         kept = maps.add_photo(session, record, row=row)
         _keep(source, folder / kept.path)
         duplicate, placed = record.revision == before, kept.x_px is not None
-    if kept is row:
-        preview.write_previews(folder, kept.id, previews=previews)
+        if kept is row:
+            # before the record is kept: a photo whose previews the disk refuses is refused as a whole
+            preview.write_previews(folder, kept.id, previews=previews)
     return Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
 
 
@@ -185,7 +186,7 @@ def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:
     image = image_of(record)
     if image is None or image.georeference is None or row.gps_lat is None or row.gps_lon is None:
         return None
-    verdict = place(Surveyed(row.name, facts, LatLon(row.gps_lat, row.gps_lon)), image, photo=row.path)
+    verdict = place(SurveyedFile(row.name, facts, LatLon(row.gps_lat, row.gps_lon)), image, photo=row.path)
     if verdict.state is not FileState.PLACED or verdict.experience is None:
         return verdict.reason
     row.x_px, row.y_px = verdict.experience.position

@@ -28,6 +28,7 @@ from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
 from webapp.tasks.maps.export import file_sha256
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, PYRAMID_JOB
 
+_LARGEST_NEXT_ID = 2_000_000_000
 _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
 
 
@@ -91,7 +92,7 @@ def adopt_map(
     MapError
         The folder cannot be read as a map.
     UsageError
-        The folder's name cannot stand in an address, or the name is none.
+        The folder's name cannot be used in an address, or the map's name is not valid.
     Conflict
         The database has such a map already.
     """
@@ -127,6 +128,7 @@ def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContent
     sha256 = file_sha256(cfg)  # before it is read: a change in between is noticed as one from outside
     map_ = read_map(cfg)
     _check_placements(map_, cfg)
+    check_room_for_ids(map_, cfg)
     progress.size(len(map_.experiences))
     photos, problems = [], []
     taken: set[str] = set()
@@ -245,6 +247,21 @@ def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:
         row.gps_accuracy_m = facts.gps.accuracy_m if row.gps_accuracy_m is None else row.gps_accuracy_m
     else:
         row.gps_problem = facts.gps.reason
+
+
+def check_room_for_ids(map_: Map, cfg: Path) -> None:
+    """Refuse a map whose next photos would have ids that no `.cfg` can hold.
+
+    Raises
+    ------
+    MapError
+    """
+    if map_.next_id > _LARGEST_NEXT_ID:
+        raise MapError(
+            f"the id {map_.next_id - 1} is so large that few further photos could be added",
+            where=str(cfg),
+            hint=f"number the photos from 0, and set next_id in map.json; at most {_LARGEST_NEXT_ID}",
+        )
 
 
 def _check_placements(map_: Map, cfg: Path) -> None:

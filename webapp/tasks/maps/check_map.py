@@ -26,7 +26,7 @@ from webapp.settings import PhotoLimits, Settings
 
 @dataclass(frozen=True, slots=True)
 class SideFiles:
-    """Findings about the files beside a `.cfg`, and the georeference that `map.json` gives."""
+    """Findings about the files next to a `.cfg`, and the georeference that `map.json` gives."""
 
     findings: list[Finding] = field(default_factory=list)
     georeference: Georeference | None = None
@@ -136,7 +136,7 @@ class CheckReport:
     photos : int
         Lines of photos that could be read.
     findings : tuple of Finding
-        Those of the `.cfg` first, in the order of the lines, then those of the files beside it.
+        Those of the `.cfg` first, in the order of the lines, then those of the files next to it.
     """
 
     cfg_path: Path
@@ -157,7 +157,7 @@ class CheckReport:
 def check_map(
     cfg_path: Path, *, settings: Settings, progress: Progress, content: bytes | None = None
 ) -> CheckReport:
-    """Check a map file, the files beside it and the photos it names.
+    """Check a map file, the files next to it and the photos it names.
 
     Parameters
     ----------
@@ -171,14 +171,14 @@ def check_map(
     Raises
     ------
     MapError
-        There is no such file, or it cannot be read at all.
+        The file does not exist, or cannot be read at all.
     Cancelled
         The user stopped it.
     """
     pieces = scan(read_bytes(cfg_path) if content is None else content)
     side_files = check_side_files(cfg_path, pieces)
     findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *side_files.findings]
-    judge = _Judge(cfg_path, settings.photo, side_files.georeference)
+    judge = _FileChecker(cfg_path, settings.photo, side_files.georeference)
     facts = _folder_facts(judge, pieces, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
@@ -186,7 +186,7 @@ def check_map(
 
 
 @dataclass(frozen=True, slots=True)
-class _Judge:
+class _FileChecker:
     """Looks at the files that a map names."""
 
     cfg_path: Path
@@ -222,7 +222,7 @@ class _Judge:
             return FileFacts("unreadable", error.message), None
 
 
-def _folder_facts(judge: _Judge, pieces: Scan, *, progress: Progress) -> FolderFacts:
+def _folder_facts(judge: _FileChecker, pieces: Scan, *, progress: Progress) -> FolderFacts:
     present = list_photos(judge.cfg_path.parent)
     orphans = orphan_photos(judge.cfg_path, pieces, present=present)
     listed, unused = Spelling(present), Spelling(orphans)

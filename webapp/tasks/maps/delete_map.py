@@ -20,7 +20,7 @@ def delete_map(library: Library, map_id: int) -> None:
     Raises
     ------
     NotFound
-        There is no such map.
+        The map does not exist.
     Conflict
         It is not in the bin.
     StorageError
@@ -31,7 +31,7 @@ def delete_map(library: Library, map_id: int) -> None:
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         if record is None:
-            raise NotFound("there is no such map")
+            raise NotFound("map not found")
         if record.binned_at is None:
             raise Conflict(
                 "only maps in the bin can be deleted", where=record.slug, hint="put it there first"

@@ -54,7 +54,7 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
     Raises
     ------
     UsageError
-        A position outside the image, a value that is none.
+        A position is outside the image, or a value is not valid.
     Conflict
         Somebody else has changed one of the photos since `seen`.
     NotFound

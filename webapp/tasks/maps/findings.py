@@ -31,9 +31,9 @@ from webapp.tasks.maps.library_map import as_map, georeference
 from webapp.tasks.relative_paths import relative_finding, show_relative_to
 from webapp.tasks.satellite.files import images_of
 
-Fix = Literal["to-tray", "remove", "swap", "adopt", "image-size", "outside-take", "outside-discard"]
+FixName = Literal["to-tray", "remove", "swap", "adopt", "image-size", "outside-take", "outside-discard"]
 
-FIXES: dict[Code, Fix] = {
+FIXES: dict[Code, FixName] = {
     Code.POSITION_OUTSIDE_IMAGE: "to-tray",
     Code.SWAPPED_XY: "swap",
     Code.MISSING_PHOTO: "remove",
@@ -45,7 +45,7 @@ FIXES: dict[Code, Fix] = {
 }
 """Kinds of findings that a button puts right."""
 
-FIX_NAMES: tuple[Fix, ...] = get_args(Fix)
+FIX_NAMES: tuple[FixName, ...] = get_args(FixName)
 
 OUTSIDE = "outside-edit"
 _TOGETHER = 5
@@ -77,7 +77,7 @@ class Problem:
     message: str
     hint: str | None
     ids: tuple[int, ...]
-    fixes: tuple[Fix, ...]
+    fixes: tuple[FixName, ...]
 
 
 def list_findings(
@@ -161,7 +161,7 @@ def _lines(map_: Map) -> bytes:
 
 
 def _counts(finding: Finding) -> bool:
-    """Leave out the files beside the map, which are written from the records, and photos without a record."""
+    """Leave out side files of the map, which are written from the records, and photos without a record."""
     return not finding.file and finding.code is not Code.ORPHAN_PHOTO
 
 
@@ -214,7 +214,9 @@ def _outside(shown: dict[str, Any]) -> Problem:
     )
     message = "map.cfg was changed outside of this program"
     message += f": {shown['problem']}" if shown["problem"] else f" ({counts or 'nothing that counts'})"
-    fixes: tuple[Fix, ...] = ("outside-discard",) if shown["problem"] else ("outside-take", "outside-discard")
+    fixes: tuple[FixName, ...] = (
+        ("outside-discard",) if shown["problem"] else ("outside-take", "outside-discard")
+    )
     ids = tuple(photo["id"] for what in ("moved", "turned", "removed", "kept") for photo in shown[what])
     return Problem(OUTSIDE, "error", message, None, ids, fixes)
 
@@ -246,7 +248,7 @@ def fix_findings(
     Raises
     ------
     UsageError
-        There is no such fix, or it does not help here.
+        The fix does not exist, or does not help here.
     NotFound
         A photo that the map has not.
     Conflict
@@ -254,7 +256,7 @@ def fix_findings(
     MapError, PhotoError, StorageError
     """
     if fix not in FIX_NAMES:
-        raise UsageError(f"there is no fix {fix!r}", where="code", hint=f"use one of {', '.join(FIX_NAMES)}")
+        raise UsageError(f"unknown fix {fix!r}", where="code", hint=f"use one of {', '.join(FIX_NAMES)}")
     if fix in ("outside-take", "outside-discard"):
         take = fix == "outside-take"
         return _resolve_outside(library, map_id, take=take, account_id=account_id, settings=settings)

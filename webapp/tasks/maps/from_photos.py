@@ -25,7 +25,7 @@ from webapp.tasks.maps.place_photos import (
     FileResult,
     FileState,
     MapImage,
-    Surveyed,
+    SurveyedFile,
     place,
     survey,
     unplaced,
@@ -190,8 +190,8 @@ def _check_same_image(positions: Positions | None, image: MapImage | None) -> No
         )
 
 
-def _own_file(surveyed: Surveyed) -> Surveyed:
-    return Surveyed(surveyed.name, state=FileState.NOT_A_PHOTO, reason="it is the map's own image")
+def _own_file(surveyed: SurveyedFile) -> SurveyedFile:
+    return SurveyedFile(surveyed.name, state=FileState.NOT_A_PHOTO, reason="it is the map's own image")
 
 
 def _far_apart(plan: BlankPlan) -> tuple[str, ...]:
@@ -235,7 +235,7 @@ class NewMapFolder:
         if self._cfg.suffix.lower() != ".cfg":
             raise UsageError("a map's name ends in .cfg", where=str(self._cfg), hint="write -o MAP.cfg")
         if not self._photos.is_dir():
-            raise UsageError("there is no such folder", where=str(self._photos), hint="check its path")
+            raise UsageError("folder not found", where=str(self._photos), hint="check its path")
         for path in (self._cfg, self.plan_path) if satellite is None else (self._cfg,):
             if path.exists() and not force:
                 raise UsageError("it already exists", where=str(path), hint="--force replaces it")

@@ -16,13 +16,13 @@ from webapp.files.listing import DERIVED
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import evaluate
-from webapp.tasks.localize.evaluation_types import EvaluateOptions
+from webapp.tasks.evaluation import evaluate
+from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
 
 LIMIT = 200
-"""At most so many photos are tried, evenly spread over the map."""
+"""Maximum number of photos tried, evenly spread over the map."""
 
 _FILE = "health.json"
 _VERSION = 1
@@ -47,7 +47,8 @@ def find_weak_places(
     ------
     MapError, UsageError, StorageError, Cancelled
     """
-    localizer = open_pipeline(cfg, options or OpenOptions(), settings=settings, progress=progress)
+    options = options or OpenOptions(method="verified")
+    localizer = open_pipeline(cfg, options, settings=settings, progress=progress)
     done = evaluate.evaluate_self(
         with_hidden_photos(localizer),
         map_folder=cfg.parent,
@@ -71,7 +72,7 @@ def find_weak_places(
     return content
 
 
-def stored(cfg: Path) -> dict[str, Any] | None:
+def read_health(cfg: Path) -> dict[str, Any] | None:
     """Read what was found last.
 
     Returns

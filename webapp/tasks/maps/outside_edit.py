@@ -20,7 +20,7 @@ from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps import export
-from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, salted
+from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, check_room_for_ids, salted
 from webapp.tasks.maps.export import changed_outside, file_sha256
 from webapp.tasks.relative_paths import relative_text, show_relative_to
 
@@ -31,7 +31,7 @@ Change = Mapping[str, Any] | None
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class TakeOverResult:
     """What was taken over.
 
     Attributes
@@ -78,7 +78,9 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
     return {"sha256": sha256, "problem": None, **_plan_json(found)}
 
 
-def take(library: Library, map_id: int, *, account_id: int, settings: Settings, sha256: str) -> Taken:
+def take(
+    library: Library, map_id: int, *, account_id: int, settings: Settings, sha256: str
+) -> TakeOverResult:
     """Take the file over into the records, as one edit that can be undone.
 
     Parameters
@@ -116,7 +118,7 @@ def take(library: Library, map_id: int, *, account_id: int, settings: Settings, 
         record.exported_sha256 = sha256
         if found.renamed:
             record.photos_revision = record.revision
-    return Taken(None if edit is None else edit.turn, tuple(found.left_out))
+    return TakeOverResult(None if edit is None else edit.turn, tuple(found.left_out))
 
 
 def discard(library: Library, map_id: int, *, sha256: str) -> None:
@@ -142,7 +144,7 @@ def _check_same(record: MapRecord, cfg: Path, *, sha256: str) -> None:
 
 def _record(found: MapRecord | None) -> MapRecord:
     if found is None:
-        raise NotFound("there is no such map")
+        raise NotFound("map not found")
     return found
 
 
@@ -166,7 +168,7 @@ class TakeOverPlan:
     Attributes
     ----------
     changes : dict of str to mapping or None
-        As `store.edits.apply` takes them.
+        As `store.maps.edits.apply` takes them.
     new : list of Photo
         Records to add first, removed and without a place; `changes` brings them in.
     renamed : dict of int to str
@@ -211,6 +213,7 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
         It is about another satellite image.
     """
     map_ = read_map(cfg)
+    check_room_for_ids(map_, cfg)
     image = map_.satellite
     there = (record.satellite_path, record.satellite_width, record.satellite_height)
     if there != (image.path, image.width, image.height):

@@ -18,7 +18,14 @@ from webapp.errors import UsageError
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.placing import PhotoSpot, Placing, Wanted, find_spots, needed_image, place_spots
+from webapp.tasks.maps.placing import (
+    PhotoSpot,
+    PlacingResult,
+    RequestedPose,
+    find_spots,
+    needed_image,
+    place_spots,
+)
 
 _OFFSET = re.compile(r"([+-])(\d{2}):?(\d{2})")
 _EPOCH = datetime(1970, 1, 1)
@@ -44,7 +51,7 @@ class Clock:
     max_gap_s: float = 60.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no time span.
+        """Reject what is not a time span.
 
         Raises
         ------
@@ -64,7 +71,7 @@ class Clock:
 
 
 @dataclass(frozen=True, slots=True)
-class Unmatched:
+class UnmatchedPhoto:
     """A photo that the track says nothing about."""
 
     id: int
@@ -73,7 +80,7 @@ class Unmatched:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class MatchedPhoto:
     """Where a photo in the tray comes by the track."""
 
     spot: PhotoSpot
@@ -87,14 +94,14 @@ class Preview:
 
     Attributes
     ----------
-    found : tuple of Found
+    found : tuple of MatchedPhoto
         Also those outside the image: their spot has a problem.
     suggested : ClockOffset or NoMatch
         The offset by which photos that know their position fit the track best.
     """
 
-    found: tuple[Found, ...]
-    unmatched: tuple[Unmatched, ...]
+    found: tuple[MatchedPhoto, ...]
+    unmatched: tuple[UnmatchedPhoto, ...]
     suggested: ClockOffset | NoMatch
 
 
@@ -130,7 +137,7 @@ def preview(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> 
 
 def place_by_track(
     library: Library, map_id: int, *, track: FixTrack, clock: Clock, account_id: int
-) -> tuple[Placing, Preview]:
+) -> tuple[PlacingResult, Preview]:
     """Place the photos in the tray that the track knows, as one edit.
 
     Parameters
@@ -163,15 +170,17 @@ def _match(session: Session, record: MapRecord, *, track: FixTrack, clock: Clock
     timed = [photo for photo in tray if photo.taken_at]
     times = [clock.seconds(photo.taken_at or "") + clock.offset_s for photo in timed]
     matches = match(track, times, max_gap_s=clock.max_gap_s)
-    unmatched = [Unmatched(p.id, p.name, "it does not say when it was taken") for p in tray if not p.taken_at]
+    unmatched = [
+        UnmatchedPhoto(p.id, p.name, "it does not say when it was taken") for p in tray if not p.taken_at
+    ]
     unmatched += [
-        Unmatched(p.id, p.name, m.reason)
+        UnmatchedPhoto(p.id, p.name, m.reason)
         for p, m in zip(timed, matches, strict=True)
         if isinstance(m, NoMatch)
     ]
     hits = [(p, m) for p, m in zip(timed, matches, strict=True) if isinstance(m, Match)]
-    spots = find_spots(image, [Wanted(p, m.position) for p, m in hits])
-    found = tuple(Found(s, m.position, m.gap_s) for s, (_, m) in zip(spots, hits, strict=True))
+    spots = find_spots(image, [RequestedPose(p, m.position) for p, m in hits])
+    found = tuple(MatchedPhoto(s, m.position, m.gap_s) for s, (_, m) in zip(spots, hits, strict=True))
     return Preview(found, tuple(unmatched), _suggested(photos, track, clock))
 
 

@@ -34,7 +34,7 @@ class FileState(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Surveyed:
+class SurveyedFile:
     """A file and what is known of it.
 
     Attributes
@@ -42,7 +42,7 @@ class Surveyed:
     name : str
         Relative to the folder, forward slashes.
     facts : PhotoFacts or None
-        None when it is no readable photo.
+        None when it is not a readable photo.
     state : FileState or None
         Why it cannot be placed; None when it has a position.
     reason : str or None
@@ -69,7 +69,7 @@ def survey(
     positions: Positions | None,
     limits: PhotoLimits,
     progress: Progress,
-) -> list[Surveyed]:
+) -> list[SurveyedFile]:
     """Read each file; a bad one is a result, not an exception.
 
     Parameters
@@ -81,7 +81,7 @@ def survey(
 
     Returns
     -------
-    list of Surveyed
+    list of SurveyedFile
         One for each name, in order.
     """
     progress.size(len(names))
@@ -90,7 +90,7 @@ def survey(
         progress.check()
         if _leads_out(folder / name, folder):
             reason = "it is a link that leads out of the folder; replace it by a copy"
-            found.append(Surveyed(name, state=FileState.UNREADABLE, reason=reason))
+            found.append(SurveyedFile(name, state=FileState.UNREADABLE, reason=reason))
         else:
             found.append(_look(folder / name, name, positions=positions, limits=limits))
         progress.advance()
@@ -101,28 +101,28 @@ def _leads_out(path: Path, folder: Path) -> bool:
     return path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(folder.resolve())
 
 
-def _look(path: Path, name: str, *, positions: Positions | None, limits: PhotoLimits) -> Surveyed:
+def _look(path: Path, name: str, *, positions: Positions | None, limits: PhotoLimits) -> SurveyedFile:
     try:
         facts = read_facts(path, limits=limits)
         check_decodes(path, limits=limits)
     except PhotoError as error:
         photo_like = path.suffix.lower() in PHOTO_SUFFIXES
-        return Surveyed(
+        return SurveyedFile(
             name, state=FileState.UNREADABLE if photo_like else FileState.NOT_A_PHOTO, reason=error.message
         )
     if positions is None:
         if not isinstance(facts.gps, Gps):
-            return Surveyed(name, facts, state=FileState.NO_POSITION, reason=facts.gps.reason)
-        return Surveyed(name, facts, LatLon(facts.gps.lat, facts.gps.lon))
+            return SurveyedFile(name, facts, state=FileState.NO_POSITION, reason=facts.gps.reason)
+        return SurveyedFile(name, facts, LatLon(facts.gps.lat, facts.gps.lon))
     position = positions.find(name)
     if position is None:
-        return Surveyed(
+        return SurveyedFile(
             name, facts, state=FileState.NO_POSITION, reason="the list of positions does not name it"
         )
     heading = positions.heading_of(name)
     if heading is not None:
         facts = replace(facts, heading=Heading(heading, "T"))
-    return Surveyed(name, facts, position)
+    return SurveyedFile(name, facts, position)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,13 +174,13 @@ class MapImage:
     warnings: tuple[str, ...] = ()
 
 
-def unplaced(s: Surveyed) -> FileResult:
+def unplaced(s: SurveyedFile) -> FileResult:
     """Return the verdict on a file that the survey has given up."""
     assert s.state is not None
     return FileResult(s.name, s.state, s.reason, notes=s.facts.notes if s.facts else ())
 
 
-def place(s: Surveyed, image: MapImage, *, photo: str) -> FileResult:
+def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
     """Place one photo.
 
     Parameters

@@ -49,7 +49,7 @@ def put(
     UsageError
         The name is taken by another file, a position is outside the image, or the map has no photos placed.
     MapError
-        The name is none.
+        The name is not valid.
     NotFound
         A photo that is not placed on the map.
     """

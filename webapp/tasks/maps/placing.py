@@ -22,7 +22,7 @@ from webapp.tasks.maps.place_photos import MapImage, how_far
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class RequestedPose:
     """Where a photo shall be; a heading of None leaves its heading as it is."""
 
     photo: Photo
@@ -49,7 +49,7 @@ class PhotoSpot:
 
 
 @dataclass(frozen=True, slots=True)
-class Outside:
+class OutsidePhoto:
     """A photo that is not placed because its position is not on the image."""
 
     id: int
@@ -58,7 +58,7 @@ class Outside:
 
 
 @dataclass(frozen=True, slots=True)
-class Placing:
+class PlacingResult:
     """What was placed.
 
     Attributes
@@ -70,7 +70,7 @@ class Placing:
     """
 
     placed: tuple[int, ...]
-    outside: tuple[Outside, ...]
+    outside: tuple[OutsidePhoto, ...]
     job: int | None = None
 
 
@@ -97,7 +97,7 @@ def needed_image(record: MapRecord, *, with_georeference: bool) -> MapImage:
     return image
 
 
-def find_spots(image: MapImage, wanted: Iterable[Wanted]) -> list[PhotoSpot]:
+def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSpot]:
     """Compute where photos come on an image, which has a georeference where positions are in degrees."""
     spots = []
     for one in wanted:
@@ -112,7 +112,7 @@ def find_spots(image: MapImage, wanted: Iterable[Wanted]) -> list[PhotoSpot]:
 
 def place_spots(
     session: Session, record: MapRecord, *, spots: Iterable[PhotoSpot], kind: str, account_id: int
-) -> Placing:
+) -> PlacingResult:
     """Place the photos that come on the image, as one edit.
 
     Parameters
@@ -128,16 +128,16 @@ def place_spots(
     placed, outside = [], []
     for spot in spots:
         if spot.problem is not None:
-            outside.append(Outside(spot.photo.id, spot.photo.name, spot.problem))
+            outside.append(OutsidePhoto(spot.photo.id, spot.photo.name, spot.problem))
             continue
         turned = {} if spot.heading_deg is None else {"heading_deg": spot.heading_deg}
         changes[f"photo/{spot.photo.id}"] = {"x_px": spot.pixel.x, "y_px": spot.pixel.y, **turned}
         placed.append(spot.photo.id)
     edits.apply(session, record, changes=changes, kind=kind, account_id=account_id)
-    return Placing(tuple(placed), tuple(outside))
+    return PlacingResult(tuple(placed), tuple(outside))
 
 
-def place_by_gps(library: Library, map_id: int, *, account_id: int) -> Placing:
+def place_by_gps(library: Library, map_id: int, *, account_id: int) -> PlacingResult:
     """Place every photo that has no place yet and a GPS position on the image, as one edit.
 
     Parameters
@@ -154,7 +154,7 @@ def place_by_gps(library: Library, map_id: int, *, account_id: int) -> Placing:
         session, record = change.session, change.record
         image = needed_image(record, with_georeference=True)
         wanted = [
-            Wanted(photo, LatLon(photo.gps_lat, photo.gps_lon))
+            RequestedPose(photo, LatLon(photo.gps_lat, photo.gps_lon))
             for photo in maps.photos(session, record)
             if not photo.removed
             and photo.x_px is None
@@ -167,7 +167,7 @@ def place_by_gps(library: Library, map_id: int, *, account_id: int) -> Placing:
 
 
 @dataclass(frozen=True, slots=True)
-class Listed:
+class ListReport:
     """What a list of positions did.
 
     Attributes
@@ -180,13 +180,13 @@ class Listed:
         Photos of the map without a place that the list does not name.
     """
 
-    placing: Placing
+    placing: PlacingResult
     unknown: tuple[str, ...]
     ambiguous: tuple[str, ...]
     missing: int
 
 
-def place_by_file(library: Library, map_id: int, *, source: Path, name: str, account_id: int) -> Listed:
+def place_by_file(library: Library, map_id: int, *, source: Path, name: str, account_id: int) -> ListReport:
     """Place all photos that a list names, as one edit; those that have a place are moved.
 
     Parameters
@@ -216,14 +216,14 @@ def place_by_file(library: Library, map_id: int, *, source: Path, name: str, acc
         called = [(id, (photo.name, photo.path)) for id, photo in photos.items()]
         matched = match_names(positions.by_name, called)
         wanted = [
-            Wanted(photos[id], positions.by_name[entry], positions.headings_deg.get(entry))
+            RequestedPose(photos[id], positions.by_name[entry], positions.headings_deg.get(entry))
             for entry, id in matched.photo.items()
         ]
         spots = find_spots(image, wanted)
         placing = place_spots(session, record, spots=spots, kind="place-file", account_id=account_id)
         named = set(matched.photo.values())
         missing = sum(photo.x_px is None and id not in named for id, photo in photos.items())
-    return Listed(replace(placing, job=change.job), matched.unknown, matched.ambiguous, missing)
+    return ListReport(replace(placing, job=change.job), matched.unknown, matched.ambiguous, missing)
 
 
 def _check_same_image(positions: Positions, image: MapImage) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from webapp.core.blur import BlurBox
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.preview import Kind, make_previews, preview_path, write_previews
+from webapp.files.photos.preview import Kind, look_of, make_previews, preview_path, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
@@ -46,10 +45,9 @@ def boxes_of(photo: Photo) -> list[BlurBox]:
     return [BlurBox(**box) for box in photo.blurred or ()]
 
 
-def look_of(photo: Photo) -> str | None:
-    """Return a word that changes with what is blurred; None where nothing is."""
-    boxes = boxes_of(photo)
-    return hashlib.sha256(repr(boxes).encode()).hexdigest()[:12] if boxes else None
+def look_of_photo(photo: Photo) -> str | None:
+    """Return a key of what is blurred in a photo; None where nothing is."""
+    return look_of(boxes_of(photo))
 
 
 def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: Settings) -> Path:
@@ -64,13 +62,13 @@ def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: 
     StorageError
         The disk refused.
     """
-    folder = library.map_folder(slug)
-    path = preview_path(folder, photo.id, kind=kind)
+    folder, boxes = library.map_folder(slug), boxes_of(photo)
+    path = preview_path(folder, photo.id, kind=kind, blurred=boxes)
     if not path.exists():
         source = original(library, slug, photo=photo)
         with show_file_as(photo.name, source):
-            made = make_previews(source, limits=settings.photo, blurred=boxes_of(photo))
-        write_previews(folder, photo.id, previews=made)
+            made = make_previews(source, limits=settings.photo, blurred=boxes)
+        write_previews(folder, photo.id, previews=made, blurred=boxes)
     return path
 
 
@@ -89,7 +87,7 @@ def blur_photo(
     Raises
     ------
     UsageError
-        A box is none, or there are too many.
+        A box is not valid, or there are too many.
     NotFound, PhotoError, StorageError
     """
     wanted = [_checked(box) for box in boxes]
@@ -106,7 +104,7 @@ def blur_photo(
     with library.changing(map_id) as change:
         record = change.record
         photo = maps.photo(change.session, record, photo_id)
-        write_previews(library.map_folder(record.slug), photo_id, previews=previews)
+        write_previews(library.map_folder(record.slug), photo_id, previews=previews, blurred=wanted)
         photo.blurred = [box._asdict() for box in wanted] or None
         record.revision += 1
         record.changed_at = now()

@@ -35,14 +35,15 @@ def thumbnail(source: Source, experience: Experience, *, side: int, limits: Phot
         JPEG without metadata; None where the photo is missing or unreadable.
     """
     cfg, id = source.cfg, experience.id
-    preview = preview_path(cfg.parent, id, kind="thumb" if side <= 256 else "preview")
+    blurred = source.blurred.get(id, ())
+    preview = preview_path(cfg.parent, id, kind="thumb" if side <= 256 else "preview", blurred=blurred)
     try:
         if preview.exists():
-            return encoded(read_upright(preview, limits=limits, max_side=side))
+            return encode_picture(read_upright(preview, limits=limits, max_side=side))
         pixels = read_upright(photo_path(cfg, experience.photo), limits=limits, max_side=side)
     except (MapError, PhotoError, MissingPart):
         return None
-    return encoded(blur(pixels, source.blurred.get(id, ())))
+    return encode_picture(blur(pixels, blurred))
 
 
 def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) -> Pixels | None:
@@ -61,7 +62,7 @@ def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) ->
         return None
 
 
-def encoded(pixels: Pixels, suffix: str = ".jpg") -> bytes:
+def encode_picture(pixels: Pixels, suffix: str = ".jpg") -> bytes:
     """Encode a picture as `.jpg` or `.webp`, without metadata."""
     kind = cv2.IMWRITE_JPEG_QUALITY if suffix == ".jpg" else cv2.IMWRITE_WEBP_QUALITY
     done, data = cv2.imencode(suffix, pixels, [kind, _QUALITY])

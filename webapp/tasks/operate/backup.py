@@ -84,7 +84,7 @@ class BackupReport:
 
 
 @dataclass(frozen=True, slots=True)
-class _Moment:
+class _Snapshot:
     """The library at one moment."""
 
     contents: SnapshotContents
@@ -148,7 +148,7 @@ class _Copying:
         self._archive = archive
         self._parts = parts
 
-    def copy(self, *, progress: Progress) -> tuple[_Moment, set[str]]:
+    def copy(self, *, progress: Progress) -> tuple[_Snapshot, set[str]]:
         """Copy what a moment needs; where something was deleted in between, that of a later moment."""
         missing: set[str] = set()
         for _ in range(_TRIES):
@@ -159,7 +159,7 @@ class _Copying:
                 break
         return moment, missing
 
-    def _moment(self) -> _Moment:
+    def _moment(self) -> _Snapshot:
         """Copy the database, and read the files that are replaced together with it."""
         library = self._library
         with library.database.engine.connect() as connection:
@@ -174,7 +174,7 @@ class _Copying:
             if not set(contents.maps.values()) <= slugs:  # a map is new: its writers were not asked to wait
                 writers.close()
                 return self._moment()
-            return _Moment(contents, dict(self._replaced(contents)))
+            return _Snapshot(contents, dict(self._replaced(contents)))
 
     def _replaced(self, contents: SnapshotContents) -> Iterator[tuple[str, bytes]]:
         """Read the files that change under their names, each with its name in the backup."""
@@ -187,7 +187,7 @@ class _Copying:
                     with suppress(FileNotFoundError):  # never written, or being deleted
                         yield f"{part.name}/{id}/{path.name}", path.read_bytes()
 
-    def _copy_files(self, moment: _Moment, *, progress: Progress) -> set[str]:
+    def _copy_files(self, moment: _Snapshot, *, progress: Progress) -> set[str]:
         """Copy what never changes; gives the names of what should be there and is not."""
         found = {name: path for name, path in self._files(moment.contents) if name not in moment.replaced}
         needed = {f"{MAPS}/{slug}/{path}" for slug, path in moment.contents.files}

@@ -1,6 +1,6 @@
 """Makes a library of a backup.
 
-Everything is unpacked beside the library first, compared with the backup's manifest, and its database looked
+Everything is unpacked next to the library first, compared with the backup's manifest, and its database looked
 through. Only then it takes its place; what was there is kept under another name.
 """
 

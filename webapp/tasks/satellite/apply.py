@@ -77,7 +77,7 @@ class ImageChoice:
 
 
 @dataclass(frozen=True, slots=True)
-class Applied:
+class ImageEditResult:
     """What an edit of the image did.
 
     Attributes
@@ -95,7 +95,7 @@ class Applied:
     from_tray: int
 
 
-def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageChoice) -> Applied:
+def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageChoice) -> ImageEditResult:
     """Set the image of a map.
 
     Photos in the tray that have a GPS position are placed when the map had no georeference before. The same
@@ -128,7 +128,7 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageCh
 
 def set_georeference(
     changing: Changing, map_id: int, *, georeference: Georeference | None, choice: ImageChoice
-) -> Applied:
+) -> ImageEditResult:
     """Set the georeference of the present image; None removes it.
 
     Raises
@@ -154,7 +154,7 @@ def _apply(
     *,
     fields: Mapping[str, Any],
     choice: ImageChoice,
-) -> Applied:
+) -> ImageEditResult:
     if choice.seen is not None and record.satellite_revision > choice.seen:
         raise Conflict("somebody has changed the satellite image in the meantime", hint="reload the page")
     changes: dict[str, Mapping[str, Any] | None] = {"map": fields}
@@ -186,7 +186,7 @@ def _apply(
     )
     done = [] if edit is None else [step["target"] for step in edit.changes]
     ids = sorted({int(target.rsplit("/", 1)[1]) for target in done if target != "map"})
-    return Applied(tuple(ids), outside, from_tray)
+    return ImageEditResult(tuple(ids), outside, from_tray)
 
 
 def _move_placements(

@@ -9,6 +9,7 @@ import hashlib
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from threading import BoundedSemaphore
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from webapp.errors import NotFound
 from webapp.files.atomic import storage_error, write_bytes
-from webapp.files.decode import decode, opened
+from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
 from webapp.files.satellite.pyramid import write_pyramid
 from webapp.files.satellite.raster import opened_raster, reduced
@@ -25,10 +26,14 @@ from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX
+from webapp.threads import permit
 
 PREVIEW_PX = 2048
 THUMBNAIL_PX = 480
 _QUALITY = 85
+_READING = BoundedSemaphore(1)
+"""Large images are read one after the other: each keeps a core busy for seconds."""
+
 _MIME = (
     (b"\x89PNG\r\n\x1a\n", "image/png"),
     (b"\xff\xd8\xff", "image/jpeg"),
@@ -75,7 +80,7 @@ def whole(library: Library, record: MapRecord, *, settings: Settings) -> Display
     ------
     NotFound
         The map has no image.
-    PhotoError, StorageError
+    PhotoError, StorageError, Busy
         The copy cannot be made.
     """
     original = _original(library, record)
@@ -110,7 +115,7 @@ def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> Disp
             path = folder / f"{x}_{y}{suffix}"
             if path.is_file():
                 return DisplayFile(path, mime, key)
-    raise NotFound("there is no such tile")
+    raise NotFound("tile not found")
 
 
 def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: bool) -> None:
@@ -178,7 +183,8 @@ def _small(
     folder = library.map_folder(record.slug)
     path = _derived(folder, original.key) / f"{name}.jpg"
     if not path.is_file():
-        pixels = _read_small(original.path, settings=settings)
+        with permit(_READING):
+            pixels = _read_small(original.path, settings=settings)
         assert record.satellite_path is not None
         write_small(folder, record.satellite_path, small=pixels, large=name == "preview")
     return DisplayFile(path, "image/jpeg", original.key)
@@ -190,7 +196,7 @@ def _read_small(path: Path, *, settings: Settings) -> NDArray[np.uint8]:
         with opened_raster(path, limits=settings.satellite) as raster:
             return reduced(raster, PREVIEW_PX)
     limits = PhotoLimits(settings.satellite.max_mb, settings.photo.max_megapixels)
-    with opened(path, limits=limits) as image:
+    with open_image(path, limits=limits) as image:
         return decode(image, "RGB")
 
 
@@ -221,7 +227,7 @@ def _mime(path: Path) -> str | None:
 
 
 def shrunk(pixels: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
-    """Scale an image down until its longer side has at most so many pixels."""
+    """Scale an image down to a maximum length of its longer side, pixels."""
     height, width = pixels.shape[:2]
     scale = min(1.0, side / max(width, height))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))

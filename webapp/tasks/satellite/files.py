@@ -23,7 +23,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import PhotoError, UsageError
 from webapp.extras import extra
 from webapp.files.atomic import storage_error, write_bytes, write_text
-from webapp.files.decode import opened
+from webapp.files.decode import open_image
 from webapp.files.part_file import move_in
 from webapp.files.satellite.raster import Raster, opened_raster
 from webapp.settings import PhotoLimits, Settings
@@ -96,7 +96,7 @@ def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = Tru
 
 
 def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
-    """Write down beside an image where it comes from, above all whom to name for it."""
+    """Store the source of an image next to it, above all whom to credit."""
     write_text(
         (folder / name).with_suffix(".json"), json.dumps(dict(source), indent=1, ensure_ascii=False) + "\n"
     )
@@ -115,7 +115,7 @@ def source_of(folder: Path, name: str) -> dict[str, Any]:
 
 
 def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
-    """Return an upright PNG or JPEG of an uploaded image: itself, or a copy beside `scratch`.
+    """Return an upright PNG or JPEG of an uploaded image: itself, or a copy next to `scratch`.
 
     Parameters
     ----------
@@ -147,14 +147,14 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
         raise PhotoError(
             "the image is rotated by its EXIF and too large to be turned", hint="rotate it and save it again"
         )
-    with opened(path, limits=limits) as image:
+    with open_image(path, limits=limits) as image:
         ImageOps.exif_transpose(image).convert("RGB").save(copy, format="JPEG", quality=95)
     return copy
 
 
 def _orientation(path: Path) -> int:
     limits = PhotoLimits(max_mb=1e9, max_megapixels=1e9)
-    with opened(path, limits=limits) as image:
+    with open_image(path, limits=limits) as image:
         return int(image.getexif().get(_ORIENTATION) or _UPRIGHT)
 
 

@@ -1,4 +1,4 @@
-"""The georeference of an image: looked at before it is applied, and read from a file beside it."""
+"""The georeference of an image: previewed before it is applied, and read from a file next to it."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class GeoSource:
     ----------
     kind : {"corners", "geotiff", "worldfile", "control-points"}
     file : Path or None
-        Needed for corners and control points; a world file is looked for beside the image, a GeoTIFF is it.
+        Needed for corners and control points; a world file is looked for next to the image, a GeoTIFF is it.
     crs : str or None
         Coordinate system of a world file or GeoTIFF that does not state it.
     model : {"similarity", "affine", "projective"} or None

@@ -20,7 +20,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
-from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, Applied, ImageChoice, NewImage, set_image
+from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, ImageChoice, ImageEditResult, NewImage, set_image
 from webapp.tasks.satellite.files import as_shown, keep_file, keep_pixels, taken_back_if_refused
 from webapp.tasks.satellite.georeference import GeoreferenceRequest, fit
 
@@ -28,7 +28,7 @@ SMALLEST_PX, LARGEST_PX = 100, 10_000
 
 
 @dataclass(frozen=True, slots=True)
-class Uploaded:
+class UploadedImage:
     """The result of an uploaded image.
 
     Attributes
@@ -37,7 +37,7 @@ class Uploaded:
         About its georeference.
     """
 
-    applied: Applied
+    applied: ImageEditResult
     warnings: tuple[str, ...]
 
 
@@ -49,7 +49,7 @@ def store_upload(
     request: GeoreferenceRequest | None,
     choice: ImageChoice,
     settings: Settings,
-) -> Uploaded:
+) -> UploadedImage:
     """Check an image, keep it in the map's folder, and give it to the map as one edit.
 
     Parameters
@@ -89,7 +89,7 @@ def store_upload(
     display.write_small(folder, name, small=small, large=max(width, height) > DISPLAY_SIDE_PX)
     new = NewImage(name, MapImage(width, height, georeference))
     with taken_back_if_refused(library, map_id, name=name):
-        return Uploaded(set_image(library.changing, map_id, new=new, choice=choice), warnings)
+        return UploadedImage(set_image(library.changing, map_id, new=new, choice=choice), warnings)
 
 
 def _own(file: Path) -> tuple[Georeference | None, tuple[str, ...]]:
@@ -105,19 +105,21 @@ def _own(file: Path) -> tuple[Georeference | None, tuple[str, ...]]:
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class PlanSize:
     """Size of a plan without a place on the Earth, pixels."""
 
     width: int
     height: int
 
 
-def make_blank(library: Library, map_id: int, *, sheet: Sheet | None, choice: ImageChoice) -> Applied:
+def make_blank(
+    library: Library, map_id: int, *, sheet: PlanSize | None, choice: ImageChoice
+) -> ImageEditResult:
     """Draw a blank plan and give it to the map as one edit.
 
     Parameters
     ----------
-    sheet : Sheet or None
+    sheet : PlanSize or None
         None lays a plan around the GPS positions of the map's photos, with 5 % of their extent as a margin.
 
     Raises
@@ -145,7 +147,7 @@ def make_blank(library: Library, map_id: int, *, sheet: Sheet | None, choice: Im
         return set_image(library.changing, map_id, new=NewImage(name, image), choice=choice)
 
 
-def _sheet(sheet: Sheet) -> tuple[NDArray[np.uint8], MapImage]:
+def _sheet(sheet: PlanSize) -> tuple[NDArray[np.uint8], MapImage]:
     for side in (sheet.width, sheet.height):
         if not SMALLEST_PX <= side <= LARGEST_PX:
             raise UsageError(

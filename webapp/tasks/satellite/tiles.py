@@ -12,7 +12,7 @@ from PIL import Image
 
 from webapp.core.geo.tilegrid import TILE_PX, GeoBox, Tile, TileCut, cut_of
 from webapp.errors import InputError, PhotoError, UsageError
-from webapp.files.decode import opened
+from webapp.files.decode import open_image
 from webapp.net.services import TileService, named, tile_services
 from webapp.net.tiles import TileFetcher
 from webapp.progress import Progress
@@ -49,7 +49,7 @@ class TileRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class Fetched:
+class TileDownload:
     """What was fetched.
 
     Attributes
@@ -84,9 +84,9 @@ def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, Tile
     Raises
     ------
     NotFound
-        There is no such service.
+        The service does not exist.
     UsageError, GeoreferenceError
-        The area is none, or too large for this zoom; or the service has no such zoom.
+        The area is empty, or too large for this zoom; or the service does not offer this zoom.
     """
     service = named(tile_services(settings.tile_services), request.service)
     if request.zoom > service.max_zoom:
@@ -108,7 +108,7 @@ def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, Tile
 
 def fetch_tiles(
     library: Library, map_id: int, *, request: TileRequest, settings: Settings, progress: Progress
-) -> Fetched:
+) -> TileDownload:
     """Fetch an area and keep its image in the map's folder; `satellite_apply.set_image` gives it to the map.
 
     Tiles that were fetched stay in the library's cache: work that is stopped continues where it was.
@@ -144,7 +144,7 @@ def fetch_tiles(
     large = max(cut.width, cut.height) > DISPLAY_SIDE_PX
     display.write_small(folder, name, small=small, large=large)
     new = NewImage(name, MapImage(cut.width, cut.height, cut.georeference))
-    return Fetched(new, cut.metres_per_pixel, cut.tile_count, missing, service.attribution)
+    return TileDownload(new, cut.metres_per_pixel, cut.tile_count, missing, service.attribution)
 
 
 def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[NDArray[np.uint8], int, bool]:
@@ -177,7 +177,7 @@ def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[
 
 def _decoded(data: bytes) -> NDArray[np.uint8]:
     try:
-        with opened(data, limits=_TILE_LIMITS) as image:
+        with open_image(data, limits=_TILE_LIMITS) as image:
             if image.size == (TILE_PX, TILE_PX):
                 ground = Image.new("RGBA", image.size, (_MISSING, _MISSING, _MISSING, 255))
                 ground.alpha_composite(image.convert("RGBA"))

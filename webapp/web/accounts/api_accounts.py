@@ -190,7 +190,7 @@ def only_owners() -> None:
 def list_accounts() -> dict[str, Any]:
     """List all accounts."""
     with library().database.read() as session:
-        return {"accounts": [account_json(person) for person in accounts.listed(session)]}
+        return {"accounts": [account_json(person) for person in accounts.list_accounts(session)]}
 
 
 @people_api.post("")
@@ -222,7 +222,7 @@ def remove(account_id: int) -> str:
 def _person(session: Session, account_id: int) -> Account:
     found = session.get(Account, account_id)
     if found is None:
-        raise NotFound("there is no such account")
+        raise NotFound("account not found")
     return found
 
 

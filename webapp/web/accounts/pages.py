@@ -171,7 +171,7 @@ def remove(account_id: int) -> Response | tuple[str, int]:
 
 def _person(found: Account | None) -> Account:
     if found is None:
-        raise NotFound(_("there is no such account"), hint=_("reload the page"))
+        raise NotFound(_("account not found"), hint=_("reload the page"))
     return found
 
 
@@ -179,7 +179,7 @@ def _people_page(
     *, error: ExpMapError | None = None, person: Account | None = None, token: str | None = None
 ) -> str:
     with library().database.read() as db:
-        people = accounts.listed(db)
+        people = accounts.list_accounts(db)
     address = url_for("sign_in.link", token=token, _external=True) if token else None
     hours = settings().web.link_hours
     return render_template(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from datetime import timedelta
 
 from flask import Flask, g, request, session
@@ -9,13 +10,17 @@ from flask_login import LoginManager, UserMixin, current_user, login_user, logou
 
 from webapp.errors import NotSignedIn
 from webapp.store.accounts import accounts
+from webapp.store.accounts import sign_in as ways_in
 from webapp.store.clock import now
 from webapp.store.schema import Account
-from webapp.web.state import library
+from webapp.web.state import library, settings
 
 API = "/api/"
 """Where tokens count, and errors are JSON."""
 
+
+_ID = "session_id"
+"""Of the session, in its cookie."""
 
 _USE_NOTED_EVERY = timedelta(hours=1)
 """Not by each request: that would be a write each."""
@@ -66,16 +71,25 @@ def signed_in() -> Account | None:
     return found
 
 
+def forget_caller() -> None:
+    """Have `signed_in` find out again who asks."""
+    g.pop("expmap_account", None)
+
+
 def sign_in(account: Account) -> None:
     """Begin a session; nothing of the one before is kept."""
     session.clear()
     session.permanent = True
+    session[_ID] = secrets.token_hex(16)
     login_user(User(account))
     g.expmap_account = account
 
 
 def sign_out() -> None:
-    """End the session of this browser."""
+    """End the session of this browser, also for those who have a copy of its cookie."""
+    if _ID in session:
+        with library().database.write() as db:
+            ways_in.end_session(db, session[_ID], days=settings().web.session_days)
     logout_user()
     session.clear()
     g.pop("expmap_account", None)
@@ -100,8 +114,10 @@ def _of_token(token: str) -> Account:
 
 def _load(user_id: str) -> User | None:
     id_, _, epoch = user_id.partition(".")
-    if not (id_.isdecimal() and epoch.isdecimal()):
+    if not (id_.isdecimal() and epoch.isdecimal() and _ID in session):
         return None
     with library().database.read() as db:
+        if ways_in.has_ended(db, session[_ID]):
+            return None
         account = db.get(Account, int(id_))
     return User(account) if account is not None and account.epoch == int(epoch) else None

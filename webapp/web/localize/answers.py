@@ -65,6 +65,7 @@ class Located(Schema):
     query = String(metadata={"description": "The photo, as its file was named."})
     method = String()
     features = String()
+    looks = List(String(), metadata={"description": "Features used, in order."})
     fov_deg = Float(allow_none=True)
     fov_source = String(allow_none=True, metadata={"enum": ["option", "exif", "guess", None]})
     hypotheses = List(Nested(HypothesisOut), metadata={"description": "The most probable first."})

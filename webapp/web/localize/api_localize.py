@@ -39,9 +39,11 @@ blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slu
 
 _CACHE = "expmap-map-cache"
 _MOST_TOP = 20
+_FAR_PX = 1e7
+_ON_A_MAP = Range(-_FAR_PX, _FAR_PX)
 _MOST_KEY = 100
 _OTHER_BYTES = 100_000
-"""Of a request, beside its files."""
+"""Of a request, besides its files."""
 
 
 class QuestionIn(Schema):
@@ -53,7 +55,7 @@ class QuestionIn(Schema):
         validate=Length(max=MAX_PHOTOS),
         metadata={"description": "repeated: several photos that were taken at one spot"},
     )
-    method = String(load_default="verified", validate=OneOf(METHODS))
+    method = String(load_default="auto", validate=OneOf(METHODS))
     features = String(load_default="auto", validate=OneOf(("auto", *BUNDLES)))
     top = Integer(load_default=5, validate=Range(1, _MOST_TOP))
     fov = Float(
@@ -61,10 +63,11 @@ class QuestionIn(Schema):
         metadata={"description": "Horizontal field of view of the upright photo, degrees."},
     )
     hint_x_px = Float(
-        metadata={"description": "About where it was: places in this circle gain, and none is left out."}
+        validate=_ON_A_MAP,
+        metadata={"description": "About where it was: places in this circle gain, and none is left out."},
     )
-    hint_y_px = Float()
-    hint_radius_px = Float(validate=Range(0, min_inclusive=False))
+    hint_y_px = Float(validate=_ON_A_MAP)
+    hint_radius_px = Float(validate=Range(0, _FAR_PX, min_inclusive=False))
     heading_deg = Float(
         metadata={"description": "About where the camera looked, clockwise from north, by a compass."}
     )
@@ -134,7 +137,7 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
     if known is not None:
         return {"id": known.id, **known.answer}
     choice = _choice(given["method"], given["features"])
-    files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is none
+    files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is not a file
     with received(record, files, again=given.get("query")) as photos:
         localize_request = replace(
             _request(photos, choice, given), key=key, sequence=_sequence(record, given)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import mimetypes
-from pathlib import Path, PurePosixPath
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Range
-from flask import Response, send_file, url_for
+from flask import Response, url_for
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import MapPixel
@@ -23,6 +21,7 @@ from webapp.tasks.localize.adopt_query import Spot
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.localize.answers import Located
 from webapp.web.openapi import file_answer
+from webapp.web.sending import as_attachment, send_immutable
 
 blueprint = APIBlueprint(
     "api_queries", __name__, url_prefix="/api/v1/maps/<slug>/queries", tag="Localization"
@@ -102,7 +101,7 @@ def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
     """List what was asked of a map."""
     record = open_map(slug)
     with library().database.read() as session:
-        return {"queries": _queries_json(session, record, queries.listed(session, record, **query))}
+        return {"queries": _queries_json(session, record, queries.list_queries(session, record, **query))}
 
 
 @blueprint.get(f"/{_ID}")
@@ -165,10 +164,7 @@ def photo(slug: str, id: int) -> Response:
     """Get the original file of a query."""
     row = _find(slug, id)
     path = show_query.original(library(), row)
-    response = _lasting(path)
-    last = PurePosixPath(row.name.replace("\\", "/")).name
-    response.headers.set("Content-Disposition", "attachment", filename=last or path.name)
-    return response
+    return as_attachment(send_immutable(path, etag=path.name), row.name, default=path.name)
 
 
 @blueprint.get(f"/{_ID}/preview")
@@ -216,12 +212,5 @@ def _find(slug: str, id: int) -> QueryRecord:
 
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     row = _find(slug, id)
-    return _lasting(show_query.preview(library(), row, kind=kind, settings=settings()))
-
-
-def _lasting(path: Path) -> Response:
-    """Send a file that never changes under its address."""
-    kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    response = send_file(path, mimetype=kind, etag=path.name, conditional=True)
-    response.headers["Cache-Control"] = "private, max-age=31536000, immutable"
-    return response
+    path = show_query.preview(library(), row, kind=kind, settings=settings())
+    return send_immutable(path, etag=path.name)

@@ -18,8 +18,8 @@ from webapp.render.charts import ChartWords, error_chart, reliability_chart
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize import stored_evaluation
-from webapp.tasks.localize.stored_evaluation import Kept
+from webapp.tasks.evaluation import stored as stored_evaluation
+from webapp.tasks.evaluation.stored import Kept
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.localize.answers import answer_colours

@@ -16,7 +16,7 @@ from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import findings, health, outside_edit
-from webapp.tasks.maps.findings import Fix
+from webapp.tasks.maps.findings import FixName
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.maps import state as map_state
 from webapp.web.maps.schemas import EditAnswer, JobSchema
@@ -27,7 +27,7 @@ evaluation_api = APIBlueprint("api_evaluation", __name__, url_prefix="/api/v1/ma
 _MOST = 10_000
 _HEALTH_JOB = "health"
 
-LABELS: dict[Fix, LazyString] = {
+LABELS: dict[FixName, LazyString] = {
     "to-tray": lazy_gettext("Move to the tray"),
     "remove": lazy_gettext("Remove from the map"),
     "swap": lazy_gettext("Swap x and y"),
@@ -194,7 +194,7 @@ def discard_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
 
 
 def _health(record: MapRecord) -> dict[str, Any]:
-    found = health.stored(library().cfg(record.slug))
+    found = health.read_health(library().cfg(record.slug))
     with library().database.read() as session:
         running = select(Job.id).where(
             Job.map_id == record.id, Job.kind == _HEALTH_JOB, Job.state.not_in(ENDED)
@@ -225,7 +225,7 @@ class EvaluationRequest(Schema):
         load_default=None,
         allow_none=True,
         validate=Range(1, _MOST),
-        metadata={"description": "So many photos, evenly spread over the map; null for all."},
+        metadata={"description": "Number of photos, evenly spread over the map; null for all."},
     )
 
 

@@ -55,7 +55,7 @@ class NewMapOut(Schema):
     findings = List(Dict(), metadata={"description": "warnings of the linter: code, severity, message, fix"})
     left_out = List(
         String(),
-        metadata={"description": "files that are no part of a map; photos of `unplaced/` with the reason"},
+        metadata={"description": "files that do not belong to a map; photos of `unplaced/` with the reason"},
     )
 
 
@@ -96,8 +96,8 @@ def placement_cfg(slug: str, name: str) -> Response:
 def export(slug: str, form: str) -> Response:
     """Take a map away as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline."""
     if form not in FORMATS:
-        raise NotFound(f"there is no export {form!r}", hint=f"there are {', '.join(FORMATS)}")
-    return _sent(export_file.run(library(), open_map(slug).id, form=form, settings=settings()))
+        raise NotFound(f"unknown export format {form!r}", hint=f"use one of {', '.join(FORMATS)}")
+    return _sent(export_file.export_map_file(library(), open_map(slug).id, form=form, settings=settings()))
 
 
 @blueprint.post("/<slug>/exports")
@@ -121,7 +121,7 @@ def exported(slug: str, name: str) -> Response:
     folder = export_file.exports_folder(library(), open_map(slug).slug)
     there = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     if name not in there or name.endswith(".part"):
-        raise NotFound("there is no such export, or it has expired", hint="export the map again")
+        raise NotFound("export not found, or it has expired", hint="export the map again")
     return send_from_directory(folder, name, as_attachment=True)
 
 
@@ -192,7 +192,7 @@ def _name_of(given: str | None, filename: str | None) -> str:
     Raises
     ------
     UsageError
-        One was given that is none.
+        The given one is not valid.
     """
     if given:
         return maps.checked_name(given)

@@ -105,7 +105,7 @@ def list_maps(query: dict[str, Any]) -> dict[str, Any]:
     """List the maps that you may see."""
     who = account()
     with library().database.read() as session:
-        found = maps.listed(session, who, binned=query["bin"])
+        found = maps.list_maps(session, who, binned=query["bin"])
         return {"maps": [state.summary(session, record, account=who) for record in found]}
 
 

@@ -1,21 +1,20 @@
 """Photos through the API: added, uploaded in pieces, given back as a picture or file, blurred.
 
 An upload in pieces is begun, sent, and taken in when the last piece is there. A piece that was answered is
-on the disk. Who lost the answer asks for the offset and goes on from there; who lost everything begins again
-with the same fingerprint and finds what has arrived.
+on the disk. A client that lost the answer asks for the offset and resumes there; one that lost everything
+starts over with the same fingerprint and finds what has arrived.
 """
 
 from __future__ import annotations
 
-import mimetypes
 import secrets
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, File, Integer, List, Nested, String
 from apiflask.validators import Length, Range
-from flask import Response, jsonify, request, send_file
+from flask import Response, jsonify, request
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.blur import BlurBox
@@ -31,13 +30,14 @@ from webapp.web.errors import as_json
 from webapp.web.maps import state
 from webapp.web.maps.schemas import BoxOut, EditAnswer
 from webapp.web.openapi import file_answer
+from webapp.web.sending import as_attachment, send_immutable
 
 photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
 
 _OTHER_PARTS = 20
-"""Fields of a form beside its files."""
+"""Fields of a form besides its files."""
 
 _HEADER = "Upload-Offset"
 _JSON_BYTES = 10_000
@@ -130,10 +130,7 @@ def original(slug: str, id: int) -> Response:
     """Get the original file of a photo."""
     record, photo = _find(slug, id)
     path = show_photo.original(library(), record.slug, photo=photo)
-    response = _lasting(path, etag=photo.sha256)
-    last = PurePosixPath(photo.name.replace("\\", "/")).name
-    response.headers.set("Content-Disposition", "attachment", filename=last or path.name)
-    return response
+    return as_attachment(send_immutable(path, etag=photo.sha256), photo.name, default=path.name)
 
 
 def _take_in(record: MapRecord, file: FileStorage) -> dict[str, Any]:
@@ -159,15 +156,7 @@ def _find(slug: str, id: int) -> tuple[MapRecord, Photo]:
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     record, photo = _find(slug, id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return _lasting(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of(photo)}")
-
-
-def _lasting(path: Path, *, etag: str) -> Response:
-    """Send a file that never changes under its address."""
-    kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    response = send_file(path, mimetype=kind, etag=etag, conditional=True)
-    response.headers["Cache-Control"] = "private, max-age=31536000, immutable"
-    return response
+    return send_immutable(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of_photo(photo)}")
 
 
 class BlurIn(Schema):
@@ -205,7 +194,7 @@ class UploadOut(Schema):
     """How far an upload is."""
 
     id = String()
-    offset = Integer(metadata={"description": "bytes that have arrived: where to go on"})
+    offset = Integer(metadata={"description": "bytes that have arrived: where to resume"})
     size_bytes = Integer()
     chunk_bytes = Integer(metadata={"description": "largest piece"})
 
@@ -224,7 +213,7 @@ def limit_bytes() -> None:
 
 @uploads_api.errorhandler(WrongOffset)
 def tell_offset(error: WrongOffset) -> Response:
-    """Return the offset at which to go on."""
+    """Return the offset at which to resume."""
     response = jsonify(error=as_json(error), offset=error.offset)
     response.status_code = 409
     response.headers[_HEADER] = str(error.offset)

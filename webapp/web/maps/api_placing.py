@@ -21,7 +21,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps import place_by_track, placements
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
-from webapp.tasks.maps.placing import Placing, place_by_file, place_by_gps
+from webapp.tasks.maps.placing import PlacingResult, place_by_file, place_by_gps
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
@@ -44,7 +44,7 @@ class PlacingOut(Schema):
     """What was placed, as one step that can be undone."""
 
     placed = List(Integer(), metadata={"description": "ids of the photos"})
-    outside = List(Nested(NotPlacedOut), metadata={"description": "photos that lie beside the image"})
+    outside = List(Nested(NotPlacedOut), metadata={"description": "photos that lie outside the image"})
     job = Integer(allow_none=True, metadata={"description": "that brings the index up to date"})
 
 
@@ -94,7 +94,7 @@ class MatchedOut(Schema):
     x_px = Float(allow_none=True)
     y_px = Float(allow_none=True)
     gap_s = Float(metadata={"description": "between the fixes of the track around it"})
-    problem = String(allow_none=True, metadata={"description": "how far beside the image it is"})
+    problem = String(allow_none=True, metadata={"description": "how far outside the image it is"})
 
 
 class SuggestedOut(Schema):
@@ -163,7 +163,7 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
     with show_file_as(name):
         track = parse_gpx(given["file"].stream.read())
     if query["preview"]:
-        placing = Placing((), ())
+        placing = PlacingResult((), ())
         seen = place_by_track.preview(library(), record.id, track=track, clock=clock)
     else:
         placing, seen = place_by_track.place_by_track(
@@ -173,7 +173,7 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
     return {**_placing_json(placing), **_preview_json(seen), **span}
 
 
-def _placing_json(placing: Placing) -> dict[str, Any]:
+def _placing_json(placing: PlacingResult) -> dict[str, Any]:
     outside = [{"id": o.id, "name": o.name, "reason": o.reason} for o in placing.outside]
     return {"placed": list(placing.placed), "outside": outside, "job": placing.job}
 

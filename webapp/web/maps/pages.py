@@ -43,7 +43,7 @@ def index() -> str:
     """List the maps that are shared with the caller."""
     with library().database.read() as session:
         cards = _cards(session, account(), binned=False)
-        binned = len(maps.listed(session, account(), binned=True))
+        binned = len(maps.list_maps(session, account(), binned=True))
     return render_template("maps/index.html", cards=cards, binned=binned)
 
 
@@ -58,7 +58,7 @@ def trash() -> str:
 def _cards(session: Session, who: Account, *, binned: bool) -> list[MapCard]:
     return [
         MapCard(record, maps.role_of(session, record, account=who), *maps.counts(session, record))
-        for record in maps.listed(session, who, binned=binned)
+        for record in maps.list_maps(session, who, binned=binned)
     ]
 
 

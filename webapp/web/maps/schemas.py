@@ -67,7 +67,7 @@ class SatelliteOut(Schema):
     width = Integer()
     height = Integer()
     tiles = Nested(PyramidOut, allow_none=True)
-    attribution = String(allow_none=True, metadata={"description": "Who is to be named beside it."})
+    attribution = String(allow_none=True, metadata={"description": "Whom to credit next to it."})
 
 
 class PlacementOut(Schema):

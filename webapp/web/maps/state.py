@@ -16,7 +16,7 @@ from webapp.store.maps import edits, maps
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import georeference
-from webapp.tasks.maps.show_photo import look_of
+from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
 from webapp.web.state import library
@@ -155,8 +155,8 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "gps_problem": photo.gps_problem,
         "revision": photo.revision,
         "blurred": photo.blurred or [],
-        "preview": url_for("api_photos.preview", slug=record.slug, id=photo.id, look=look_of(photo)),
-        "thumb": url_for("api_photos.thumb", slug=record.slug, id=photo.id, look=look_of(photo)),
+        "preview": url_for("api_photos.preview", slug=record.slug, id=photo.id, look=look_of_photo(photo)),
+        "thumb": url_for("api_photos.thumb", slug=record.slug, id=photo.id, look=look_of_photo(photo)),
     }
 
 

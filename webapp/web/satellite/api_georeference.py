@@ -18,7 +18,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite import georeference as satellite_georeference
-from webapp.tasks.satellite.apply import Applied, ImageChoice, set_georeference
+from webapp.tasks.satellite.apply import ImageChoice, ImageEditResult, set_georeference
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state
@@ -127,7 +127,7 @@ def _fitted(
     return image, data, satellite_georeference.fit(data, width=image.width, height=image.height)
 
 
-def answer(record: MapRecord, applied: Applied, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
+def answer(record: MapRecord, applied: ImageEditResult, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
     """Return what is new.
 
     Parameters

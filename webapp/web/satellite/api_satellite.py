@@ -24,17 +24,23 @@ from webapp.tasks.satellite import tiles as satellite_tiles
 from webapp.tasks.satellite.apply import ImageChoice
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
-from webapp.tasks.satellite.new_image import Sheet
+from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.openapi import file_answer
 from webapp.web.satellite.api_georeference import ImageAnswer, answer
 
 blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="Satellite image")
 
+_limit = ConcurrencyLimit("satellite images", share=0.125)
+"""An image of the largest size keeps a core busy for some ten seconds."""
+
+blueprint.record(_limit.set_up)
+
 _KEPT = timedelta(days=365)
 _OTHER_PARTS = 1_000_000
-"""Bytes of a form beside its image."""
+"""Bytes of a form besides its image."""
 
 _WORLDFILE_BYTES = 10_000
 
@@ -143,10 +149,15 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     record, file = open_map(slug, "editor"), given["file"]
     georeference = _georeference_request(given)
     part = library().uploads / f"{secrets.token_hex(16)}.image"
-    with show_file_as(tidy_name(file.filename or ""), part):
+    with show_file_as(tidy_name(file.filename or ""), part), _limit.slot():
         receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
         uploaded = new_image.store_upload(
-            library(), record.id, file=part, request=georeference, choice=_choice(given), settings=settings()
+            library(),
+            record.id,
+            file=part,
+            request=georeference,
+            choice=_choice(given),
+            settings=settings(),
         )
     return answer(record, uploaded.applied, warnings=uploaded.warnings)
 
@@ -160,7 +171,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     width, height = given["width"], given["height"]
     if (width is None) != (height is None):
         raise UsageError("width and height are needed together", hint="give both, or neither")
-    sheet = None if width is None else Sheet(width, height)
+    sheet = None if width is None else PlanSize(width, height)
     applied = new_image.make_blank(library(), record.id, sheet=sheet, choice=_choice(given))
     return answer(record, applied)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
@@ -17,22 +17,27 @@ from werkzeug.datastructures import FileStorage
 from webapp.errors import IndexDamaged, NotFound, NotReady, TooMany
 from webapp.files.photos.preview import Kind
 from webapp.store import sharing
-from webapp.store.sharing import Opened
+from webapp.store.sharing import OpenedShare
 from webapp.tasks.localize import show_query, upload
 from webapp.tasks.localize.upload import LocalizeRequest
 from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, public, settings
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.openapi import file_answer
+from webapp.web.sending import as_attachment, send_revalidated
 from webapp.web.sharing import shared_state
-from webapp.web.sharing.shared_state import sent, shown
 
 blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<token>", tag="Shared")
 
 _LIMITER = "expmap-visits"
 _MINUTE_S = 60
+_limit = ConcurrencyLimit("visitors", share=0.25)
+"""Visitors may not keep the threads from those who work here."""
+
+blueprint.record(_limit.set_up)
 _OTHER_BYTES = 100_000
 _ID = "<int(max=2147483647):id>"
 
@@ -80,7 +85,7 @@ def limit_bytes() -> None:
 def show(token: str) -> dict[str, Any]:
     """Get everything about a shared map or answer."""
     with library().database.read() as session:
-        return shared_state.whole(session, sharing.opened(session, token), token=token)
+        return shared_state.whole(session, sharing.open_share(session, token), token=token)
 
 
 @blueprint.get("/satellite")
@@ -90,7 +95,7 @@ def image(token: str) -> Response:
     """Get the image of the map."""
     opened = _opened(token)
     give = display.whole if opened.share.originals else display.copy
-    return shown(give(library(), opened.map, settings=settings()))
+    return shared_state.send_display(give(library(), opened.map, settings=settings()))
 
 
 @blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")
@@ -98,7 +103,7 @@ def image(token: str) -> Response:
 @blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def tile(token: str, *, z: int, x: int, y: int) -> Response:
     """Get a tile of a large image."""
-    return shown(display.tile(library(), _opened(token).map, z=z, x=x, y=y))
+    return shared_state.send_display(display.tile(library(), _opened(token).map, z=z, x=x, y=y))
 
 
 @blueprint.get(f"/photos/{_ID}/thumb")
@@ -165,7 +170,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     if not opened.share.localize:
         raise NotFound("photos cannot be localized here")
     _count_visit(opened)
-    with received(opened.map, [given["file"]], again=None) as photos:
+    with _limit.slot(), received(opened.map, [given["file"]], again=None) as photos:
         try:
             result = upload.localize_uploads(
                 map_cache(), opened.map.id, request=LocalizeRequest(photos), settings=settings()
@@ -177,7 +182,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     return result.form
 
 
-def _count_visit(opened: Opened) -> None:
+def _count_visit(opened: OpenedShare) -> None:
     """Refuse too many questions of one visitor, and of all of them together."""
     limiter = cast(FixedWindowRateLimiter, current_app.extensions[_LIMITER])
     share, limits = str(opened.share.id), settings().web
@@ -191,9 +196,9 @@ def _count_visit(opened: Opened) -> None:
             )
 
 
-def _opened(token: str, *, originals: bool = False) -> Opened:
+def _opened(token: str, *, originals: bool = False) -> OpenedShare:
     with library().database.read() as session:
-        opened = sharing.opened(session, token)
+        opened = sharing.open_share(session, token)
     if originals and not opened.share.originals:
         raise NotFound("original files are not shared here")
     return opened
@@ -204,17 +209,14 @@ def _photo_preview(token: str, id: int, kind: Kind) -> Response:
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return sent(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of(photo)}")
+    return send_revalidated(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of_photo(photo)}")
 
 
 def _query_preview(token: str, kind: Kind) -> Response:
     query = shared_state.query(_opened(token))
     path = show_query.preview(library(), query, kind=kind, settings=settings())
-    return sent(path, etag=path.name)
+    return send_revalidated(path, etag=path.name)
 
 
 def _file(path: Path, name: str) -> Response:
-    response = sent(path, etag=path.name)
-    last = PurePosixPath(name.replace("\\", "/")).name
-    response.headers.set("Content-Disposition", "attachment", filename=last or path.name)
-    return response
+    return as_attachment(send_revalidated(path, etag=path.name), name, default=path.name)

@@ -56,6 +56,9 @@ class ShareOut(Schema):
     photos = Boolean()
     localize = Boolean()
     originals = Boolean()
+    maker = String(
+        allow_none=True, metadata={"description": "Who made it; null where that account was removed."}
+    )
     created_at = String()
     url = String(
         allow_none=True, metadata={"description": "Its address; of a secret one it is shown only once."}
@@ -75,7 +78,12 @@ def list_shares(slug: str) -> dict[str, Any]:
     """List what is shared of a map."""
     record = open_map(slug, "owner")
     with library().database.read() as session:
-        return {"shares": [_share_json(record, share) for share in sharing.listed(session, record)]}
+        return {
+            "shares": [
+                _share_json(record, share, maker=sharing.maker_of(session, share))
+                for share in sharing.list_shares(session, record)
+            ]
+        }
 
 
 @shares_api.post("")
@@ -93,7 +101,7 @@ def create(slug: str, data: dict[str, Any]) -> dict[str, Any]:
             query_id=data["query"],
             public=data["public"],
         )
-    return _share_json(record, share, token=token)
+    return _share_json(record, share, maker=account().name, token=token)
 
 
 @shares_api.patch(f"/{_ID}")
@@ -105,7 +113,7 @@ def change(slug: str, id: int, data: dict[str, bool]) -> dict[str, Any]:
     with library().database.write() as session:
         share = sharing.find(session, record, id)
         sharing.change(share, _allows(data))
-        return _share_json(record, share)
+        return _share_json(record, share, maker=sharing.maker_of(session, share))
 
 
 @shares_api.delete(f"/{_ID}")
@@ -122,7 +130,9 @@ def _allows(data: dict[str, Any]) -> Allows:
     return Allows(photos=data["photos"], localize=data["localize"], originals=data["originals"])
 
 
-def _share_json(record: MapRecord, share: Share, *, token: str | None = None) -> dict[str, Any]:
+def _share_json(
+    record: MapRecord, share: Share, *, maker: str | None, token: str | None = None
+) -> dict[str, Any]:
     token = token or share.public_token
     return {
         "id": share.id,
@@ -131,6 +141,7 @@ def _share_json(record: MapRecord, share: Share, *, token: str | None = None) ->
         "photos": share.photos,
         "localize": share.localize,
         "originals": share.originals,
+        "maker": maker,
         "created_at": share.created_at.isoformat(timespec="seconds"),
         "url": None if token is None else url_for("public_pages.show", token=token, _external=True),
         "embed": None if token is None else _embed(record, token),
@@ -198,7 +209,7 @@ def remove_member(slug: str, account_id: int) -> str:
     with library().database.write() as session:
         person = session.get(Account, account_id)
         if person is None:
-            raise NotFound("there is no such account")
+            raise NotFound("account not found")
         accounts.remove_member(session, record, account=person)
     return ""
 

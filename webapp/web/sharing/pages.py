@@ -45,7 +45,7 @@ def embed(token: str) -> tuple[str, int, dict[str, str]]:
 def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
     try:
         with library().database.read() as session:
-            opened = sharing.opened(session, token)
+            opened = sharing.open_share(session, token)
             state = shared_state.whole(session, opened, token=token)
     except NotFound as error:
         gone = render_template("sharing/gone.html", error=error, framed=framed)

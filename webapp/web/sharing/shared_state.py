@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import mimetypes
-from pathlib import Path
 from typing import Any
 
-from flask import Response, send_file, url_for
+from flask import Response, url_for
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
-from webapp.store.sharing import Opened
+from webapp.store.sharing import OpenedShare
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.web.maps import state
+from webapp.web.sending import send_revalidated
 
 _OF_EXIF = ("fov_deg", "fov_source")
 """Of an answer."""
@@ -23,7 +22,7 @@ _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
 """Of a georeference: how it was found is left out."""
 
 
-def whole(session: Session, opened: Opened, *, token: str) -> dict[str, Any]:
+def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any]:
     """Return all of a share.
 
     Returns
@@ -46,7 +45,7 @@ def whole(session: Session, opened: Opened, *, token: str) -> dict[str, Any]:
     }
 
 
-def photo(session: Session, opened: Opened, *, id: int) -> tuple[MapRecord, Photo]:
+def photo(session: Session, opened: OpenedShare, *, id: int) -> tuple[MapRecord, Photo]:
     """Find a photo whose pictures a share gives.
 
     Raises
@@ -60,7 +59,7 @@ def photo(session: Session, opened: Opened, *, id: int) -> tuple[MapRecord, Phot
     return opened.map, found
 
 
-def query(opened: Opened) -> QueryRecord:
+def query(opened: OpenedShare) -> QueryRecord:
     """Return the answer whose photo a share gives.
 
     Raises
@@ -68,11 +67,11 @@ def query(opened: Opened) -> QueryRecord:
     NotFound
     """
     if opened.query is None or not opened.share.photos:
-        raise NotFound("there is no photo here")
+        raise NotFound("photo not found")
     return opened.query
 
 
-def located(form: dict[str, Any], *, exif: bool) -> dict[str, Any]:
+def answer_for_visitors(form: dict[str, Any], *, exif: bool) -> dict[str, Any]:
     """Return an answer as `localize --json`, for visitors: without EXIF and file name."""
     return form if exif else {**form, "query": "", **dict.fromkeys(_OF_EXIF)}
 
@@ -81,7 +80,7 @@ def _is_on(photo: Photo) -> bool:
     return not photo.removed and photo.x_px is not None
 
 
-def _shows(opened: Opened, id: int) -> bool:
+def _shows(opened: OpenedShare, id: int) -> bool:
     """A shared answer gives pictures of those photos alone that it speaks of."""
     if not opened.share.photos:
         return False
@@ -92,7 +91,7 @@ def _named(query: QueryRecord) -> set[int]:
     return {id for hypothesis in query.answer["hypotheses"] for id in hypothesis["experiences"]}
 
 
-def _photo(opened: Opened, photo: Photo, token: str) -> dict[str, Any]:
+def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
     exif, shown = opened.share.originals, _shows(opened, photo.id)
     file = shown and exif and not photo.blurred
     place: dict[str, Any] = {"token": token, "id": photo.id}
@@ -112,28 +111,20 @@ def _photo(opened: Opened, photo: Photo, token: str) -> dict[str, Any]:
     }
 
 
-def _answer(opened: Opened, query: QueryRecord, token: str) -> dict[str, Any]:
+def _answer(opened: OpenedShare, query: QueryRecord, token: str) -> dict[str, Any]:
     exif, shown = opened.share.originals, opened.share.photos
     return {
         "name": query.name if exif else None,
         "at": query.at.isoformat(timespec="seconds"),
         "width": query.width,
         "height": query.height,
-        **located(query.answer, exif=exif),
+        **answer_for_visitors(query.answer, exif=exif),
         "thumb": url_for("api_shared.query_thumb", token=token) if shown else None,
         "preview": url_for("api_shared.query_preview", token=token) if shown else None,
         "original": url_for("api_shared.query_original", token=token) if shown and exif else None,
     }
 
 
-def sent(path: Path, *, etag: str, kind: str | None = None) -> Response:
-    """Send a file; browsers ask again each time: a share that was taken back shows nothing any more."""
-    kind = kind or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    response = send_file(path, mimetype=kind, etag=etag, conditional=True)
-    response.headers["Cache-Control"] = "private, no-cache"
-    return response
-
-
-def shown(picture: DisplayFile) -> Response:
+def send_display(picture: DisplayFile) -> Response:
     """Send what is shown of a map's image."""
-    return sent(picture.path, etag=picture.key, kind=picture.mime)
+    return send_revalidated(picture.path, etag=picture.key, media_type=picture.mime)

@@ -72,7 +72,7 @@ def test_every_kind_of_bag_gives_its_poses_and_objects(ros, tmp_path, ros1, mcap
     assert result == {
         "fixes that the receiver calls invalid": (1, "/fix"),
         NO_ID: (1, "/seen"),
-        "poses with a time or a position that is no number": (1, "/odom"),
+        "poses with a time or a position that is not a number": (1, "/odom"),
     }
 
 

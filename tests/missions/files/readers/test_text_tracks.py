@@ -154,6 +154,14 @@ def test_times_of_any_unit_are_seconds(zeros: str) -> None:
     assert piece.poses.times_s.tolist() == [1711195200.0]
 
 
+def test_a_carriage_return_within_a_line_is_a_space() -> None:
+    findings = Findings()
+    text = b"time,lat,lon,id\n1,50,14,a\rb\n2,\r50,14,c\n"
+    pieces = list(csv_tables.read(io.BytesIO(text), columns=None, findings=findings))
+    found = [one for piece in pieces if isinstance(piece, WorldObjects) for one in piece.sightings]
+    assert [one.object_id for one in found] == ["a b", "c"]
+
+
 def test_rows_with_an_id_are_objects() -> None:
     pieces, _ = read_csv("t,x,y,id,class,score\n1,0,0,,,\n2,3,1,car7,car,0.5\n3,1,0,,,\n")
     first, objects, last = pieces

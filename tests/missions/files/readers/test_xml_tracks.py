@@ -102,7 +102,7 @@ def test_a_kml_has_lines_tracks_and_points() -> None:
     assert (seen.object_id, seen.time_s, seen.latlon) == ("placemark 3 bin", 9.0, (50.2, 14.2))
     message = {one.reason: one.count for one in findings.skipped()}
     assert message["times or positions of a track without their counterpart"] == 1
-    assert message["areas, which are no tracks"] == 1
+    assert message["areas, which are not tracks"] == 1
     assert message["links to other files, which are not followed"] == 1
 
 

@@ -4,10 +4,13 @@ import csv
 import io
 
 import numpy as np
+import pytest
 
+from webapp.files.text_file import cell_text, plain_cell
 from webapp.missions.files.csv_tables import (
     OBJECT_COLUMNS,
     POSE_COLUMNS,
+    csv_lines,
     format_objects_csv,
     format_poses_csv,
 )
@@ -41,3 +44,18 @@ def test_objects_read_back(mission):
         assert (row["id"], row["class"], int(row["sightings"])) == (found.id, found.kind, found.sightings)
         assert (float(row["lat"]), float(row["lon"])) == tuple(found.latlon)
         assert row["confidence"] == ("" if found.confidence is None else repr(found.confidence))
+
+
+@pytest.mark.parametrize(
+    "text", ["=HYPERLINK(1)", "+1+cmd|' /C calc'!A0", "-2+3", "@SUM(1)", "\t=1", "'=1", "=", "-"]
+)
+def test_no_text_is_a_formula_and_each_reads_back(text):
+    cell = csv_lines([[text]]).decode().strip("\r\n").removeprefix('"').removesuffix('"')
+    assert cell.startswith("'")
+    assert cell_text(str(plain_cell(text))) == text
+
+
+@pytest.mark.parametrize("text", ["-1.5", "+3", "-1e-05", "car", "", "'twas", "a=b", None, -3])
+def test_numbers_and_usual_texts_stay(text):
+    assert plain_cell(text) == text
+    assert text is None or cell_text(str(text)) == str(text)

@@ -62,7 +62,7 @@ def test_a_file_is_imported_by_a_job(upload, library, mission, client, work):
     assert (result["kind"], result["mission"], result["skipped"]) == ("table", mission, ())
     assert waiting(library) == [], "it is not needed any more"
     with library.database.read() as session:
-        (stored,) = tracks.listed(session, mission)
+        (stored,) = tracks.list_tracks(session, mission)
         assert tracks.read(session, stored).times_s.tolist() == [1.0, 2.0]
 
 
@@ -109,7 +109,7 @@ GPX = b"""<gpx version="1.1" creator="x" xmlns="http://www.topografix.com/GPX/1/
 <trkpt lat="50" lon="14"/><trkpt lat="50.001" lon="14"/><trkpt lat="50.002" lon="14"/></trkseg></trk></gpx>"""
 
 
-def test_no_speed_comes_of_times_that_the_file_does_not_tell(upload, client, mission, work):
+def test_no_speed_is_computed_without_times(upload, client, mission, work):
     upload(GPX, "old.gpx")
     assert any("without times" in note for note in work()["notes"])
     address = f"/api/v1/missions/{mission}"

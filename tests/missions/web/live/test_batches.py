@@ -132,7 +132,7 @@ def test_tracks_by_source_and_name(send, walk, state):
     assert found == {("gps", ""): 2, ("odometry", ""): 3, ("gps", "left"): 4}
 
 
-def test_the_way_that_the_robot_tells(send, walk, state, library):
+def test_the_distance_that_the_robot_reports(send, walk, state, library):
     records = walk(4)
     records[1]["travelled_m"] = 100.0
     send(records)
@@ -181,7 +181,7 @@ def test_a_busy_server_says_when_to_come_again(app, send, walk, state):
     while permits.acquire(blocking=False):
         taken += 1
     answer = send(walk(2))
-    assert (answer.status_code, answer.headers["Retry-After"]) == (429, "1")
+    assert (answer.status_code, answer.headers["Retry-After"]) == (503, "1")
     for _ in range(taken):
         permits.release()
     assert taken == 6
@@ -213,7 +213,7 @@ def test_who_may_send(send, walk, new_account, new_map, new_mission, sign_in, ow
     assert send(walk(1), browser=sign_in(other), id=id).status_code == 404
 
 
-def test_the_end_tells_what_was_left_out_after_the_last_pose(send, walk, state):
+def test_the_end_reports_what_was_left_out_after_the_last_pose(send, walk, state):
     rest = {"source": "gps", "track": "", "skipped": 7, "travelled_m": 12.5}
     assert send([*walk(3, skipped=1), {"type": "end", "left_out": [rest]}]).json["stored"] == 4
     (track,) = state()["tracks"]

@@ -57,7 +57,7 @@ def error_m(found, count=COUNT):
 
 def test_a_job_is_queued_with_the_poses(library, mission, track):
     with library.database.read() as session:
-        (job,) = jobs.listed(session)
+        (job,) = jobs.list_jobs(session)
     assert (job.kind, job.arguments) == ("mission-pieces", {"mission": mission})
 
 
@@ -142,7 +142,7 @@ def test_more_poses_come_later(build, line, library, mission, track):
         found = tracks.find(session, mission, track.id)
         more = wave(COUNT + 20_000).take(slice(COUNT, None))
         tracks.append(session, found, more)
-        missions.changed(session.get_one(missions.Mission, mission))
+        missions.count_change(session.get_one(missions.Mission, mission))
     assert build() == 5  # the tail of before belongs to the first of these
     assert error_m(line(tolerance_m=2.0), COUNT + 20_000) <= 2.6
 

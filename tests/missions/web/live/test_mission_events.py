@@ -151,7 +151,8 @@ def test_of_very_many_objects_each_comes_once_in_several_events(send, follow, st
         send([CAR | {"id": f"{batch}-{n}"} for n in range(count)], first=first)
         first += count
     found = follow(known)
+    while found[-1][1] != state()["cursor"]:  # a slow stream ends before all is sent; browsers connect again
+        found += follow(found[-1][1])
     ids = [[o["id"] for o in data["objects"]] for data, _ in found]
     assert [len(some) for some in ids] == [15, 8, 8, 4]
     assert len({id for some in ids for id in some}) == 35
-    assert found[-1][1] == state()["cursor"]

@@ -58,7 +58,7 @@ def test_twenty_take_as_many_statements_as_one(
     assert counted(limit=10) == (10, before)
 
 
-def test_each_tells_of_itself(client, new_mission, new_map, new_account, sign_in, owner, send, walk):
+def test_each_page_has_its_content(client, new_mission, new_map, new_account, sign_in, owner, send, walk):
     ann = new_account("ann")
     park, wood = (
         new_map(owner, name=name, shared={ann: role}) for name, role in (("A", "viewer"), ("B", "editor"))
@@ -129,7 +129,7 @@ def test_a_mission_that_changes_between_two_statements_keeps_its_tracks(library,
     try:
         with library.database.write() as session:
             account = session.query(Account).filter_by(is_owner=True).one()
-            page = missions.listed(session, account, limit=2)
+            page = missions.list_missions(session, account, limit=2)
     finally:
         event.remove(library.database.engine, "before_cursor_execute", batch)
     assert [(entry.mission.id, entry.poses) for entry in page] == [(ids[2], 3), (ids[1], 3)]
@@ -164,7 +164,7 @@ def test_pages_of_the_bin_and_of_a_map(client, new_mission, new_map, owner, ask)
         {"after": "12.3\n"},
     ],
 )
-def test_no_such_page(client, query):
+def test_pages_that_do_not_exist(client, query):
     assert client.get("/api/v1/missions", query_string=query).status_code == 422
 
 

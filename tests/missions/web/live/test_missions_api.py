@@ -171,7 +171,7 @@ def test_a_deleted_map_leaves_its_missions(client, new_map, new_mission, owner):
     assert client.get(f"/api/v1/missions/{id}").json["map"] is None
 
 
-def test_the_list_tells_of_the_best_track(client, send, walk):
+def test_the_list_describes_the_best_track(client, send, walk):
     send([*walk(5, source="odometry", track="a"), *walk(3)])
     (found,) = client.get("/api/v1/missions").json["missions"]
     assert (found["poses"], found["duration_s"]) == (8, 2)

@@ -38,7 +38,7 @@ _PROBES_BINARY = 48
 
 
 def cells_for(descriptors: int) -> int:
-    """Choose how many cells an index of so many descriptors has."""
+    """Choose the number of cells of an index from its number of descriptors."""
     cells = int(_CELLS_OVER_ROOT * descriptors**0.5)
     return max(1, min(cells, descriptors // SAMPLE_PER_CELL, _MOST_CELLS))
 
@@ -85,7 +85,7 @@ def _cell_search(index: Any) -> Any:
         return index.quantizer
     centres = index.quantizer.reconstruct_n(0, index.nlist)
     codes: Any = faiss.index_factory(index.d, f"PQ{_CODES}x4fs")
-    codes.pq.cp.niter = 3  # it is made anew each time a map is opened, and more are hardly better
+    codes.pq.cp.niter = 3  # it is rebuilt each time a map is opened, and more are hardly better
     codes.train(centres)
     codes.add(centres)
     search = faiss.IndexRefine(codes, index.quantizer)

@@ -12,12 +12,12 @@ _WHOLE_BELOW = 20_000
 
 
 def keeps_whole(descriptors: int, *, kind: Kind) -> bool:
-    """Tell whether an index of so many descriptors keeps them as they are: binary ones always."""
+    """Decide whether an index of this many descriptors keeps them as they are: binary ones always."""
     return kind == "binary" or descriptors < _WHOLE_BELOW
 
 
 def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
-    """Estimate what an inverted file with so many descriptors takes.
+    """Estimate the memory of an inverted file from its number of descriptors.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
 
 
 def tier_for(descriptors: int, *, width: int, kind: Kind, memory_mb: float) -> Engine:
-    """Choose the inverted file where it fits into so many megabytes (10^6 bytes), else signatures.
+    """Choose the inverted file where it fits into a memory limit, megabytes (10^6 bytes), else signatures.
 
     Binary descriptors have no signatures: for them it is always the inverted file.
     """

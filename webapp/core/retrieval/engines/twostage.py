@@ -21,13 +21,13 @@ _NAMED = 48
 """Photos whose descriptors are looked at."""
 
 _STRONGEST = 500
-"""So many keypoints of each, the strongest, tell which of them are worth a full comparison."""
+"""Number of the strongest keypoints of each that select which photos are worth a full comparison."""
 
 _COMPARED = 24
 """Photos that are compared with all their descriptors."""
 
 _NEAREST = 6
-"""Of the photos compared, so many nearest neighbours are kept: the last tells how near a usual one is."""
+"""Nearest neighbours kept of the photos compared: the last shows how near an average one is."""
 
 _BLOCK = 128
 """Descriptors of the query compared at once: bounds the memory of each thread."""
@@ -37,7 +37,7 @@ class TwoStage:
     """Nearest neighbours among the photos that are most like the query.
 
     At most one in each, but where fewer photos than neighbours may be named: then as many in each as make up
-    the number, because how near a neighbour is can only be told by another one.
+    the number, because how near a neighbour is can only be judged by another one.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class TwoStage:
         """Find up to k near descriptors for each of (n, d) uint8 descriptors.
 
         Neighbours that are nearer to another descriptor of the query have no row. Their distance stays: it
-        tells how much nearer others are.
+        shows how much nearer others are.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class TwoStage:
         return Neighbours(np.column_stack(distances), np.column_stack(rows))
 
     def _descriptors(self, entry: int, strongest: int | None) -> tuple[int, NDArray[np.uint8]]:
-        """Read a photo's descriptors, and tell the number of the first over all segments."""
+        """Read a photo's descriptors, and the number of the first over all segments."""
         number = int(np.searchsorted(self._first_entry, entry, side="right")) - 1
         segment, photo = self._segments[number], entry - int(self._first_entry[number])
         first, stop = int(segment.first[photo]), int(segment.first[photo + 1])
@@ -139,7 +139,7 @@ def _votes(distance: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _least(values: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-    """Tell where the least `count` numbers of each row are, in any order."""
+    """Find where the least `count` numbers of each row are, in any order."""
     if count == 1:
         return np.asarray(values.argmin(axis=1, keepdims=True), np.int64)
     return np.argpartition(values, count - 1, axis=1)[:, :count]

@@ -19,12 +19,12 @@ CENTRES = 64
 """A multiple of 8, so that signatures fill bytes, and 64-bit words where descriptors have 8 bytes or more."""
 
 SAMPLE_PHOTOS = 500
-"""So many photos are enough to train on."""
+"""Number of photos that are enough to train on."""
 
 _SAMPLE_PER_CENTRE = 300
 _ROUNDS = 10
 _AGAIN = 8
-"""So many times the photos that are wanted are compared a second time, by the query's numbers."""
+"""Factor of the photos wanted that are compared a second time, by the query's real values."""
 
 _BLOCK = 256
 """Signatures compared at once: together they fit into a processor's cache."""
@@ -129,12 +129,12 @@ def most_alike(
     """
     vector = aggregate(codebook.centres, descriptors)
     # Where the query has nothing, neither sign is right.
-    told = np.repeat(vector.any(axis=1), vector.shape[1])
-    vector = np.where(told, (vector - codebook.mean).ravel(), np.float32(0.0))
+    filled = np.repeat(vector.any(axis=1), vector.shape[1])
+    vector = np.where(filled, (vector - codebook.mean).ravel(), np.float32(0.0))
     different = np.concatenate(
         [
             np.zeros(0, np.int32),
-            *(_different(s, np.packbits(vector > 0.0), np.packbits(told)) for s in signatures),
+            *(_different(s, np.packbits(vector > 0.0), np.packbits(filled)) for s in signatures),
         ]
     )
     candidates = np.flatnonzero(visible)
@@ -146,10 +146,10 @@ def most_alike(
 
 
 def _different(
-    signatures: NDArray[np.uint8], query: NDArray[np.uint8], told: NDArray[np.uint8]
+    signatures: NDArray[np.uint8], query: NDArray[np.uint8], filled: NDArray[np.uint8]
 ) -> NDArray[np.int32]:
     """Count the bits in which (p, b) signatures differ from the query's, where that has any; (p,)."""
-    ours, mask = query.view(np.uint64), told.view(np.uint64)
+    ours, mask = query.view(np.uint64), filled.view(np.uint64)
     counts = np.empty(len(signatures), np.int32)
     for start in range(0, len(signatures), _BLOCK):
         block = np.ascontiguousarray(signatures[start : start + _BLOCK]).view(np.uint64)

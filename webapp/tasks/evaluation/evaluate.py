@@ -22,7 +22,7 @@ from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import PhotoError, UsageError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
-from webapp.tasks.localize.evaluation_types import (
+from webapp.tasks.evaluation.types import (
     EvaluateOptions,
     Evaluation,
     Localize,
@@ -266,7 +266,7 @@ def _evaluation(
 
 
 def peak_rss_mb() -> float | None:
-    """Largest memory this process has had, 2^20 bytes; None on Windows, which has no such call."""
+    """Largest memory this process has had, 2^20 bytes; None on Windows, which does not report it."""
     if sys.platform == "win32":
         return None
     import resource

@@ -77,7 +77,7 @@ class EvaluateOptions:
     """What can be chosen about an evaluation."""
 
     limit: int | None = None
-    """At most so many queries, evenly spread; None takes all."""
+    """Maximum number of queries, evenly spread; None takes all."""
 
     top: int = 5
     """Hypotheses a query; the figures look at the first five."""

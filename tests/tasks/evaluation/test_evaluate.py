@@ -8,8 +8,8 @@ from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.errors import Cancelled, PhotoError, TableError, UsageError
 from webapp.progress import Progress
-from webapp.tasks.localize import evaluate
-from webapp.tasks.localize.evaluation_types import EvaluateOptions
+from webapp.tasks.evaluation import evaluate
+from webapp.tasks.evaluation.types import EvaluateOptions
 
 CONTRACT_KEYS = {
     "method", "features", "map_photos", "queries", "failed", "abstained", "median_px", "mean_px",

@@ -1,4 +1,4 @@
-"""The last evaluation of a map by its own photos, kept beside its index for the pages."""
+"""The last evaluation of a map by its own photos, kept next to its index for the pages."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from webapp.core.evaluation.types import ReliabilityBin
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.listing import DERIVED
-from webapp.tasks.localize import evaluate
-from webapp.tasks.localize.evaluation_types import Evaluation
+from webapp.tasks.evaluation import evaluate
+from webapp.tasks.evaluation.types import Evaluation
 
 FILE = "evaluation.json"
 """In the map's folder `derived`: what `expmap evaluate --self --json` prints."""

@@ -1,4 +1,4 @@
-"""Building goes on: after a stop, a full disk, damage, and after many changes."""
+"""Building resumes: after a stop, a full disk, damage, and after many changes."""
 
 import errno
 import os
@@ -150,7 +150,7 @@ def test_a_damaged_index_is_mended(tmp_path, make_map, build, damage, features, 
     assert report.failed == ()
     assert lasting(folder) == whole
     if (folder / "manifest.json").exists() and damage.__name__ not in ("delete manifest.json", "delete *.*"):
-        assert any("anew" in note for note in result.notes)
+        assert any("rebuilding" in note for note in result.notes)
     assert build(cfg, features=features).extracted == 0
 
 

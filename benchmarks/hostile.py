@@ -1,0 +1,239 @@
+"""Sends a running program what it should refuse, for as long as one likes, and counts its answers.
+
+    python -m benchmarks.hostile [--minutes 60] [--seed 0] [--clients 4] [--only 12345]
+
+Requests of all of the API, photos, satellite images, zips, `.cfg` files, missions and coordinate systems are
+made by chance and sent by several clients to a server of its own, with a temporary library. Each request has
+a number, and follows from the seed and that number: `--only` sends one again. Printed are a JSON object with
+the answers by kind and status and the slowest of each kind, and on standard error each fault as it comes: a
+5xx other than "busy" (503 with `Retry-After`) and a full disk (507), no answer, an answer after more than a
+minute, a health check after more than ten seconds, an acknowledged photo that is gone or another one. With
+faults, the end of the server's log follows, and the exit code is 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import dataclasses
+import io
+import itertools
+import json
+import random
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import requests
+from PIL import Image
+
+from benchmarks import hostile_inputs
+from benchmarks.client import Client
+from benchmarks.editing_load import sign_in_links
+from benchmarks.hostile_inputs import Request
+from tests.browser.app import App
+
+TARGET, KEPT = "target", "kept"
+_LONGEST_S, _HEALTH_S = 60.0, 10.0
+_MISSION = {"name": "walk"}
+
+
+@dataclasses.dataclass
+class Tally:
+    """What was answered."""
+
+    statuses: collections.Counter[str] = dataclasses.field(default_factory=collections.Counter)
+    slowest_s: dict[str, float] = dataclasses.field(default_factory=dict)
+    faults: list[str] = dataclasses.field(default_factory=list)
+
+    def note(self, kind: str, status: object, *, seconds: float) -> None:
+        """Count an answer."""
+        self.statuses[f"{kind} {status}"] += 1
+        self.slowest_s[kind] = max(self.slowest_s.get(kind, 0.0), round(seconds, 2))
+
+    def fault(self, text: str) -> None:
+        """Note what should not have happened."""
+        self.faults.append(text)
+        print(text, file=sys.stderr, flush=True)
+
+
+def is_fault(status: int, headers: Any) -> bool:
+    """Return whether an answer is the server's own failure."""
+    return status >= 500 and status != 507 and not (status == 503 and "Retry-After" in headers)
+
+
+def make_request(
+    seed: int, number: int, *, document: dict[str, Any], known: dict[str, Any]
+) -> tuple[str, Request]:
+    """Make the request of a number; gives its kind, too."""
+    chance = random.Random(f"{seed}/{number}")
+    kinds: dict[str, Callable[[], Request]] = {
+        "api": lambda: hostile_inputs.api_request(chance, document, known=known),
+        "photo": lambda: _form(f"/maps/{TARGET}/photos", hostile_inputs.picture(chance)),
+        "localize": lambda: _form(f"/maps/{TARGET}/localize", hostile_inputs.picture(chance)),
+        "satellite": lambda: _form(
+            f"/maps/{TARGET}/satellite", hostile_inputs.picture(chance), method="PUT", tray="1"
+        ),
+        "zip": lambda: _form("/maps/import", ("a.zip", hostile_inputs.map_zip(chance)), name="imported"),
+        "positions": lambda: _form(f"/maps/{TARGET}/positions", ("a.cfg", hostile_inputs.cfg(chance))),
+        "mission": lambda: _form(f"/missions/{known['mission_id']}/imports", hostile_inputs.track(chance)),
+        "crs": lambda: Request("PUT", f"/maps/{TARGET}/georeference", json=_world_file(chance)),
+    }
+    kind = chance.choices(sorted(kinds), weights=[6 if kind == "api" else 1 for kind in sorted(kinds)])[0]
+    return kind, kinds[kind]()
+
+
+def main() -> None:
+    """Run it and print one JSON object."""
+    arguments = _arguments()
+    tally = Tally()
+    with tempfile.TemporaryDirectory() as folder, App(Path(folder) / "maps") as app:
+        owner = Client(app.url, app.sign_in)
+        acknowledged = _prepare(owner)
+        over = threading.Event()
+        watch = threading.Thread(target=_watch, args=(app.url, tally, over))
+        watch.start()
+        sent = _send_all(app, arguments, tally=tally)
+        over.set()
+        watch.join()
+        _check_kept(owner, acknowledged, tally=tally)
+        if tally.faults:
+            sys.stderr.writelines(app.said)
+    print(json.dumps({"sent": sent, "faults": len(tally.faults), **_sorted(tally)}, indent=2))
+    raise SystemExit(1 if tally.faults else 0)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=60)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--clients", type=int, default=4)
+    parser.add_argument("--only", type=int, metavar="NUMBER", help="send this request and no other")
+    return parser.parse_args()
+
+
+def _prepare(owner: Client) -> dict[int, bytes]:
+    """Make the maps and the mission; gives the photos of the map that is left alone, by id."""
+    photos: dict[int, bytes] = {}
+    for slug in (KEPT, TARGET):
+        assert owner.ask("POST", "/maps", json={"name": slug})["slug"] == slug
+        owner.ask("PUT", f"/maps/{slug}/satellite", files={"file": ("plan.png", _noise("PNG", 0))})
+    for number in range(10):
+        data = _noise("JPEG", number)
+        (answer,) = owner.ask("POST", f"/maps/{KEPT}/photos", files={"file": ("a.jpg", data)})
+        photos[answer["id"]] = data
+    return photos
+
+
+def _send_all(app: App, arguments: argparse.Namespace, *, tally: Tally) -> int:
+    """Send requests from all clients until the time is over; gives how many."""
+    numbers: Iterator[int] = itertools.count() if arguments.only is None else iter([arguments.only])
+    until = time.monotonic() + arguments.minutes * 60
+    links = sign_in_links(app.library, arguments.clients)
+    sent = itertools.count()
+
+    def work(link: str) -> None:
+        client = Client(app.url, app.url + link)
+        # one that is kept may just be closed by the server when a request is sent
+        client.session.headers["Connection"] = "close"
+        document = client.ask("GET", "/openapi.json")
+        known = _known(client)
+        while time.monotonic() < until and (number := next(numbers, None)) is not None:
+            kind, request = make_request(arguments.seed, number, document=document, known=known)
+            if KEPT in request.path or "account" in request.path:
+                continue
+            _send(client, request, tally=tally, name=(kind, number))
+            if next(sent) % 50 == 0:
+                known = _known(client)
+
+    with ThreadPoolExecutor(len(links)) as pool:
+        for finished in [pool.submit(work, link) for link in links]:
+            finished.result()  # a client that failed is no run without a fault
+    return next(sent)
+
+
+def _known(client: Client) -> dict[str, Any]:
+    """Make what was deleted anew; gives values that exist, by the names of parameters."""
+    client.call("POST", f"/maps/{TARGET}/restore")
+    if client.call("GET", f"/maps/{TARGET}").status_code == 404:
+        client.call("POST", "/maps", json={"name": TARGET})
+    missions = client.ask("GET", "/missions")["missions"]
+    mission = missions[0] if missions else client.ask("POST", "/missions", json=_MISSION)
+    return {"slug": TARGET, "mission_id": mission["id"], "token": "none", "job_id": 1}
+
+
+def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, int]) -> None:
+    kind, number = name
+    where = f"{kind} {number}: {request.method} {request.path[:200]}"
+    options: dict[str, Any] = {"params": request.query}
+    if request.files:
+        options |= {"files": request.files, "data": request.data}
+    elif request.json is not None:
+        options["json"] = request.json
+    started = time.monotonic()
+    try:
+        answer = client.call(request.method, request.path, **options)
+    except (requests.RequestException, ValueError) as error:
+        seconds = time.monotonic() - started
+        tally.note(kind, "none", seconds=seconds)
+        if not isinstance(error, ValueError | requests.exceptions.InvalidURL):
+            tally.fault(f"{where}: {error!r} after {seconds:.0f} s")
+        return
+    seconds = time.monotonic() - started
+    tally.note(kind, answer.status_code, seconds=seconds)
+    if is_fault(answer.status_code, answer.headers):
+        tally.fault(f"{where}: {answer.status_code} {answer.text[:200]}")
+    elif seconds > _LONGEST_S:
+        tally.fault(f"{where}: answered after {seconds:.0f} s")
+
+
+def _watch(url: str, tally: Tally, over: threading.Event) -> None:
+    """Ask for the health of the server every second."""
+    while not over.wait(1.0):
+        started = time.monotonic()
+        try:
+            status: object = requests.get(f"{url}/healthz", timeout=_HEALTH_S).status_code
+        except requests.RequestException as error:
+            status = "none"
+            tally.fault(f"health check: {error!r}")
+        tally.note("health", status, seconds=time.monotonic() - started)
+
+
+def _check_kept(owner: Client, acknowledged: dict[int, bytes], *, tally: Tally) -> None:
+    for id, data in acknowledged.items():
+        answer = owner.call("GET", f"/maps/{KEPT}/photos/{id}/original")
+        if answer.content != data:
+            tally.fault(f"the acknowledged photo {id} is lost: {answer.status_code}")
+
+
+def _form(path: str, file: tuple[str, bytes], *, method: str = "POST", **data: str) -> Request:
+    return Request(method, path, files=[("file", file)], data=data)
+
+
+def _world_file(chance: random.Random) -> dict[str, Any]:
+    text = "\n".join(str(chance.choice(hostile_inputs.NUMBERS)) for _ in range(6))
+    return {"kind": "worldfile", "worldfile": text, "crs": chance.choice(hostile_inputs.TEXTS)}
+
+
+def _noise(kind: str, seed: int) -> bytes:
+    file = io.BytesIO()
+    pixels = np.random.default_rng(seed).integers(0, 255, (300, 400, 3)).astype(np.uint8)
+    Image.fromarray(pixels).save(file, kind)
+    return file.getvalue()
+
+
+def _sorted(tally: Tally) -> dict[str, Any]:
+    return {
+        "answers": dict(sorted(tally.statuses.items())),
+        "slowest_s": dict(sorted(tally.slowest_s.items())),
+    }
+
+
+if __name__ == "__main__":
+    main()

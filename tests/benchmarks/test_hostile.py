@@ -1,0 +1,61 @@
+"""What `benchmarks.hostile` sends follows from its seed, and what it takes for a fault."""
+
+import io
+import random
+import zipfile
+
+import pytest
+
+from benchmarks import hostile, hostile_inputs
+
+DOCUMENT = {
+    "paths": {
+        "/api/v1/maps/{slug}/photos/{id}": {
+            "patch": {
+                "parameters": [
+                    {"name": "slug", "in": "path", "schema": {"type": "string"}},
+                    {"name": "id", "in": "path", "schema": {"type": "integer"}},
+                ],
+                "requestBody": {
+                    "content": {"application/json": {"schema": {"$ref": "#/components/schemas/Change"}}}
+                },
+            }
+        }
+    },
+    "components": {"schemas": {"Change": {"type": "object", "properties": {"x_px": {"type": "number"}}}}},
+}
+KNOWN = {"slug": "target", "id": 3, "mission_id": 1}
+
+
+def requests(seed, count=150):
+    numbers = range(count)
+    return [hostile.make_request(seed, n, document=DOCUMENT, known=KNOWN) for n in numbers]
+
+
+def test_a_request_follows_from_its_seed_and_number():
+    assert requests(1) == requests(1)
+    assert requests(1) != requests(2)
+
+
+def test_all_kinds_are_sent_and_most_addresses_exist():
+    found = requests(3, 300)
+    assert {kind for kind, _ in found} >= {"api", "photo", "satellite", "zip", "mission", "crs", "positions"}
+    api = [request for kind, request in found if kind == "api"]
+    assert all(request.method == "PATCH" and "{" not in request.path for request in api)
+    assert sum(request.path == "/maps/target/photos/3" for request in api) > len(api) / 2
+
+
+def test_some_zips_can_be_opened_and_some_cannot():
+    opened = sum(zipfile.is_zipfile(io.BytesIO(hostile_inputs.map_zip(random.Random(n)))) for n in range(40))
+    assert 5 < opened < 40
+
+
+@pytest.mark.parametrize(
+    ("status", "headers", "fault"),
+    [
+        (200, {}, False), (422, {}, False), (500, {}, True), (502, {}, True), (503, {}, True),
+        (503, {"Retry-After": "1"}, False), (507, {}, False),
+    ],
+)  # fmt: skip
+def test_a_fault_is_what_only_the_server_can_be_blamed_for(status, headers, fault):
+    assert hostile.is_fault(status, headers) is fault

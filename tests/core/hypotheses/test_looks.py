@@ -1,0 +1,89 @@
+"""Two looks at one photo give one answer: each counts as far as it is sure."""
+
+import math
+
+import pytest
+
+from tests.core.hypotheses.test_joint import answer, place
+from webapp.core.hypotheses.calibration import Calibration
+from webapp.core.hypotheses.looks import combine_looks, evidence_of_looks, is_sure
+
+EQUAL = Calibration(slope=(1.0, 1.0), offset=-2.0, radius_scale=1.0)
+
+
+def combine(*answers, calibration=EQUAL):
+    return combine_looks(answers, calibration=calibration, place_radius_px=10.0, top=5)
+
+
+def total(joint):
+    return sum(h.probability for h in joint.hypotheses) + joint.other_probability + joint.off_map_probability
+
+
+def test_a_place_that_both_looks_name_is_surer_than_by_either():
+    one, two = (
+        answer(place(0, 0.6), place(100, 0.3), off=0.1),
+        answer(place(3, 0.5), place(300, 0.3), off=0.2),
+    )
+    joint = combine(one, two)
+    assert 0 < joint.hypotheses[0].position.x < 3
+    assert joint.hypotheses[0].probability > 0.6
+    assert total(joint) == pytest.approx(1.0)
+
+
+def test_a_look_that_knows_nothing_leaves_the_other_its_place():
+    dark, sure = answer(place(500, 0.02), off=0.98), answer(place(0, 0.95), off=0.01)
+    joint = combine(dark, sure)
+    assert joint.hypotheses[0].position.x == pytest.approx(0.0)
+    assert joint.hypotheses[0].probability > 0.8
+
+
+def test_where_neither_knows_the_photo_is_not_on_the_map():
+    one, two = answer(place(0, 0.1), off=0.9), answer(place(300, 0.1), off=0.9)
+    joint = combine(one, two)
+    assert joint.abstained
+    assert joint.off_map_probability > 0.7
+
+
+def test_no_hypotheses_at_all_is_not_on_the_map_either():
+    joint = combine(answer(off=1.0), answer(off=1.0))
+    assert (joint.hypotheses, joint.off_map_probability) == ((), 1.0)
+
+
+def test_a_steeper_slope_makes_a_look_count_more():
+    one, two = answer(place(0, 0.7), off=0.3), answer(place(300, 0.7), off=0.3)
+    first = combine(one, two, calibration=Calibration(slope=(2.0, 0.5), offset=-2.0, radius_scale=1.0))
+    assert [h.position.x for h in first.hypotheses] == [0.0, 300.0]
+
+
+def test_evidence_is_the_logarithm_of_one_more_than_the_odds():
+    places, evidence = evidence_of_looks([[place(0, 0.6)], [place(4, 0.2)]], [0.2, 0.8], radius_px=10.0)
+    assert len(places) == 1
+    assert evidence[0].tolist() == pytest.approx([math.log(4.0), math.log(1.25)])
+
+
+def test_certainty_and_impossibility_stay_finite():
+    joint = combine(answer(place(0, 1.0), place(90, 0.0), off=0.0), answer(place(0, 1.0), off=0.0))
+    assert joint.hypotheses[0].probability > 0.999
+    assert len(joint.hypotheses) == 1
+
+
+def test_a_sure_answer_needs_no_further_look():
+    assert is_sure(answer(place(0, 0.95), off=0.05))
+    assert not is_sure(answer(place(0, 0.6), place(100, 0.4)))
+    assert not is_sure(answer(off=1.0))
+
+
+def test_a_look_that_hardly_believes_in_its_position_does_not_move_the_answer():
+    sure, faint = answer(place(0, 0.85, kind="photo"), off=0.15), answer(place(9, 0.001), off=0.999)
+    first = combine(sure, faint).hypotheses[0]
+    assert (first.kind, first.position.x) == ("photo", 0.0)
+
+
+def test_a_computed_position_goes_before_a_photo_of_about_the_same_probability():
+    photo, computed = (
+        answer(place(0, 0.6, kind="photo"), off=0.4),
+        answer(place(6, 0.5, photos=(2,)), off=0.5),
+    )
+    first = combine(photo, computed).hypotheses[0]
+    assert (first.kind, first.position.x) == ("position", pytest.approx(6.0))
+    assert first.experiences == (1, 2)

@@ -1,0 +1,133 @@
+"""Method `auto`: a second look by learned features where the first is not sure, and their model is here."""
+
+from dataclasses import replace
+
+import pytest
+
+from tests.standin_models import write_aliked
+from webapp.core.hypotheses import looks
+from webapp.progress import Progress
+from webapp.tasks.localize import build_map, cascade, trials
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+
+AUTO = OpenOptions(jobs=1)
+
+
+@pytest.fixture
+def with_models(quick, tmp_path):
+    """Settings under which the models of ALIKED are here."""
+    return replace(quick, models=write_aliked(tmp_path / "models"))
+
+
+@pytest.fixture
+def cfg(make_map, tmp_path):
+    return make_map(tmp_path / "map", 6)
+
+
+def open_auto(cfg, settings, **options):
+    return open_pipeline(cfg, replace(AUTO, **options), settings=settings, progress=Progress())
+
+
+def ask(pipeline, cfg, number=3):
+    return pipeline.localize(cfg.parent / "photos" / f"{number}.jpg", top=3)
+
+
+def test_without_models_it_is_the_first_look(cfg, quick, tmp_path):
+    pipeline = open_auto(cfg, replace(quick, models=tmp_path / "none"))
+    assert pipeline.second is None
+    assert (pipeline.method, pipeline.features) == ("auto", "sift")
+    assert ask(pipeline, cfg).looks == ("sift",)
+
+
+def test_an_unsure_answer_gets_a_second_look_and_a_sure_one_does_not(cfg, with_models, monkeypatch):
+    pipeline = open_auto(cfg, with_models)
+    monkeypatch.setattr(looks, "SURE", 1.1)
+    both = ask(pipeline, cfg)
+    assert both.looks == ("sift", "aliked")
+    assert both.hypotheses[0].experiences[0] == pipeline.map.experiences[3].id
+    total = sum(h.probability for h in both.hypotheses) + both.other_probability + both.off_map_probability
+    assert total == pytest.approx(1.0)
+    monkeypatch.setattr(looks, "SURE", 0.0)
+    assert ask(pipeline, cfg).looks == ("sift",)
+
+
+def test_the_network_matches_the_best_photos_only(cfg, with_models):
+    pipeline = open_auto(cfg, with_models)
+    indexed = pipeline.second.opened.indexed
+    assert indexed.pair_matcher is not None
+    assert indexed.rematched == indexed.tuning.retrieval.second_look_photos
+    assert pipeline.opened.indexed.pair_matcher is None
+
+
+def test_whoever_names_features_gets_these_alone(cfg, with_models):
+    assert open_auto(cfg, with_models, features="orb").second is None
+    assert open_auto(cfg, with_models, method="verified").second is None
+
+
+def test_without_a_budget_there_is_one_look(cfg, with_models):
+    none = replace(with_models, retrieval=replace(with_models.retrieval, budget_s=0.0))
+    assert open_auto(cfg, none).second is None
+    little = replace(with_models, retrieval=replace(with_models.retrieval, budget_s=1e-9))
+    assert open_auto(cfg, little).second is None
+
+
+def test_both_are_built_and_calibrated_together_once(cfg, with_models, monkeypatch):
+    report = build_map.build_map(cfg, AUTO, settings=with_models, progress=Progress())
+    assert (report.features, report.second.features) == ("sift", "aliked")
+    monkeypatch.setattr(trials, "_try", lambda *a, **k: pytest.fail("it has been tried"))
+    pipeline = open_auto(cfg, with_models)
+    assert pipeline.second is not None
+    assert pipeline.both.cases == 6
+
+
+def test_the_newest_index_is_the_first_look_unless_it_is_that_of_the_second(cfg, with_models):
+    build_map.build_map(cfg, AUTO, settings=with_models, progress=Progress())
+    assert open_auto(cfg, with_models).features == "sift"
+    build_map.build_map(cfg, replace(AUTO, features="orb"), settings=with_models, progress=Progress())
+    pipeline = open_auto(cfg, with_models)
+    assert (pipeline.features, pipeline.second.features) == ("orb", "aliked")
+
+
+def test_photos_are_hidden_from_both_looks(cfg, with_models, monkeypatch):
+    monkeypatch.setattr(looks, "SURE", 1.1)
+    pipeline = with_hidden_photos(open_auto(cfg, with_models))
+    own = pipeline.map.experiences[2]
+    answer = pipeline.localize(cfg.parent / own.photo, top=5, hide=frozenset({own.id}))
+    assert answer.looks == ("sift", "aliked")
+    assert all(own.id not in h.experiences for h in answer.hypotheses)
+
+
+def test_after_a_build_of_both_the_method_verified_takes_the_first(cfg, with_models):
+    build_map.build_map(cfg, AUTO, settings=with_models, progress=Progress())
+    assert open_auto(cfg, with_models, method="verified").features == "sift"
+    none = replace(with_models, retrieval=replace(with_models.retrieval, budget_s=0.0))
+    assert open_auto(cfg, none).features == "sift"
+
+
+def test_an_index_of_the_second_looks_features_alone_is_taken(cfg, with_models):
+    build_map.build_map(cfg, replace(AUTO, features="aliked"), settings=with_models, progress=Progress())
+    pipeline = open_auto(cfg, with_models)
+    assert (pipeline.features, pipeline.second) == ("aliked", None)
+
+
+def test_features_put_together_by_hand_get_a_second_look_too(cfg, with_models):
+    mixed = replace(AUTO, detector="sift", extractor="orb")
+    build_map.build_map(cfg, mixed, settings=with_models, progress=Progress())
+    pipeline = open_auto(cfg, with_models)
+    assert (pipeline.features, pipeline.second.features) == ("sift+orb", "aliked")
+
+
+def test_each_set_of_options_has_a_calibration_of_its_own(cfg, with_models):
+    few = replace(with_models, retrieval=replace(with_models.retrieval, shortlist=3))
+    names = set()
+    for settings, options in ((with_models, {}), (few, {}), (with_models, {"map_kind": "schematic"})):
+        pipeline = open_auto(cfg, settings, **options)
+        names.add(cascade.path(pipeline.opened, pipeline.second.opened).name)
+    assert len(names) == 3
+
+
+def test_a_model_that_does_not_work_leaves_the_first_look(cfg, with_models):
+    (with_models.models / "aliked.onnx").write_bytes(b"no network")
+    pipeline = open_auto(cfg, with_models)
+    assert (pipeline.features, pipeline.second) == ("sift", None)

@@ -1,0 +1,127 @@
+"""One answer from several looks at one photo, each by other features.
+
+Each look gives a place its odds against "not on this map". Which look is worth more differs from map to map,
+so that their odds are combined by a second calibrated softmax (stacked generalization, Wolpert 1992), fitted
+on the trials that the looks themselves are calibrated on. What a look says of a place is log(1 + odds):
+nothing where it does not name the place, and about the log-odds where it is sure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.hypotheses.bayes import rerank, truncate
+from webapp.core.hypotheses.calibration import Calibration, probabilities
+from webapp.core.hypotheses.joint import cluster, fuse
+from webapp.core.hypotheses.model import Answer, Hypothesis
+
+LOOKS = 2
+
+DEFAULT = Calibration(slope=(0.8, 1.0), offset=-2.4, radius_scale=1.0)
+"""Fitted on the queries of maps of several kinds, each left out in turn: the values differ little."""
+
+SURE = 0.9
+"""An answer as probable as this needs no further look."""
+
+_MUCH_LESS = 0.1
+"""A computed position goes before a photo's place unless it is less probable than this share of it."""
+
+_LARGEST = 1e12
+"""Odds that no photo exceeds; what is less probable than one over this is not looked at."""
+
+
+def is_sure(answer: Answer) -> bool:
+    """Check whether an answer needs no further look."""
+    return bool(answer.hypotheses) and answer.hypotheses[0].probability >= SURE
+
+
+def evidence_of_looks(
+    looks: Sequence[Sequence[Hypothesis]], off_map: Sequence[float], *, radius_px: float
+) -> tuple[list[list[tuple[int, Hypothesis]]], NDArray[np.float64]]:
+    """Gather what the looks say of each place.
+
+    Parameters
+    ----------
+    looks : sequence of sequence of Hypothesis
+        All hypotheses of each look.
+    off_map : sequence of float
+        Each look's probability of "not on this map".
+    radius_px : float
+        Hypotheses so near to each other are one place.
+
+    Returns
+    -------
+    places : list of list of (int, Hypothesis)
+        Those about each place with the numbers of their looks, the most probable first.
+    evidence : (h, LOOKS) float64
+    """
+    named = [(n, h) for n, look in enumerate(looks) for h in look if h.probability > 1.0 / _LARGEST]
+    spots = cluster(named, radius_px)
+    evidence = np.zeros((len(spots), LOOKS))
+    for spot, row in zip(spots, evidence, strict=True):
+        for n, hypothesis in spot.members:
+            odds = hypothesis.probability / max(off_map[n], hypothesis.probability / _LARGEST)
+            row[n] = max(row[n], math.log1p(odds))
+    return [spot.members for spot in spots], evidence
+
+
+def fuse_place(
+    place: Sequence[tuple[int, Hypothesis]], *, probability: float, place_radius_px: float
+) -> Hypothesis:
+    """Make one hypothesis of those about a place, as from `evidence_of_looks`.
+
+    Positions are averaged where looks computed them. A look that hardly believes in its own does not move the
+    answer of one that does.
+    """
+    believed = [h for _, h in place if h.probability >= _MUCH_LESS * place[0][1].probability]
+    kind = "position" if any(h.kind == "position" for h in believed) else believed[0].kind
+    members = [h for h in believed if h.kind == kind]
+    fused = fuse(members, probability=probability, place_radius_px=place_radius_px)
+    return replace(fused, experiences=tuple(dict.fromkeys(id for _, h in place for id in h.experiences)))
+
+
+def combine_looks(
+    answers: Sequence[Answer], *, calibration: Calibration, place_radius_px: float, top: int
+) -> Answer:
+    """Combine all looks at one photo.
+
+    Parameters
+    ----------
+    answers : sequence of Answer
+        `LOOKS` of them, with all their hypotheses.
+    calibration : Calibration
+        Of the looks together: a slope for each.
+    top : int
+        Maximum number of hypotheses.
+
+    Returns
+    -------
+    Answer
+        Statistics are those of the look that is surest of the first place; its evidence comes first.
+    """
+    off_map = [a.off_map_probability or 0.0 for a in answers]
+    places, evidence = evidence_of_looks([a.hypotheses for a in answers], off_map, radius_px=place_radius_px)
+    probability, off = probabilities(evidence, calibration)
+    order = np.argsort(-probability, kind="stable")
+    fused = [
+        fuse_place(places[n], probability=float(probability[n]), place_radius_px=place_radius_px)
+        for n in order
+    ]
+    best = answers[places[order[0]][0][0]] if fused else answers[0]
+    shown = {e.experience for e in best.evidence}
+    further = (e for a in answers for e in a.evidence if e.experience not in shown)
+    whole = replace(
+        best,
+        off_map_probability=off,
+        other_probability=0.0,
+        no_pose=None if fused else best.no_pose,
+        evidence=(*best.evidence, *further),
+        looks=tuple(name for a in answers for name in a.looks),
+        seconds={s: sum(a.seconds.get(s, 0.0) for a in answers) for s in best.seconds},
+    )
+    return truncate(rerank(whole, fused), top)

@@ -1,0 +1,218 @@
+"""The photos of a map play queries: each is hidden, alone or with others, and looked for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Features
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
+from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
+from webapp.core.hypotheses.places import spacing_px
+from webapp.core.localize.places import PlaceCandidate
+from webapp.core.localize.verified import LocatedPlace, find_places, locate
+from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
+from webapp.core.retrieval.indexed import IndexedMap, candidates
+from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes
+from webapp.files.localize.calibration import TrialRecord
+from webapp.progress import Progress
+
+Hidden = Literal["photo", "place", "surroundings"]
+
+MOST_PHOTOS = 200
+
+_HIDDEN: tuple[Hidden, ...] = ("photo", "surroundings", "photo", "place")
+"""What is hidden with a photo that plays a query, in turn: itself, as when somebody comes by again; what
+stands as near as the next place; and all around, so that it plays a photo from elsewhere."""
+
+_OFF_MAP_WEIGHT = 0.1
+"""Of a photo from elsewhere against one from the map; ten of eleven are taken to be from the map."""
+
+_SAME_PLACE = 1.05
+"""Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query: what is
+left is about as far from it as a map's photos are from a new one."""
+
+_ELSEWHERE, _MOST_HIDDEN = 10.0, 0.6
+"""Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere: along a
+path one sees far. At most about this share of the map is hidden, the nearest photos."""
+
+_OTHER_DAY_EVERY, _LEFT_ON_OTHER_DAY = 2, 10
+"""Every second photo whose place is hidden plays one of another day, when one in ten of its keypoints is
+found again."""
+
+_ALIKE = 0.5
+"""Photos of an area with more than this share of the most similar one's votes are of the same capture."""
+
+_STRONG_INLIERS = 40
+"""Inliers from which on a photo surely shows the same as the query."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A photo of the map that played a query.
+
+    Attributes
+    ----------
+    evidence : (h, EVIDENCE) float64
+    places : list of PlaceCandidate
+        Their photos are left out.
+    truth : (x, y)
+    strong : bool
+        The best photo surely shows the same.
+    seconds : float
+        It took.
+    """
+
+    evidence: NDArray[np.float64]
+    places: list[PlaceCandidate]
+    truth: tuple[float, float]
+    hidden: Hidden
+    strong: bool
+    seconds: float
+
+    @property
+    def weight(self) -> float:
+        """How much it counts in a fit."""
+        return _OFF_MAP_WEIGHT if self.hidden == "surroundings" else 1.0
+
+    def to_record(self) -> dict[str, Any]:
+        """Give plain values."""
+        places = [[p.kind, *p.position, p.sigma_px, *p.anchor, p.area] for p in self.places]
+        return {
+            "evidence": self.evidence.tolist(),
+            "places": places,
+            "truth": [*self.truth],
+            "hidden": self.hidden,
+            "strong": self.strong,
+            "seconds": round(self.seconds, 4),
+        }
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> Trial:
+        """Build it from plain values."""
+        places = [
+            PlaceCandidate(kind, MapPixel(x, y), None, sigma, [], 0.0, MapPixel(ax, ay), area)
+            for kind, x, y, sigma, ax, ay, area in record["places"]
+        ]
+        evidence = np.array(record["evidence"], np.float64).reshape(-1, EVIDENCE)
+        x, y = record["truth"]
+        return cls(evidence, places, (x, y), record["hidden"], record["strong"], record["seconds"])
+
+    def located(self, indexed: IndexedMap, calibration: Calibration) -> list[LocatedPlace]:
+        """Locate the places as an answer does."""
+        radius = indexed.place_radius_px
+        return [
+            _on_path(locate(p, calibration=calibration, place_radius_px=radius), indexed.paths)
+            for p in self.places
+        ]
+
+
+def try_photos(
+    indexed: IndexedMap,
+    progress: Progress,
+    *,
+    sightings: DepthObservations | None = None,
+    known: Mapping[int, TrialRecord] = MappingProxyType({}),
+    keep: Callable[[int, TrialRecord], None] = lambda number, trial: None,
+) -> dict[int, Trial]:
+    """Look for at most `MOST_PHOTOS` photos of the map, evenly spread over it, each hidden from it.
+
+    Parameters
+    ----------
+    sightings : DepthObservations, optional
+        Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
+    known : mapping of int to TrialRecord
+        Photos that an earlier run has tried.
+    keep : callable
+        Is given each other photo's number and its trial.
+
+    Returns
+    -------
+    dict of int to Trial
+        By the number of the trial; photos that cannot be used are left out.
+    """
+    count = min(MOST_PHOTOS, len(indexed.ids))
+    same_place_px = _SAME_PLACE * (spacing_px(indexed.position) or indexed.place_radius_px)
+    progress.size(count)
+    trials = {}
+    for number in range(count):
+        progress.check()
+        if number in known:
+            record = known[number]
+        else:
+            photo = number * len(indexed.ids) // count
+            trial = _try(indexed, photo, sightings, number=number, same_place_px=same_place_px)
+            record = None if trial is None else trial.to_record()
+            keep(number, record)
+        if record is not None:
+            trials[number] = Trial.from_record(record)
+        progress.advance()
+    return trials
+
+
+def _try(
+    indexed: IndexedMap, photo: int, sightings: DepthObservations | None, *, number: int, same_place_px: float
+) -> Trial | None:
+    """Look for one photo; None where it has no features, or nothing of the map is left to look through."""
+    features = indexed.features(photo)
+    if features is None:
+        return None
+    turn, which = divmod(number, len(_HIDDEN))
+    hidden = _HIDDEN[which]
+    if hidden == "place" and turn % _OTHER_DAY_EVERY == _OTHER_DAY_EVERY - 1:
+        features = features.subset(np.arange(photo % _LEFT_ON_OTHER_DAY, len(features), _LEFT_ON_OTHER_DAY))
+    without = _hide(indexed, photo, features, hidden=hidden, same_place_px=same_place_px)
+    if without.all():
+        return None
+    started = time.perf_counter()
+    found = find_places(
+        indexed,
+        features,
+        fov_deg=float(indexed.fov_deg[photo]),
+        hide=indexed.ids[without].tolist(),
+        depths=None if sightings is None else DepthsExcluding(sightings, without),
+    )
+    x, y = indexed.position[photo].tolist()
+    strong = bool(found.places) and found.places[0].photos[0].inliers >= _STRONG_INLIERS
+    return Trial(found.evidence, found.places, (x, y), hidden, strong, time.perf_counter() - started)
+
+
+def _hide(
+    indexed: IndexedMap, photo: int, features: Features, *, hidden: Hidden, same_place_px: float
+) -> NDArray[np.bool_]:
+    """Choose the photos that are hidden with one that plays a query; (p,)."""
+    itself: NDArray[np.bool_] = np.arange(len(indexed.ids)) == photo
+    area = int(indexed.area[photo])
+    apart: NDArray[np.float64] = np.hypot(*(indexed.position - indexed.position[photo]).T)
+    if hidden == "photo":
+        return itself
+    if area >= 0:
+        there: NDArray[np.bool_] = indexed.area == area
+        return there if hidden == "surroundings" else there & _capture(indexed, itself, features)
+    if hidden == "place":
+        return apart <= same_place_px
+    within = min(_ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart, _MOST_HIDDEN)))
+    return apart <= within
+
+
+def _capture(indexed: IndexedMap, itself: NDArray[np.bool_], features: Features) -> NDArray[np.bool_]:
+    """Find the photos that look as if they were taken with one: many share a place, and few a moment."""
+    neighbours = indexed.tuning.retrieval.neighbours + 1
+    nearest = candidates(indexed, features.descriptors, k=neighbours, hide=indexed.ids[itself].tolist())
+    votes = weighted_votes(filter_by_rotation(indexed, features, found=nearest), len(indexed.ids))
+    same: NDArray[np.bool_] = votes > _ALIKE * votes.max()
+    return itself | same
+
+
+def _on_path(located: LocatedPlace, paths: PathPrior) -> LocatedPlace:
+    if located.kind != "position":
+        return located
+    position, _ = apply_path_prior(located.position, located.sigma_px**2, paths=paths)
+    return replace(located, position=position)

@@ -1,0 +1,107 @@
+"""Limits how many requests of one kind run at once, and how many of those who are not signed in."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import cast
+
+from flask import current_app, g, request
+from flask.blueprints import BlueprintSetupState
+from flask.sansio.app import App
+
+from webapp.errors import Busy, NotSignedIn
+from webapp.web.accounts.sessions import forget_caller, signed_in
+from webapp.web.state import KEY, AppState
+
+_EXTENSION = "expmap_concurrency"
+_WAIT_S = 1
+
+
+class ConcurrencyLimit:
+    """Limits one kind of request to a share of the threads, so that others are answered too.
+
+    Parameters
+    ----------
+    name : str
+        Of the kind of request.
+    share : float
+        Of the threads of a process.
+    """
+
+    def __init__(self, name: str, *, share: float) -> None:
+        self._name = name
+        self._share = share
+
+    def set_up(self, setup: BlueprintSetupState) -> None:
+        """Make the semaphore of an application; for `blueprint.record`."""
+        self.init_app(setup.app)
+
+    def init_app(self, app: App) -> None:
+        """Make the semaphore of an application."""
+        state = cast(AppState, app.extensions[KEY])
+        most = max(1, int(state.settings.serve.threads * self._share))
+        app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)
+
+    def semaphore(self) -> threading.BoundedSemaphore:
+        """Return the semaphore: one permit for each further request."""
+        return cast(threading.BoundedSemaphore, current_app.extensions[_EXTENSION][self._name])
+
+    def acquire(self) -> threading.BoundedSemaphore:
+        """Take a permit, to be released; returns the semaphore.
+
+        Raises
+        ------
+        Busy
+            None is free.
+        """
+        free = self.semaphore()
+        if not free.acquire(blocking=False):
+            raise Busy("the server is busy", wait_s=_WAIT_S, hint="try again in a moment")
+        return free
+
+    @contextmanager
+    def slot(self) -> Iterator[None]:
+        """Hold one permit for as long as the block lasts.
+
+        Raises
+        ------
+        Busy
+            None is free.
+        """
+        free = self.acquire()
+        try:
+            yield
+        finally:
+            free.release()
+
+
+_strangers = ConcurrencyLimit("those not signed in", share=0.5)
+
+
+def init_app(app: App) -> None:
+    """Keep half of the threads from the bodies of those who are not signed in; before any body is read."""
+    _strangers.init_app(app)
+    app.before_request(_take_permit)
+    app.teardown_request(_give_back)
+
+
+def _take_permit() -> None:
+    has_body = bool(request.content_length) or "Transfer-Encoding" in request.headers
+    if has_body and _is_stranger():
+        g.permit_of_strangers = _strangers.acquire()
+
+
+def _is_stranger() -> bool:
+    try:
+        return signed_in() is None
+    except NotSignedIn:
+        forget_caller()  # whoever needs to know who asks says that the token is unknown
+        return True
+
+
+def _give_back(_error: BaseException | None) -> None:
+    permits = g.pop("permit_of_strangers", None)
+    if permits is not None:
+        permits.release()

@@ -1,0 +1,32 @@
+"""Files as answers: how long a browser may keep them, and the name under which they are saved."""
+
+from __future__ import annotations
+
+import mimetypes
+from pathlib import Path, PurePosixPath
+
+from flask import Response, send_file
+
+
+def send_immutable(path: Path, *, etag: str) -> Response:
+    """Send a file that never changes under its address; browsers keep it."""
+    return _send(path, etag=etag, caching="private, max-age=31536000, immutable")
+
+
+def send_revalidated(path: Path, *, etag: str, media_type: str | None = None) -> Response:
+    """Send a file that browsers ask for again each time, as access to it can be revoked."""
+    return _send(path, etag=etag, caching="private, no-cache", media_type=media_type)
+
+
+def as_attachment(response: Response, name: str, *, default: str) -> Response:
+    """Have a browser save an answer under the last part of a client's file name, or under `default`."""
+    last = PurePosixPath(name.replace("\\", "/")).name
+    response.headers.set("Content-Disposition", "attachment", filename=last or default)
+    return response
+
+
+def _send(path: Path, *, etag: str, caching: str, media_type: str | None = None) -> Response:
+    media_type = media_type or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    response = send_file(path, mimetype=media_type, etag=etag, conditional=True)
+    response.headers["Cache-Control"] = caching
+    return response
