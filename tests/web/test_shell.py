@@ -235,7 +235,7 @@ def test_a_cookie_cannot_write_into_the_page(client):
 
 
 def test_who_is_not_signed_in_sends_to_half_of_the_threads(app, client, stranger):
-    permits = app.extensions["expmap_concurrency"]["strangers"]
+    permits = app.extensions["expmap_concurrency"]["unauthenticated"]
     taken = 0
     while permits.acquire(blocking=False):
         taken += 1

@@ -77,23 +77,23 @@ class ConcurrencyLimit:
             free.release()
 
 
-_strangers = ConcurrencyLimit("those not signed in", share=0.5)
+_unauthenticated = ConcurrencyLimit("unauthenticated", share=0.5)
 
 
 def init_app(app: App) -> None:
     """Keep half of the threads from the bodies of those who are not signed in; before any body is read."""
-    _strangers.init_app(app)
+    _unauthenticated.init_app(app)
     app.before_request(_take_permit)
     app.teardown_request(_give_back)
 
 
 def _take_permit() -> None:
     has_body = bool(request.content_length) or "Transfer-Encoding" in request.headers
-    if has_body and _is_stranger():
-        g.permit_of_strangers = _strangers.acquire()
+    if has_body and _is_unauthenticated():
+        g.permit_of_unauthenticated = _unauthenticated.acquire()
 
 
-def _is_stranger() -> bool:
+def _is_unauthenticated() -> bool:
     try:
         return signed_in() is None
     except NotSignedIn:
@@ -102,6 +102,6 @@ def _is_stranger() -> bool:
 
 
 def _give_back(_error: BaseException | None) -> None:
-    permits = g.pop("permit_of_strangers", None)
+    permits = g.pop("permit_of_unauthenticated", None)
     if permits is not None:
         permits.release()

@@ -21,7 +21,6 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.wrappers import Response as BaseResponse
 
 from webapp.errors import (
-    Busy,
     Cancelled,
     Conflict,
     ExpMapError,
@@ -49,7 +48,7 @@ _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
     (NotSignedIn, HTTPStatus.UNAUTHORIZED),
     (NotAllowed, HTTPStatus.FORBIDDEN),
     (TooMany, HTTPStatus.TOO_MANY_REQUESTS),
-    (Busy, HTTPStatus.SERVICE_UNAVAILABLE),
+    (RetryLater, HTTPStatus.SERVICE_UNAVAILABLE),
     (Conflict, HTTPStatus.CONFLICT),
     (NotReady, HTTPStatus.CONFLICT),
     (MapError, HTTPStatus.UNPROCESSABLE_ENTITY),
