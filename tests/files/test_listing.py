@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from webapp.errors import UsageError
+from webapp.files import listing
 from webapp.files.listing import Spelling, list_files, natural_key, normal_name
 
 
@@ -63,3 +64,9 @@ def test_similar_names() -> None:
 
 def test_normal_name() -> None:
     assert normal_name("./a//b.jpg") == "a/b.jpg"
+
+
+def test_typing_errors_are_looked_for_only_so_often(monkeypatch):
+    monkeypatch.setattr(listing, "_MOST_COMPARISONS", 10)
+    spelling = Spelling(["p/gate.jpeg", *(f"p/{'abcdefgh'[i]}.jpg" for i in range(4))])
+    assert [spelling.similar("p/gate.jpg") for _ in range(3)] == ["p/gate.jpeg", "p/gate.jpeg", None]

@@ -16,6 +16,9 @@ _DIGITS = re.compile(r"([0-9]+)")
 
 Key = tuple[tuple[tuple[int, int, str], ...], ...]
 
+_MOST_COMPARISONS = 20_000
+"""Pairs of names compared letter by letter; where more are missing, it is not for typing errors."""
+
 DERIVED = "derived"
 """Folder next to a map for what is computed from it."""
 
@@ -54,6 +57,7 @@ class Spelling:
         self._folded: dict[str, str] = {}
         self._last: dict[str, list[str]] = {}
         self._numbers: dict[tuple[str, str], list[str]] = {}
+        self._comparisons_left = _MOST_COMPARISONS
         for name in sorted(self._names):
             self._folded.setdefault(folded(name), name)
             self._last.setdefault(_last(name), []).append(name)
@@ -70,6 +74,9 @@ class Spelling:
             return elsewhere[0]
         # names that differ in a digit are other photos, not typing errors
         siblings = self._numbers.get(_numbers(name), [])
+        self._comparisons_left -= len(siblings)
+        if self._comparisons_left < 0:
+            return None
         return next(iter(difflib.get_close_matches(name, siblings, n=1, cutoff=0.8)), None)
 
 

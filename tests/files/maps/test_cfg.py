@@ -1,6 +1,7 @@
 """The reader and writer of map files."""
 
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -212,3 +213,20 @@ def test_offset_of_a_bad_byte(lines: list[str], bom: bool, crlf: bool) -> None:
     (fault,) = [f for f in scan(before + b"\xe9.jpg;1;1").faults if f.code == "not-utf-8"]
     assert f"offset {len(before)} " in fault.message
     assert (fault.line, fault.column) == (len(lines) + 1, 4)
+
+
+@pytest.mark.parametrize("line", ["{i};p{i}.jpg;50;150", "{i};p{i}.jpg;500;500", "", "7;p.jpg;1;1"])
+def test_a_file_of_wrong_lines_takes_no_longer_than_one_of_right_ones(line: str) -> None:
+    """It took 3 ms a line with swapped positions, which were looked for in a list."""
+    lines = "\n".join(line.format(i=i) for i in range(30_000))
+    started = time.process_time()
+    with pytest.raises(CfgError):
+        parse_cfg(f"plan.png;200;100\n{lines}\n\n0")
+    assert time.process_time() - started < 10, "30 000 lines take half a second"
+
+
+def test_a_line_of_a_million_columns_makes_no_cells() -> None:
+    (fault,) = (f for f in scan(b"plan.png;10;10\n" + b";" * 1_000_000).faults if f.line == 2)
+    assert "1000000 characters" in fault.message and len(fault.fix) < 100
+    (fault,) = (f for f in scan(b"plan.png;10;10\n0;a.jpg;1;1" + b";" * 500).faults if f.line == 2)
+    assert (fault.message, fault.fix) == ("504 columns instead of 4: id;photo;x;y", "write 0;a.jpg;1;1")

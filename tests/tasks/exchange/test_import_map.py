@@ -351,3 +351,10 @@ def test_a_map_with_something_in_it_is_not_overwritten(adopt, library, archive):
 def test_a_map_that_is_gone(library, archive):
     with pytest.raises(NotFound):
         import_map.run_into(library, archive, map_id=99, settings=Settings())
+
+
+def test_a_list_of_very_many_files_is_not_read(bring, park, monkeypatch, nothing_is_left):
+    monkeypatch.setattr(zipfile.ZipFile, "infolist", lambda self: pytest.fail("it was read"))
+    many = {f"notes/{number:060}.txt": b"" for number in range(2000)}
+    with pytest.raises(InputError, match="more files than the limit of 10"):
+        bring({**park, **many}, limits=ImportLimits(max_files=10))

@@ -6,13 +6,13 @@ import zipfile
 
 import pytest
 
+from webapp.files.exchange import map_zip
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context, JobProgress
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import adopt_map
-from webapp.web.maps import api_exchange
 
 GEO = {
     "format": "experience-map",
@@ -149,13 +149,19 @@ def test_an_import_without_a_file(client):
 
 
 def test_a_large_zip_is_imported_by_a_job(client, park, work, monkeypatch, library):
-    monkeypatch.setattr(api_exchange, "_AT_ONCE_BYTES", 1000)
+    monkeypatch.setattr(map_zip, "_QUICK_BYTES", 1000)
     answer = bring(client, client.get(f"/api/v1/maps/{park}/export.zip").data, name="Later")
     assert answer.status_code == 202 and answer.json["slug"] == "later"
     assert client.get("/api/v1/maps/later").json["photos"] == []
     assert work(map_jobs.import_map_zip) == {"findings": [], "left_out": []}
     assert len(client.get("/api/v1/maps/later").json["photos"]) == 3
     assert list((library.inner / "imports").iterdir()) == []
+
+
+def test_a_small_zip_with_many_lines_is_imported_by_a_job(client):
+    lines = "".join(f"{i};p{i}.jpg;1;1\n" for i in range(20_000))
+    answer = bring(client, zipped({"map.cfg": f"plan.png;2;2\n{lines}".encode()}), name="Many")
+    assert answer.status_code == 202
 
 
 def test_an_export_by_a_job_is_fetched(client, park, work):

@@ -174,7 +174,7 @@ def _duplicate_photos(photos: Sequence[PhotoLine]) -> Iterator[Finding]:
 def _outside(width: int, height: int, photos: Sequence[PhotoLine]) -> list[Finding]:
     """Find positions outside the image, and say so when swapping x and y would cure most of them."""
     outside = [line for line in photos if not _fits(line.x, width) or not _fits(line.y, height)]
-    cured = [line for line in outside if _fits(line.y, width) and _fits(line.x, height)]
+    cured = [line for line in outside if _fits_swapped(line, width, height)]
     swapped = bool(cured) and 2 * len(cured) >= len(outside)
     found = []
     for line in outside:
@@ -182,13 +182,13 @@ def _outside(width: int, height: int, photos: Sequence[PhotoLine]) -> list[Findi
         axis, value, limit = ("x", line.x, width) if bad_x else ("y", line.y, height)
         message = f"{axis} = {value} is outside the image, whose {'width' if bad_x else 'height'} is {limit}"
         fix = f"correct it to x from 0 to {width} and y from 0 to {height}, or delete the line"
-        if swapped and line in cured:
+        if swapped and _fits_swapped(line, width, height):
             fix = f"x and y seem to be swapped: {line.text(x=line.y, y=line.x)}"
         found.append(
             Finding(Code.POSITION_OUTSIDE_IMAGE, line.line, line.columns[2 if bad_x else 3], message, fix)
         )
     if swapped:
-        everything = all(_fits(line.y, width) and _fits(line.x, height) for line in photos)
+        everything = all(_fits_swapped(line, width, height) for line in photos)
         message = (
             f"x and y seem to be swapped: {len(cured)} of {len(outside)} positions outside would be inside"
         )
@@ -202,6 +202,10 @@ def _outside(width: int, height: int, photos: Sequence[PhotoLine]) -> list[Findi
 def _fits(value: int | None, limit: int) -> bool:
     """Return whether a coordinate is on the image; one that could not be read is not judged here."""
     return value is None or 0 <= value <= limit
+
+
+def _fits_swapped(line: PhotoLine, width: int, height: int) -> bool:
+    return _fits(line.y, width) and _fits(line.x, height)
 
 
 def _satellite(image: ImageLine, facts: FolderFacts) -> Iterator[Finding]:

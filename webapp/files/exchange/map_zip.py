@@ -23,12 +23,16 @@ from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import InputError, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.decode import PHOTO_SUFFIXES
+from webapp.files.exchange.zip_directory import has_many_files
 from webapp.files.listing import folded
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
 
 _SMALL = 1_000_000
 """Bytes of a file whose compression is not judged: text shrinks a lot."""
+
+_QUICK_BYTES, _QUICK_FILES, _QUICK_CFG_BYTES = 30_000_000, 1000, 200_000
+"""Of a zip that is imported while somebody waits; a line of a `.cfg` has about 20 bytes and takes 0.2 ms."""
 
 _CHUNK = 1 << 20
 _MAX_NAME_BYTES = 200
@@ -83,6 +87,7 @@ def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progr
         The disk refused, or has no room for it.
     Cancelled
     """
+    _check_number(archive, limits)
     with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
         infos = opened.infolist()
         files, left_out = _checked(infos, limits)
@@ -94,6 +99,29 @@ def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progr
             progress.advance()
     cfgs = sorted(file.name for file in files if file.name.lower().endswith(".cfg"))
     return UnpackedMap(folder, tuple(cfgs), tuple(left_out))
+
+
+def is_quick(archive: Path) -> bool:
+    """Return whether a zip is so small that it is imported within seconds; what is no zip is, too."""
+    if has_many_files(archive, limit=_QUICK_FILES):
+        return False
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            infos = opened.infolist()
+    except (*_BROKEN, OSError):
+        return True  # it is refused at once
+    lines_bytes = sum(info.file_size for info in infos if info.filename.lower().endswith(".cfg"))
+    size = sum(info.compress_size for info in infos)
+    return len(infos) <= _QUICK_FILES and lines_bytes <= _QUICK_CFG_BYTES and size <= _QUICK_BYTES
+
+
+def _check_number(archive: Path, limits: ImportLimits) -> None:
+    """Refuse a zip by the length of its list of files, before that is read."""
+    if has_many_files(archive, limit=limits.max_files):
+        raise InputError(
+            f"the zip has more files than the limit of {limits.max_files}",
+            hint="leave out what is not part of the map",
+        )
 
 
 def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[list[_File], list[str]]:

@@ -185,9 +185,3 @@ def _check_writable(map_: Map) -> None:
             message = f"the position ({e.position.x:g}, {e.position.y:g}) is outside the image"
             hint = f"x is from 0 to {image.width}, y from 0 to {image.height} pixels"
             raise MapError(message, where=e.photo, hint=hint)
-    ids = [e.id for e in map_.experiences]
-    if len(set(ids)) < len(ids):
-        twice = next(e for i, e in enumerate(map_.experiences) if e.id in ids[:i])
-        raise MapError(
-            f"the id {twice.id} is used twice", where=twice.photo, hint="give each photo its own id"
-        )

@@ -116,6 +116,12 @@ def _limited(text: str, what: str, *, smallest: int) -> int:
 
 T = TypeVar("T")
 
+_WIDEST = 4
+"""Columns of a line that are looked at one by one; a line of a million more makes no cells of them."""
+
+_LONGEST_LINE = 10_000
+"""Characters; the longest name that a disk takes has 1000."""
+
 BOM = b"\xef\xbb\xbf"
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
 _ESCAPED_BYTE = re.compile(r"[\udc80-\udcff]")
@@ -157,7 +163,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One line and its cells, spaces around them left out."""
+    """One line and its cells, spaces around them left out; the fifth is all that follows the fourth."""
 
     number: int
     text: str
@@ -209,14 +215,17 @@ def _split(data: bytes, result: Scan) -> list[int]:
             result.ends.append("" if last else "\r\n" if carriage else "\n")
             starts.append(offset)
         offset += len(piece) + 1
-    while result.lines and not result.lines[-1].strip(" "):
-        result.tail = result.lines.pop() + result.ends.pop() + result.tail
-    return starts[: len(result.lines)]
+    count = len(result.lines)
+    while count and not result.lines[count - 1].strip(" "):
+        count -= 1
+    result.tail = "".join(map(str.__add__, result.lines[count:], result.ends[count:]))
+    del result.lines[count:], result.ends[count:], starts[count:]
+    return starts
 
 
 def _row(number: int, text: str) -> _Row:
     cells, columns, at = [], [], 1
-    for cell in text.split(";"):
+    for cell in text.split(";", _WIDEST):
         cells.append(cell.strip(" "))
         columns.append(at + (len(cell) - len(cell.lstrip(" ")) if cells[-1] else 0))
         at += len(cell) + 1
@@ -236,6 +245,11 @@ def _character_fault(row: _Row, start: int) -> Finding | None:
     if not text.strip(" "):
         message = "the line is blank, and more lines follow"
         return row.finding(Code.BLANK_LINE, 1, message=message, fix="delete the blank line")
+    if len(text) > _LONGEST_LINE:
+        message = f"the line has {len(text)} characters, more than {_LONGEST_LINE}"
+        return row.finding(
+            Code.WRONG_COLUMN_COUNT, 1, message=message, fix="break it into lines, or delete it"
+        )
     control = _CONTROL.search(text)
     if control:
         name, fix = _CONTROL_NAMES.get(control[0], (f"the control character {control[0]!r}", "delete it"))
@@ -256,7 +270,7 @@ def _is_photo(row: _Row) -> bool:
 def _count_fault(row: _Row) -> Finding | None:
     """Find a wrong number of columns."""
     grammar = "image;width;height" if row.number == 1 else "id;photo;x;y"
-    wanted, have = grammar.count(";") + 1, len(row.cells)
+    wanted, have = grammar.count(";") + 1, row.text.count(";") + 1
     if have == wanted:
         return None
     if row.number == 1 and _is_photo(row):
@@ -266,7 +280,7 @@ def _count_fault(row: _Row) -> Finding | None:
     if have == 1 and "," in row.text:
         message, fix = "the columns are separated by ',', not ';'", f"write {row.text.replace(',', ';')}"
         return row.finding(Code.WRONG_SEPARATOR, row.text.index(",") + 1, message=message, fix=fix)
-    if have > wanted and not any(row.cells[wanted:]):
+    if have > wanted and not any(cell.strip("; ") for cell in row.cells[wanted:]):
         fix = f"write {';'.join(row.cells[:wanted])}"
     elif have > wanted:
         fix = "a name must not contain ';': rename the file, or delete the columns that are too many"

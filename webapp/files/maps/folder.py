@@ -25,37 +25,57 @@ def placement_path(cfg_path: Path, name: str) -> Path:
     return cfg_path.with_name(f"{name}.cfg")
 
 
-def photo_path(cfg_path: Path, name: str) -> Path:
-    """Find a photo or the satellite image of a map, whether or not it exists.
+class MapFolder:
+    """Finds the files that a map names, below its folder and nowhere else; folders are resolved once.
 
     Parameters
     ----------
     cfg_path : Path
         The `.cfg`; photos are relative to its folder.
-    name : str
-        As it stands in the `.cfg`.
-
-    Raises
-    ------
-    MapError
-        The name, or a link on the way, leads out of the folder.
     """
-    problem = name_problem(name)
-    if problem:
-        raise MapError(problem.message, where=str(cfg_path), hint="keep photos below the map's folder")
-    path = cfg_path.parent / name
-    try:
-        stays = path.resolve().is_relative_to(cfg_path.parent.resolve())
-    except (OSError, RuntimeError) as error:  # links in a circle
-        raise MapError(
-            f"{name!r} is a broken link: {error}", where=str(cfg_path), hint="replace the link"
-        ) from error
-    if not stays:
-        hint = "replace the link by a copy of the file"
-        raise MapError(
-            f"{name!r} is a link that leads out of the map's folder", where=str(cfg_path), hint=hint
-        )
-    return path
+
+    def __init__(self, cfg_path: Path) -> None:
+        self._cfg_path = cfg_path
+        self._stays: dict[Path, bool] = {}
+
+    def path(self, name: str) -> Path:
+        """Find a photo or the satellite image of the map, whether or not it exists.
+
+        Parameters
+        ----------
+        name : str
+            As it stands in the `.cfg`.
+
+        Raises
+        ------
+        MapError
+            The name, or a link on the way, leads out of the folder.
+        """
+        problem = name_problem(name)
+        if problem:
+            raise self._error(problem.message, hint="keep photos below the map's folder")
+        path = self._cfg_path.parent / name
+        try:
+            if path.parent not in self._stays:
+                self._stays[path.parent] = self._is_inside(path.parent)
+            stays = self._stays[path.parent] and (not path.is_symlink() or self._is_inside(path))
+        except (OSError, RuntimeError) as error:  # links in a circle
+            raise self._error(f"{name!r} is a broken link: {error}", hint="replace the link") from error
+        if not stays:
+            message = f"{name!r} is a link that leads out of the map's folder"
+            raise self._error(message, hint="replace the link by a copy of the file")
+        return path
+
+    def _is_inside(self, path: Path) -> bool:
+        return path.resolve().is_relative_to(self._cfg_path.parent.resolve())
+
+    def _error(self, message: str, *, hint: str) -> MapError:
+        return MapError(message, where=str(self._cfg_path), hint=hint)
+
+
+def photo_path(cfg_path: Path, name: str) -> Path:
+    """Find a photo or the satellite image of a map, whether or not it exists; see `MapFolder.path`."""
+    return MapFolder(cfg_path).path(name)
 
 
 def read_map_json(cfg_path: Path) -> MapJson:

@@ -26,6 +26,7 @@ from webapp.core.trajectory.records import Poses, Sighting, make_poses
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
+from webapp.files.exchange.zip_directory import has_many_files
 from webapp.missions.files.track_chunks import (
     CHUNK,
     UNTIMED,
@@ -50,6 +51,9 @@ _GAP = re.compile(r"\s*,\s*")
 MAX_BYTES = 200_000_000
 MAX_RATIO = 200
 _SMALL = 1_000_000
+_MAX_FILES = 10_000
+"""Of a KMZ; icons and pictures among them."""
+
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError)
 """What `zipfile` raises for damaged, encrypted and unknown contents."""
 
@@ -203,6 +207,8 @@ def opened_kml(path: Path) -> Iterator[BinaryIO]:
         It is not a zip, has no KML, is encrypted or damaged, or claims to hold far more than a track; also
         while it is read.
     """
+    if has_many_files(path, limit=_MAX_FILES):
+        raise TrackError(f"the zip has more than {_MAX_FILES} files", hint="export the track again")
     try:
         archive = zipfile.ZipFile(path)
     except _BROKEN as error:

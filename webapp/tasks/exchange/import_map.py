@@ -79,9 +79,11 @@ def add_placements(cfg: Path) -> None:
     MapError
         One cannot be read.
     """
-    map_ = read_map(cfg)
-    there = {cfg, *(placement_path(cfg, p.name) for p in map_.placements)}
+    there = {cfg, *_known_placements(cfg)}
     others = [path for path in sorted(cfg.parent.glob("*.cfg")) if path not in there]
+    if not others:
+        return
+    map_ = read_map(cfg)
     strangers = [path for path in others if not _is_placement(path, map_)]
     if strangers:
         raise InputError(
@@ -89,9 +91,8 @@ def add_placements(cfg: Path) -> None:
             f"{_listed(strangers, cfg.parent)}",
             hint="a placement has the first line, ids and photos of the map; zip other maps on their own",
         )
-    if others:
-        new = [Placement(p.stem, {e.id: e.position for e in read_cfg(p).map.experiences}) for p in others]
-        write_bytes(json_path(cfg), format_map_json(replace(map_, placements=(*map_.placements, *new))))
+    new = [Placement(p.stem, {e.id: e.position for e in read_cfg(p).map.experiences}) for p in others]
+    write_bytes(json_path(cfg), format_map_json(replace(map_, placements=(*map_.placements, *new))))
 
 
 def _known_placements(path: Path) -> list[Path]:

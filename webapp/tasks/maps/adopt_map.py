@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
-from webapp.files.maps.folder import photo_path, read_map
+from webapp.files.maps.folder import MapFolder, read_map
 from webapp.files.maps.map_json import georeference_fields
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_file
@@ -130,11 +130,12 @@ def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContent
     _check_placements(map_, cfg)
     check_room_for_ids(map_, cfg)
     progress.size(len(map_.experiences))
+    files = MapFolder(cfg)
     photos, problems = [], []
     taken: set[str] = set()
     for e in map_.experiences:
         progress.check()
-        row, problem = photo_row(cfg, e, limits=limits)
+        row, problem = photo_row(files, e, limits=limits)
         if row.sha256 in taken:
             row.sha256 = salted(row.sha256, e.id)
         taken.add(row.sha256)
@@ -186,7 +187,7 @@ def salted(sha256: str, id: int) -> str:
     return hashlib.sha256(f"{sha256}/{id}".encode()).hexdigest()
 
 
-def photo_row(cfg: Path, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, str | None]:
+def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, str | None]:
     """Make the record of an experience's photo; what the map says goes before its EXIF.
 
     Returns
@@ -212,7 +213,7 @@ def photo_row(cfg: Path, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, 
         heading_deg=e.heading_deg,
     )
     try:
-        _look(row, photo_path(cfg, e.photo), limits=limits)
+        _look(row, files.path(e.photo), limits=limits)
     except (MapError, PhotoError) as error:
         problem = f"{e.photo}: {error.message}"
         row.gps_problem = problem
@@ -287,13 +288,13 @@ class PhotoFiles:
     """
 
     def __init__(self, cfg: Path, limits: PhotoLimits) -> None:
-        self._cfg, self._limits = cfg, limits
+        self._files, self._limits = MapFolder(cfg), limits
         self._read: dict[Experience, tuple[Photo, str | None]] = {}
 
     def row(self, experience: Experience) -> tuple[Photo, str | None]:
         """Make a new record of an experience's photo, as `adopt_map.photo_row` does."""
         if experience not in self._read:
-            self._read[experience] = photo_row(self._cfg, experience, limits=self._limits)
+            self._read[experience] = photo_row(self._files, experience, limits=self._limits)
         row, problem = self._read[experience]
         return Photo(**{column.key: getattr(row, column.key) for column in Photo.__table__.columns}), problem
 

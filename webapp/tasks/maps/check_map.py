@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,12 +17,15 @@ from webapp.files.decode import check_decodes, image_size
 from webapp.files.listing import Spelling, list_photos, normal_name
 from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import Scan, scan
-from webapp.files.maps.folder import json_path, photo_path, placement_path, read_map_json
+from webapp.files.maps.folder import MapFolder, json_path, placement_path, read_map_json
 from webapp.files.maps.map_json import MapJson
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
+
+_SEPARATORS = re.compile(r"[;,\t]")
+"""What people separate columns by, rightly or not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +182,8 @@ def check_map(
     pieces = scan(read_bytes(cfg_path) if content is None else content)
     side_files = check_side_files(cfg_path, pieces)
     findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *side_files.findings]
-    judge = _FileChecker(cfg_path, settings.photo, side_files.georeference)
-    facts = _folder_facts(judge, pieces, progress=progress)
+    judge = _FileChecker(MapFolder(cfg_path), settings.photo, side_files.georeference)
+    facts = _folder_facts(cfg_path, judge, pieces=pieces, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
     return CheckReport(cfg_path, len(pieces.photos), tuple(findings))
@@ -189,21 +193,21 @@ def check_map(
 class _FileChecker:
     """Looks at the files that a map names."""
 
-    cfg_path: Path
+    files: MapFolder
     limits: PhotoLimits
     georeference: Georeference | None
 
     def find(self, name: str) -> FileFacts:
         """Return whether the file is there."""
         try:
-            path = photo_path(self.cfg_path, name)
+            path = self.files.path(name)
         except MapError as error:
             return FileFacts("outside", error.message)
         return FileFacts("ok" if path.is_file() else "missing")
 
     def photo(self, name: str) -> FileFacts:
         """Return whether a photo that is there can be decoded, and where its GPS puts it."""
-        path = photo_path(self.cfg_path, name)
+        path = self.files.path(name)
         try:
             check_decodes(path, limits=self.limits)
             gps = read_facts(path, limits=self.limits).gps if self.georeference else None
@@ -217,14 +221,14 @@ class _FileChecker:
     def image(self, name: str) -> tuple[FileFacts, tuple[int, int] | None]:
         """Return whether an image that is there can be read, and its size in pixels."""
         try:
-            return FileFacts("ok"), image_size(photo_path(self.cfg_path, name))
+            return FileFacts("ok"), image_size(self.files.path(name))
         except PhotoError as error:
             return FileFacts("unreadable", error.message), None
 
 
-def _folder_facts(judge: _FileChecker, pieces: Scan, *, progress: Progress) -> FolderFacts:
-    present = list_photos(judge.cfg_path.parent)
-    orphans = orphan_photos(judge.cfg_path, pieces, present=present)
+def _folder_facts(cfg_path: Path, judge: _FileChecker, *, pieces: Scan, progress: Progress) -> FolderFacts:
+    present = list_photos(cfg_path.parent)
+    orphans = orphan_photos(cfg_path, pieces, present=present)
     listed, unused = Spelling(present), Spelling(orphans)
 
     def spelled(name: str, found: FileFacts) -> FileFacts:
@@ -269,5 +273,6 @@ def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> li
         named |= {normal_name(line.photo) for line in each.photos if line.photo is not None}
         if each.image and each.image.image is not None:
             named.add(normal_name(each.image.image))
-    unread = "\n".join(text for each in (pieces, *others) for text in each.unread)
-    return [name for name in present if name not in named and name not in unread]
+        for text in each.unread:
+            named |= {normal_name(cell.strip()) for cell in _SEPARATORS.split(text)}
+    return [name for name in present if name not in named]

@@ -19,7 +19,7 @@ from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.decode import image_size
 from webapp.files.listing import list_photos, normal_name
 from webapp.files.maps.cfg_scan import scan
-from webapp.files.maps.folder import photo_path
+from webapp.files.maps.folder import MapFolder, photo_path
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -333,7 +333,10 @@ def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Pho
         cfg = library.cfg(record.slug)
         with show_relative_to(cfg.parent):
             names = [name for name in orphans(session, record, cfg) if not name_problem(name)]
-    read = (photo_row(cfg, Experience(0, name, MapPixel(0.0, 0.0)), limits=settings.photo) for name in names)
+    files = MapFolder(cfg)
+    read = (
+        photo_row(files, Experience(0, name, MapPixel(0.0, 0.0)), limits=settings.photo) for name in names
+    )
     return [row for row, problem in read if problem is None]
 
 

@@ -13,6 +13,7 @@ from flask import Response, jsonify, request, send_from_directory
 from flask_babel import gettext as _
 
 from webapp.errors import NotFound, UsageError
+from webapp.files.exchange.map_zip import is_quick
 from webapp.files.part_file import receive
 from webapp.render import export_file
 from webapp.render.export_file import FORMATS
@@ -28,9 +29,6 @@ from webapp.web.errors import as_json
 from webapp.web.openapi import file_answer, json_answer
 
 blueprint = APIBlueprint("api_exchange", __name__, url_prefix="/api/v1/maps", tag="Import and export")
-
-_AT_ONCE_BYTES = 30_000_000
-"""A smaller zip is imported before the answer, a larger one by a job."""
 
 _MAX_NAME = 120
 _PARTS = 20
@@ -137,8 +135,8 @@ def import_zip(given: dict[str, Any]) -> Any:
     archive = import_map.archive_path(place, token)
     kept = False
     try:
-        size = receive(archive, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
-        if size > _AT_ONCE_BYTES:
+        receive(archive, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
+        if not is_quick(archive):
             answer = _by_job(name, token)
             kept = True
             return answer, 202

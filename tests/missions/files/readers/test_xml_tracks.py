@@ -132,6 +132,16 @@ def test_bad_xml_is_refused(data: bytes, message: str) -> None:
         read_gpx(data)
 
 
+def test_a_kmz_of_very_many_files_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kml_reader, "_MAX_FILES", 10)
+    path = tmp_path / "a.kmz"
+    with zipfile.ZipFile(path, "w") as archive:
+        for number in range(2000):
+            archive.writestr(f"pictures/{number:060}.png", b"")
+    with pytest.raises(TrackError, match="more than 10 files"), kml_reader.opened_kml(path):
+        pytest.fail("it was opened")
+
+
 def test_a_kmz_is_read_from_its_doc_kml(tmp_path: Path) -> None:
     path = tmp_path / "a.kmz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
