@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sqlalchemy import event
 
 from webapp.errors import Conflict, NotFound
 from webapp.store.maps import edits, maps
@@ -42,6 +43,14 @@ def where(library, do):
             return [session.get(Photo, (do.map_id, n)).x_px for n in range(3)]
 
     return look
+
+
+@pytest.fixture
+def statements(library):
+    """Every statement that the database is sent."""
+    sent = []
+    event.listen(library.database.engine, "before_cursor_execute", lambda *args: sent.append(args[2]))
+    return sent
 
 
 def put(x, photo=0):
@@ -162,3 +171,31 @@ def test_a_photo_comes_once(library, do, new_photo):
         assert maps.counts(session, record) == (3, 0)
         assert maps.add_photo(session, record, row=new_photo(50)).removed is False
         assert [p.id for p in maps.photos(session, record, since=record.revision - 1)] == [3]
+
+
+def test_an_edit_of_many_photos_asks_as_often_as_one_of_few(library, ana, new_map, statements):
+    map_id = new_map(ana, photos=60)
+
+    def count(function, **arguments):
+        statements.clear()
+        with library.database.write() as session:
+            assert function(session, session.get(MapRecord, map_id), account_id=ana.id, **arguments)
+        return len(statements)
+
+    def move(photos):
+        return {"changes": {f"photo/{n}": {"x_px": 1.0, "y_px": 2.0} for n in photos}, "kind": "move"}
+
+    few = count(edits.apply, **move(range(2))), count(edits.undo), count(edits.redo)
+    many = count(edits.apply, **move(range(5, 60))), count(edits.undo), count(edits.redo)
+    assert few == many
+
+
+def test_what_undo_would_do_is_known_without_reading_the_edit(do, statements, library, ana):
+    do(edits.apply, **put(1.0))
+    do(edits.apply, **put(2.0, photo=1))
+    do(edits.undo)
+    statements.clear()
+    with library.database.read() as session:
+        steps = edits.next_steps(session, session.get(MapRecord, do.map_id), account_id=ana.id)
+    assert steps == {"undo": edits.NextStep("place", 1), "redo": edits.NextStep("place", 1)}
+    assert not any("edit.changes," in sent for sent in statements)

@@ -7,16 +7,17 @@ Everyone undoes their own edits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import select, update
+from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import MapPixel, inside
 from webapp.errors import Conflict, NotFound
 from webapp.store.clock import now
+from webapp.store.maps import maps
 from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 
 Fields = dict[str, Any]
@@ -38,6 +39,14 @@ class UndoResult:
 
     edit: Edit
     clash: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class NextStep:
+    """What an undo or redo would be about: a word, and how many photos."""
+
+    kind: str
+    count: int
 
 
 def apply(
@@ -74,11 +83,12 @@ def apply(
     NotFound
         A photo that the map has not.
     """
+    rows = _Rows(session, record, changes)
     steps: list[dict[str, Any]] = []
     for target, after in changes.items():
-        before = _value(session, record, target=target, fields=after)
-        if seen is not None and (revision := _revision(session, record, target)) > seen:
-            raise Conflict(_who_changed(session, record, target=target, revision=revision), where=target)
+        before = _value(rows, target=target, fields=after)
+        if seen is not None and rows.revision(target) > seen:
+            raise Conflict(_who_changed(rows, target=target), where=target)
         if before != after:
             steps.append(
                 {"target": target, "before": before, "after": None if after is None else dict(after)}
@@ -88,7 +98,7 @@ def apply(
     _close_undone(session, record, account_id)
     _next_revision(record)
     for step in steps:
-        _set(session, record, target=step["target"], fields=step["after"])
+        _set(rows, target=step["target"], fields=step["after"])
     edit = Edit(
         map_id=record.id, account_id=account_id, kind=kind, changes=steps, state="done", turn=record.revision
     )
@@ -109,35 +119,49 @@ def redo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult 
 
 def newest_done(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
     """Find the edit that undo would take back."""
-    found = select(Edit).where(Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "done")
-    return session.scalars(found.order_by(Edit.id.desc()).limit(1)).first()
+    return session.scalars(_newest_done(select(Edit), record, account_id)).first()
 
 
 def oldest_undone(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
     """Find the edit that redo would do again: undone edits are always the account's last ones."""
-    found = select(Edit).where(
-        Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "undone"
-    )
-    return session.scalars(found.order_by(Edit.id).limit(1)).first()
+    return session.scalars(_oldest_undone(select(Edit), record, account_id)).first()
+
+
+def next_steps(session: Session, record: MapRecord, *, account_id: int) -> dict[str, NextStep | None]:
+    """Say what `undo` and `redo` would be about, without reading the edits: they may name every photo."""
+    brief = select(Edit.kind, func.json_array_length(Edit.changes))
+    found = {"undo": _newest_done, "redo": _oldest_undone}
+    rows = {way: session.execute(query(brief, record, account_id)).first() for way, query in found.items()}
+    return {way: None if row is None else NextStep(*row) for way, row in rows.items()}
+
+
+def _newest_done(query: Select[Any], record: MapRecord, account_id: int) -> Select[Any]:
+    own = query.where(Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "done")
+    return own.order_by(Edit.id.desc()).limit(1)
+
+
+def _oldest_undone(query: Select[Any], record: MapRecord, account_id: int) -> Select[Any]:
+    own = query.where(Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "undone")
+    return own.order_by(Edit.id).limit(1)
 
 
 def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> UndoResult | None:
     if edit is None:
         return None
     now_there, wanted = ("after", "before") if back else ("before", "after")
+    rows = _Rows(session, record, [change["target"] for change in edit.changes])
     for change in edit.changes:
-        there = _value(session, record, target=change["target"], fields=change[now_there] or change[wanted])
+        there = _value(rows, target=change["target"], fields=change[now_there] or change[wanted])
         if there != change[now_there]:
             edit.state = "closed"
-            revision = _revision(session, record, change["target"])
-            return UndoResult(edit, _who_changed(session, record, target=change["target"], revision=revision))
+            return UndoResult(edit, _who_changed(rows, target=change["target"]))
     image = next((c[wanted] for c in edit.changes if "satellite_path" in (c[wanted] or {})), None)
     if image is not None and (clash := _placed_on_present_image(session, record, edit, image=image)):
         edit.state = "closed"
         return UndoResult(edit, clash)
     _next_revision(record)
     for change in edit.changes:
-        _set(session, record, target=change["target"], fields=change[wanted])
+        _set(rows, target=change["target"], fields=change[wanted])
     edit.state = "undone" if back else "done"
     edit.turn = record.revision
     return UndoResult(edit, None)
@@ -184,25 +208,54 @@ def _close_undone(session: Session, record: MapRecord, account_id: int | None) -
     session.execute(update(Edit).where(*undone).values(state="closed"))
 
 
-def _photo(session: Session, record: MapRecord, number: str) -> Photo:
-    photo = session.get(Photo, (record.id, int(number)))
-    if photo is None:
-        raise NotFound(f"the map has no photo {number}", hint="reload the page")
-    return photo
+class _Rows:
+    """The rows that an edit names, fetched together: one by one, ten thousand photos take seconds."""
+
+    def __init__(self, session: Session, record: MapRecord, targets: Iterable[str]) -> None:
+        self.session = session
+        self.record = record
+        parts = [target.split("/") for target in targets if target != "map"]
+        self._photos = maps.photos_by_id(session, record, {int(part[-1]) for part in parts})
+        self._elsewhere: dict[tuple[str, int], PlacedElsewhere] = {}
+        for placement in {part[1] for part in parts if part[0] == "placed"}:
+            found = select(PlacedElsewhere).where(
+                PlacedElsewhere.map_id == record.id, PlacedElsewhere.placement == placement
+            )
+            self._elsewhere |= {(placement, row.photo_id): row for row in session.scalars(found)}
+
+    def photo(self, number: str) -> Photo:
+        """Return a photo of the map.
+
+        Raises
+        ------
+        NotFound
+        """
+        photo = self._photos.get(int(number))
+        if photo is None:
+            raise NotFound(f"the map has no photo {number}", hint="reload the page")
+        return photo
+
+    def elsewhere(self, placement: str, number: str) -> PlacedElsewhere | None:
+        """Return where a further placement has a photo."""
+        return self._elsewhere.get((placement, int(number)))
+
+    def revision(self, target: str) -> int:
+        """Return the revision that last changed a target."""
+        if target == "map":
+            return self.record.satellite_revision
+        return self.photo(target.rsplit("/", 1)[1]).revision
 
 
-def _value(
-    session: Session, record: MapRecord, *, target: str, fields: Mapping[str, Any] | None
-) -> Fields | None:
+def _value(rows: _Rows, *, target: str, fields: Mapping[str, Any] | None) -> Fields | None:
     """Read the present values of the named fields; None for no position in a placement."""
     match target.split("/"):
         case ["map"]:
-            return {name: getattr(record, name) for name in _known(fields, MAP_FIELDS)}
+            return {name: getattr(rows.record, name) for name in _known(fields, MAP_FIELDS)}
         case ["photo", number]:
-            photo = _photo(session, record, number)
+            photo = rows.photo(number)
             return {name: getattr(photo, name) for name in _known(fields, PHOTO_FIELDS)}
         case ["placed", placement, number]:
-            there = session.get(PlacedElsewhere, (record.id, placement, int(number)))
+            there = rows.elsewhere(placement, number)
             return None if there is None else {"x_px": there.x_px, "y_px": there.y_px}
         case _:
             raise ValueError(f"unknown target: {target}")
@@ -214,28 +267,30 @@ def _known(fields: Mapping[str, Any] | None, known: frozenset[str]) -> list[str]
     return list(fields)
 
 
-def _set(session: Session, record: MapRecord, *, target: str, fields: Fields | None) -> None:
+def _set(rows: _Rows, *, target: str, fields: Fields | None) -> None:
+    record = rows.record
     match target.split("/"):
         case ["map"]:
             _assign(record, fields)
             record.satellite_revision = record.revision
         case ["photo", number]:
-            photo = _photo(session, record, number)
+            photo = rows.photo(number)
             placed = photo.is_placed
             _assign(photo, fields)
             photo.revision = record.revision
             if photo.is_placed != placed:
                 record.photos_revision = record.revision
         case [_, placement, number]:
-            key = (record.id, placement, int(number))
-            there = session.get(PlacedElsewhere, key)
+            there = rows.elsewhere(placement, number)
+            photo = rows.photo(number)
             if fields is None:
-                session.delete(there)
+                rows.session.delete(there)
             elif there is None:
-                session.add(PlacedElsewhere(map_id=key[0], placement=placement, photo_id=key[2], **fields))
+                new = PlacedElsewhere(map_id=record.id, placement=placement, photo_id=photo.id, **fields)
+                rows.session.add(new)
             else:
                 _assign(there, fields)
-            _photo(session, record, number).revision = record.revision
+            photo.revision = record.revision
 
 
 def _assign(row: MapRecord | Photo | PlacedElsewhere, fields: Fields | None) -> None:
@@ -243,22 +298,15 @@ def _assign(row: MapRecord | Photo | PlacedElsewhere, fields: Fields | None) -> 
         setattr(row, name, value)
 
 
-def _revision(session: Session, record: MapRecord, target: str) -> int:
-    """Revision that last changed a target."""
-    if target == "map":
-        return record.satellite_revision
-    return _photo(session, record, target.rsplit("/", 1)[1]).revision
-
-
-def _who_changed(session: Session, record: MapRecord, *, target: str, revision: int) -> str:
+def _who_changed(rows: _Rows, *, target: str) -> str:
     """Say who changed a target last, for people."""
     found = (
         select(Account.name)
         .join(Edit, Edit.account_id == Account.id)
-        .where(Edit.map_id == record.id, Edit.turn == revision)
+        .where(Edit.map_id == rows.record.id, Edit.turn == rows.revision(target))
     )
-    who = session.scalars(found.limit(1)).first() or "somebody"
+    who = rows.session.scalars(found.limit(1)).first() or "somebody"
     what = "the satellite image"
     if target != "map":
-        what = f"the photo {_photo(session, record, target.rsplit('/', 1)[1]).name}"
+        what = f"the photo {rows.photo(target.rsplit('/', 1)[1]).name}"
     return f"{who} has changed {what} in the meantime"

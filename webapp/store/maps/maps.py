@@ -20,6 +20,8 @@ ROLES: tuple[Role, ...] = ("viewer", "editor", "owner")
 
 _MAX_NAME = 120
 _MAX_SLUG = 60
+_MOST_PARAMETERS = 5000
+"""Of one statement; SQLite takes 32766."""
 RESERVED = frozenset({"new", "import", "bin"})
 
 
@@ -107,6 +109,33 @@ def photos(session: Session, record: MapRecord, *, since: int = -1) -> list[Phot
     """List the photos that changed after a revision, removed ones included, by id."""
     found = select(Photo).where(Photo.map_id == record.id, Photo.revision > since)
     return list(session.scalars(found.order_by(Photo.id)))
+
+
+def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
+    """Fetch many photos together, removed ones included; those that the map has not are missing."""
+    wanted = sorted(ids)
+    found: dict[int, Photo] = {}
+    for start in range(0, len(wanted), _MOST_PARAMETERS):
+        some = wanted[start : start + _MOST_PARAMETERS]
+        rows = select(Photo).where(Photo.map_id == record.id, Photo.id.in_(some))
+        found |= {photo.id: photo for photo in session.scalars(rows)}
+    return found
+
+
+def present_photos(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
+    """Fetch many photos that are not removed.
+
+    Raises
+    ------
+    NotFound
+        The map has one of them not, or not any more.
+    """
+    found = photos_by_id(session, record, ids)
+    for id in ids:
+        if id not in found or found[id].removed:
+            hint = "somebody may have removed it; reload the page"
+            raise NotFound(f"the map has no photo {id}", where=f"photo/{id}", hint=hint)
+    return found
 
 
 def photo(session: Session, record: MapRecord, id: int) -> Photo:

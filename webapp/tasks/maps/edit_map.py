@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sqlalchemy.orm import Session
-
-from webapp.errors import NotFound, UsageError
+from webapp.errors import UsageError
 from webapp.store.library import Library
-from webapp.store.maps import edits
+from webapp.store.maps import edits, maps
 from webapp.store.maps.edits import UndoResult
-from webapp.store.schema import MapRecord, Photo
+from webapp.store.schema import MapRecord
 from webapp.tasks.maps import placements
 
 KINDS = ("place", "move", "turn", "unplace", "remove")
@@ -65,10 +63,10 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
         session, record = change.session, change.record
         if edit.placement is not None:
             placements.check_name(session, record, edit.placement)
+        there = maps.present_photos(session, record, edit.changes)  # kept: the session forgets unused rows
         changes: dict[str, Mapping[str, Any] | None] = {}
-        for id, fields in edit.changes.items():
-            _check_there(session, record, id)
-            changes |= _targets(record, id, fields=fields, placement=edit.placement)
+        for id in there:
+            changes |= _targets(record, id, fields=edit.changes[id], placement=edit.placement)
         done = edits.apply(
             session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
         )
@@ -82,12 +80,6 @@ def turn(
     step_back_or_on = edits.undo if way == "undo" else edits.redo
     with library.changing(map_id) as change:
         return step_back_or_on(change.session, change.record, account_id=account_id)
-
-
-def _check_there(session: Session, record: MapRecord, id: int) -> None:
-    photo = session.get(Photo, (record.id, id))
-    if photo is None or photo.removed:
-        raise NotFound(f"the map has no photo {id}", where=f"photo/{id}", hint="somebody may have removed it")
 
 
 def _targets(

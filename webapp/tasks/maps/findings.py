@@ -15,7 +15,7 @@ from webapp.core.geo.types import LatLon, MapPixel, whole_pixel
 from webapp.core.mapmodel.findings import Code, Finding
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.paths import name_problem
-from webapp.errors import Conflict, NotFound, UsageError
+from webapp.errors import Conflict, UsageError
 from webapp.files.decode import image_size
 from webapp.files.listing import list_photos, normal_name
 from webapp.files.maps.cfg_scan import scan
@@ -270,9 +270,8 @@ def fix_findings(
             elif fix == "image-size":
                 changes = _true_size(session, record, cfg)
             else:
-                changes = {
-                    f"photo/{id}": _of_photo(session, record, id, fix=fix) for id in dict.fromkeys(ids)
-                }
+                photos = maps.present_photos(session, record, ids)
+                changes = {f"photo/{id}": _of_photo(record, photos[id], fix=fix) for id in photos}
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
         if edit is None:
             raise Conflict("there is nothing left to fix", hint="check the map again")
@@ -294,10 +293,7 @@ def _resolve_outside(
     return None
 
 
-def _of_photo(session: Session, record: MapRecord, id: int, *, fix: str) -> Mapping[str, Any]:
-    photo = session.get(Photo, (record.id, id))
-    if photo is None or photo.removed:
-        raise NotFound(f"the map has no photo {id}", hint="check the map again")
+def _of_photo(record: MapRecord, photo: Photo, *, fix: str) -> Mapping[str, Any]:
     match fix:
         case "to-tray":
             return {"x_px": None, "y_px": None}

@@ -24,6 +24,8 @@ blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps"
 _MOST = 10_000
 """Photos in one edit."""
 
+_EDITED = json_answer("What the edit changed.", EditAnswer)
+
 
 class NewMap(Schema):
     """A map that shall be made, or its new name."""
@@ -176,7 +178,7 @@ def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
 
 @blueprint.patch("/<slug>/experiences")
 @blueprint.input(EditRequest, arg_name="data")
-@blueprint.output(EditAnswer)
+@blueprint.doc(responses=_EDITED)
 def edit_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn photos, all of them or none."""
     wanted: dict[int, dict[str, Any]] = {}
@@ -188,7 +190,7 @@ def edit_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 @blueprint.delete("/<slug>/experiences")
 @blueprint.input(RemoveRequest, arg_name="data")
-@blueprint.output(EditAnswer)
+@blueprint.doc(responses=_EDITED)
 def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Take photos out of the map; undo brings them back."""
     gone = {id: {"removed": True} for id in data["ids"]}
@@ -197,7 +199,7 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 @blueprint.patch("/<slug>/experiences/<int:id>")
 @blueprint.input(PhotoChange, arg_name="data")
-@blueprint.output(EditAnswer)
+@blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn one photo; `If-Match` has the revision that you know."""
     kind = "move" if "x_px" in data else "turn"
@@ -205,21 +207,21 @@ def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.delete("/<slug>/experiences/<int:id>")
-@blueprint.output(EditAnswer)
+@blueprint.doc(responses=_EDITED)
 def remove_one(slug: str, id: int) -> dict[str, Any]:
     """Take a photo out of the map; undo brings it back."""
     return _edited(slug, RequestedEdit("remove", {id: {"removed": True}}, seen=_if_match()))
 
 
 @blueprint.post("/<slug>/undo")
-@blueprint.output(EditAnswer)
+@blueprint.doc(responses=_EDITED)
 def undo(slug: str) -> dict[str, Any]:
     """Take back your last edit of the map."""
     return _turned(slug, "undo")
 
 
 @blueprint.post("/<slug>/redo")
-@blueprint.output(EditAnswer)
+@blueprint.doc(responses=_EDITED)
 def redo(slug: str) -> dict[str, Any]:
     """Do your last undone edit of the map again."""
     return _turned(slug, "redo")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from flask import url_for
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -14,7 +14,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
 from webapp.store.operate import jobs
-from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
+from webapp.store.schema import Account, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.tasks.satellite import display
@@ -141,6 +141,8 @@ def _photos(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 
 
 def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> dict[str, Any]:
+    address = f"/api/v1/maps/{record.slug}/photos/{photo.id}"
+    look = f"?look={look_of_photo(photo)}" if photo.blurred else ""
     return {
         "id": photo.id,
         "name": photo.name,
@@ -155,8 +157,8 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "gps_problem": photo.gps_problem,
         "revision": photo.revision,
         "blurred": photo.blurred or [],
-        "preview": url_for("api_photos.preview", slug=record.slug, id=photo.id, look=look_of_photo(photo)),
-        "thumb": url_for("api_photos.thumb", slug=record.slug, id=photo.id, look=look_of_photo(photo)),
+        "preview": f"{address}/preview{look}",
+        "thumb": f"{address}/thumb{look}",
     }
 
 
@@ -193,13 +195,8 @@ def _placements(session: Session, record: MapRecord) -> list[dict[str, Any]]:
 
 
 def _history(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    def brief(edit: Edit | None) -> dict[str, Any] | None:
-        return None if edit is None else {"kind": edit.kind, "count": len(edit.changes)}
-
-    return {
-        "undo": brief(edits.newest_done(session, record, account_id=account.id)),
-        "redo": brief(edits.oldest_undone(session, record, account_id=account.id)),
-    }
+    next_steps = edits.next_steps(session, record, account_id=account.id)
+    return {way: None if step is None else asdict(step) for way, step in next_steps.items()}
 
 
 def satellite_json(record: MapRecord, *, base: str | None = None) -> dict[str, Any] | None:
