@@ -6,20 +6,27 @@ from pathlib import Path
 
 import pytest
 
+from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.findings import WARNINGS, Code
-from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
+from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage, UnplacedPhoto
 from webapp.files.maps.cfg import format_cfg, parse_cfg
 from webapp.files.maps.map_json import format_map_json, parse_map_json
 
 TEXT = (Path(__file__).parents[1] / "maps" / "FORMAT.md").read_text("utf-8")
 FULL = Map(
     SatelliteImage("s.png", 9, 9),
-    (Experience(0, "a.jpg", MapPixel(1.5, 1.5), 1.0, 1.0, 1.0, "2026-01-01"),),
+    (
+        Experience(
+            0, "a.jpg", MapPixel(1.5, 1.5), 1.0, 1.0, 1.0, "2026-01-01", "A.JPG", (BlurBox(0, 0, 0.5, 0.5),)
+        ),
+    ),
     Georeference("EPSG:4326", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "corners"),
     (Placement("clusters", {0: MapPixel(1.5, 1.5)}),),
     next_id=1,
+    title="A",
+    unplaced=(UnplacedPhoto(2, "b.jpg"),),
 )
 
 

@@ -11,8 +11,7 @@ from webapp.errors import StorageError
 from webapp.jobs.worker import Worker
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps import export
-from webapp.tasks.operate import sweep_uploads
+from webapp.tasks.maps import export, photo_files
 
 
 @pytest.fixture
@@ -102,7 +101,7 @@ def test_what_cannot_be_swept_of_one_map_leaves_the_others(library, settings, la
 
     with library.database.write() as session:
         other = maps.create(session, "Other", account_id=1).id
-    monkeypatch.setattr(sweep_uploads, "sweep_orphans", refuse)
+    monkeypatch.setattr(photo_files, "sweep_orphans", refuse)
     with caplog.at_level(logging.WARNING):
         Worker(library, settings, duties=DUTIES).run(once=True)
     assert sorted(swept) == [1, other]

@@ -150,7 +150,7 @@ def fresh(library, owner, make_map, add_mission):
             )
             queries.add(session, record, row=row, most=10)
             upload = uploads.begin(
-                session, map_id=map_id, account_id=owner.id, name="a.jpg", size_bytes=10, fingerprint="f"
+                session, record, account_id=owner.id, name="a.jpg", size_bytes=10, fingerprint="f"
             )
             job = jobs.enqueue(session, "health", map_id=map_id, account_id=owner.id)
             session.flush()

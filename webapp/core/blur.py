@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 _CELLS = 6
 """Mean colours along the longer side of a box; a blur with a kernel could be computed back."""
 
+_ROUNDING = 1e-6
+"""Shares that were computed may be so much too large."""
+
 
 class BlurBox(NamedTuple):
     """A part of a picture, in shares of its width and height from its top-left corner."""
@@ -20,6 +23,13 @@ class BlurBox(NamedTuple):
     y: float
     width: float
     height: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether it is a part of the picture: not empty, and not beyond an edge by more than rounding."""
+        most = 1 + _ROUNDING
+        ends = (self.x + self.width, self.y + self.height)
+        return min(self.x, self.y) >= 0 and min(self.width, self.height) > 0 and max(ends) <= most
 
 
 def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint8]:

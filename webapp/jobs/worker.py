@@ -33,6 +33,7 @@ from webapp.store.library import Library
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job, MapRecord
+from webapp.tasks.maps import photo_files
 from webapp.tasks.maps.export import export_late_maps
 from webapp.tasks.operate import sweep_uploads
 from webapp.tasks.satellite import files
@@ -254,7 +255,7 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps: list[Sweep] = [*more, partial(sweep_uploads.sweep_uploads, settings=settings)]
-    sweeps += [partial(sweep_uploads.sweep_orphans, map_id=id) for id in ids]
+    sweeps += [partial(photo_files.sweep_orphans, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, map_id=id, keep=keep) for id in ids]
     for sweep in sweeps:

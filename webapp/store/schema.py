@@ -258,6 +258,8 @@ class Upload(Base):
     """Name, size and time of the file, by which a browser finds its half-done upload again."""
     name: Mapped[str]
     size_bytes: Mapped[int]
+    photo_id: Mapped[int | None]
+    """Reserved for the photo; None for an upload that was begun by an older version."""
     created_at: Mapped[datetime] = mapped_column(default=now, index=True)
 
 

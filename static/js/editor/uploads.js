@@ -8,6 +8,7 @@
 const PARALLEL = 3;
 const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 const REMEMBERED = 5000;
+const byName = new Intl.Collator(undefined, { numeric: true }).compare;
 
 /**
  * @typedef {Object} Entry
@@ -32,6 +33,8 @@ export class Uploads extends EventTarget {
     this.begunAt = 0;
     this._running = 0;
     this._stop = new AbortController();
+    /** @type {Promise<unknown>} */
+    this._turn = Promise.resolve();
     this._known = new Known(store.slug);
     addEventListener("beforeunload", (event) => this.busy && event.preventDefault());
   }
@@ -48,7 +51,7 @@ export class Uploads extends EventTarget {
       this._stop = new AbortController();
     }
     const there = new Set(this.entries.map(({ file }) => fingerprint(file)));
-    const fresh = files.filter((file) => !there.has(fingerprint(file)));
+    const fresh = files.filter((file) => !there.has(fingerprint(file))).sort((a, b) => byName(a.name, b.name));
     this.entries.push(...fresh.map((file) => ({ file, state: "waiting", sent: 0, error: null, result: null })));
     this._fill();
     this._tell();
@@ -122,10 +125,23 @@ export class Uploads extends EventTarget {
     }
   }
 
+  /**
+   * Begin one upload after the other: photos get their ids in this order, while their bytes go side by side.
+   *
+   * @template T
+   * @param {() => Promise<T>} begin
+   * @returns {Promise<T>}
+   */
+  _inTurn(begin) {
+    const turn = this._turn.then(begin);
+    this._turn = turn.catch(() => {});
+    return turn;
+  }
+
   async _send(entry, signal) {
     const { file } = entry;
     const about = { name: file.name, size_bytes: file.size, fingerprint: fingerprint(file) };
-    const begun = await this.server.beginUpload(about);
+    const begun = await this._inTurn(() => this.server.beginUpload(about));
     let { offset } = begun;
     for (;;) {
       signal.throwIfAborted();

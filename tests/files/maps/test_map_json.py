@@ -11,7 +11,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
 from webapp.errors import MapJsonError
-from webapp.files.maps.map_json import MapJson, format_map_json, parse_map_json
+from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
 
 GOOD: dict[str, Any] = {
     "format": "experience-map",
@@ -34,9 +34,13 @@ GOOD: dict[str, Any] = {
             "fov_deg": 73.7,
             "gps_accuracy_m": 4.0,
             "taken_at": "2026-04-30T14:05:00+02:00",
+            "name": "IMG 1.JPG",
+            "blurred": [{"x": 0.1, "y": 0.2, "width": 0.3, "height": 0.4}],
         },
         {"id": 1, "photo": "b.jpg", "heading_deg": None},
     ],
+    "title": "Park",
+    "unplaced": [{"id": 2, "photo": "c.jpg", "heading_deg": 3.0}],
 }
 
 
@@ -57,7 +61,10 @@ def test_everything_is_read() -> None:
     assert read.placements == {"clusters": {0: MapPixel(20.5, 18.25)}}
     assert read.experiences[0].position == MapPixel(20.25, 19.0)
     assert read.experiences[0].taken_at == "2026-04-30T14:05:00+02:00"
+    assert (read.experiences[0].name, read.experiences[0].blurred) == ("IMG 1.JPG", ((0.1, 0.2, 0.3, 0.4),))
     assert read.experiences[1].heading_deg is None and read.experiences[1].position is None
+    assert read.title == "Park"
+    assert read.unplaced == {2: MapJsonPhoto("c.jpg", heading_deg=3.0)}
 
 
 def test_only_format_and_version_are_needed() -> None:
@@ -94,6 +101,12 @@ def test_only_format_and_version_are_needed() -> None:
         (["experiences", 0, "gps_accuracy_m"], -1, r"gps_accuracy_m is not 0 or more"),
         (["experiences", 0, "gps_accuracy_m"], 10**400, r"gps_accuracy_m is not 0 or more"),
         (["experiences", 0, "taken_at"], "yesterday", r"taken_at is not a time"),
+        (["experiences", 0, "name"], 5, r"experiences\[0\]\.name must be text"),
+        (["experiences", 0, "blurred", 0, "width"], 0.95, r"blurred\[0\] is not a box inside the photo"),
+        (["experiences", 0, "blurred", 0], [0, 0, 1, 1], r"blurred\[0\] must be an object"),
+        (["title"], 5, r"\$\.title must be text"),
+        (["unplaced", 0, "x_px"], 5, r"unplaced\[0\] has an unknown field 'x_px'"),
+        (["unplaced"], [{"id": 1, "photo": "a"}] * 2, r"unplaced\[1\] has the id 1"),
     ],
 )
 def test_schema_errors_name_the_field(path: list[str | int], value: object, words: str) -> None:

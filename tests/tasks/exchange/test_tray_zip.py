@@ -1,6 +1,7 @@
 """Photos without a place leave with the map, and come back into the tray."""
 
 import io
+import json
 import zipfile
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from webapp.errors import StorageError
 from webapp.files.maps.folder import read_map
 from webapp.settings import Settings
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
+from webapp.store.schema import MapRecord, PlacedElsewhere
 from webapp.tasks.exchange import export_files, import_map
 from webapp.tasks.maps import export
 
@@ -81,21 +82,63 @@ def test_it_comes_back_into_the_tray(park, exported, bring, library, rows):
     }
 
 
-def test_its_ids_are_new_ones(park, exported, bring, library, rows):
-    done = bring(exported(park))
-    ids = {row.id for row in rows(done.map_id).values() if row.x_px is None}
-    assert ids == {5, 6}, "0 to 4 have been used"
+def test_it_keeps_its_ids_and_so_the_order_of_the_photos(park, exported, bring, library, rows):
+    files = exported(park)
+    done = bring(files)
+    assert {row.id: row.path for row in rows(done.map_id).values()} == {
+        id: row.path for id, row in rows(park).items() if not row.removed
+    }
     with library.database.read() as session:
-        assert session.get_one(MapRecord, done.map_id).next_id == 7
-    assert export.export_map(library, done.map_id)
-    assert read_map(library.cfg(done.slug)).next_id == 7
+        assert session.get_one(MapRecord, done.map_id).next_id == 5
+    listed = json.loads(files["map.json"])
+    listed["unplaced"].pop(0)
+    later = bring({**files, "map.json": json.dumps(listed).encode()})
+    assert {row.id for row in rows(later.map_id).values() if row.x_px is None} == {3, 5}
+
+
+def test_what_is_known_of_each_photo_comes_back(park, exported, bring, library, owner, rows):
+    known = {
+        1: {
+            "name": "výlet (2).JPG",
+            "heading_deg": 12.5,
+            "gps_accuracy_m": 30.0,
+            "taken_at": "2026-05-01T12:00:00",
+        },
+        2: {
+            "name": "IMG_2.JPG",
+            "heading_deg": 271.25,
+            "fov_deg": 70.0,
+            "gps_accuracy_m": 4.5,
+            "x_px": 20.25,
+            "y_px": 9.5,
+        },
+    }
+    blurred = [{"x": 0.1, "y": 0.2, "width": 0.3, "height": 0.4}]
+    with library.changing(park) as change:
+        maps.rename(change.record, "Park of the old town")
+        for id, fields in known.items():
+            photo = maps.photo(change.session, change.record, id)
+            for name, value in {**fields, "blurred": blurred}.items():
+                setattr(photo, name, value)
+        change.session.add(PlacedElsewhere(map_id=park, placement="clusters", photo_id=2, x_px=3.5, y_px=4.0))
+    files = exported(park)
+    done = bring(files)
+    again = rows(done.map_id)
+    for id, fields in known.items():
+        assert {name: getattr(again[id], name) for name in fields} == fields
+        assert again[id].blurred == blurred
+    assert again[0].name == "0.jpg" and again[0].blurred is None
+    once, twice = (json.loads(content["map.json"]) for content in (files, exported(done.map_id)))
+    assert once.pop("title") == "Park of the old town" and twice.pop("title") == "Again"
+    assert {**once, "revision": 0} == {**twice, "revision": 0}
+    assert once["placements"][0]["experiences"] == [{"id": 2, "x_px": 3.5, "y_px": 4.0}]
 
 
 def test_a_photo_of_it_can_be_placed(park, exported, bring, edit, library):
     done = bring(exported(park))
-    edit(done.map_id, {"photo/5": {"x_px": 10.0, "y_px": 20.0}})
+    edit(done.map_id, {"photo/3": {"x_px": 10.0, "y_px": 20.0}})
     assert export.export_map(library, done.map_id)
-    assert [e.photo for e in read_map(library.cfg(done.slug)).experiences][-1] == "photos/1.jpg"
+    assert [e.photo for e in read_map(library.cfg(done.slug)).experiences][-1] == "photos/3.jpg"
 
 
 def test_filled_once_by_a_job_that_is_repeated(park, exported, bring, library, owner, rows):

@@ -17,6 +17,7 @@ from PIL import Image
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import EnuMetres, LatLon
+from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import DiskFull, ExpMapError, NotFound, PhotoError
 from webapp.files import part_file
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
@@ -24,7 +25,8 @@ from webapp.settings import PhotoLimits, Settings, UploadLimits
 from webapp.store.library import open_library
 from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Photo
-from webapp.tasks.maps import add_photo, placing
+from webapp.tasks.maps import add_photo, photo_files, placing
+from webapp.tasks.maps.add_photo import IncomingPhoto
 from webapp.tasks.operate import sweep_uploads
 
 HERE = LatLon(50.08, 14.42)
@@ -62,13 +64,14 @@ class Desk:
         self.folder = self.library.map_folder("park")
         self.count = 0
 
-    def give(self, data, name="IMG_1.jpg", *, settings=None, **options):
+    def give(self, data, name="IMG_1.jpg", *, id=None, settings=None, **options):
         """Bring a file to the uploads folder and take it in."""
         self.count += 1
         source = self.library.uploads / f"{self.count}.part"
         source.write_bytes(data)
+        incoming = IncomingPhoto(source, name, id)
         return add_photo.add_photo(
-            self.library, self.map_id, source=source, name=name, settings=settings or Settings(), **options
+            self.library, self.map_id, photo=incoming, settings=settings or Settings(), **options
         )
 
     def georeference(self):
@@ -106,7 +109,7 @@ def test_a_photo_is_kept_unchanged(desk):
     (row,) = desk.rows()
     assert (intake.id, intake.duplicate, intake.placed) == (row.id, False, False)
     assert row.name == "výlet do lesa (2).JPG"
-    assert row.path == f"photos/vylet-do-lesa-2-{hashlib.sha256(data).hexdigest()[:8]}.jpg"
+    assert row.path == "photos/výlet do lesa (2).JPG"
     assert (desk.folder / row.path).read_bytes() == data
     assert (row.width, row.height, row.size_bytes) == (320, 240, len(data))
     assert row.taken_at == "2026-05-01T12:00:00"
@@ -152,8 +155,8 @@ def test_no_name_leads_anywhere(desk, name):
     (row,) = desk.rows()
     (file,) = desk.files()
     assert row.path == f"photos/{file}"
-    assert file.isascii() and file.endswith(".jpg") and not set(file) & set(" ;/\\:<>\n\0")
-    assert len(file) < 100
+    assert file.endswith(".jpg") and not set(file) & set(";/\\:<>\n\0") and file[0] not in " .-"
+    assert name_problem(row.path) is None and len(file) <= 100
     assert 0 < len(row.name) <= 300
     everything = {p.relative_to(desk.folder).parts[0] for p in desk.folder.rglob("*")}
     assert everything == {"photos", "derived"}
@@ -204,6 +207,31 @@ def test_a_photo_over_the_limits_is_refused(desk):
             desk.give(jpeg(), settings=Settings(photo=limits))
 
 
+def test_photos_of_one_name_have_files_of_their_own(desk):
+    names = ["IMG_1.jpg", "sub/IMG_1.jpg", "img_1.JPG", "Č.jpg", "č.jpg", "IMG_1.jpeg"]
+    for number, name in enumerate(names):
+        desk.give(jpeg(number), name)
+    rows = desk.rows()
+    assert [row.name for row in rows] == names
+    plain = [row.path for row in rows if row.sha256[:8] not in row.path]
+    assert plain == ["photos/IMG_1.jpg", "photos/Č.jpg", "photos/IMG_1.jpeg"]
+    assert len({row.path.casefold() for row in rows}) == len(names) == len(desk.files())
+    assert all(
+        row.path.startswith(("photos/IMG_1-", "photos/img_1-", "photos/č-"))
+        for row in rows
+        if row.path not in plain
+    )
+
+
+def test_a_reserved_id_is_the_photos(desk):
+    with desk.library.database.write() as session:
+        record = session.get(MapRecord, desk.map_id)
+        first, second = (maps.reserve_id(record) for _ in range(2))
+    assert desk.give(jpeg(1), id=second).id == second
+    assert desk.give(jpeg(0), id=first).id == first
+    assert desk.give(jpeg(2)).id == second + 1
+
+
 def test_the_same_content_comes_once(desk):
     first = desk.give(jpeg(), "a.jpg")
     again = desk.give(jpeg(), "b.jpg")
@@ -227,12 +255,8 @@ def test_the_same_file_at_once_is_one_photo(desk):
     def bring(number):
         source = desk.library.uploads / f"t{number}.part"
         source.write_bytes(data[number % 2])
-        settings = Settings()
-        results.append(
-            add_photo.add_photo(
-                desk.library, desk.map_id, source=source, name=f"{number}.jpg", settings=settings
-            )
-        )
+        incoming = IncomingPhoto(source, f"{number}.jpg")
+        results.append(add_photo.add_photo(desk.library, desk.map_id, photo=incoming, settings=Settings()))
 
     threads = [threading.Thread(target=bring, args=(n,)) for n in range(8)]
     for thread in threads:
@@ -250,26 +274,30 @@ def test_a_file_of_an_interrupted_intake_is_used_again_or_swept(desk, monkeypatc
 
     with monkeypatch.context() as patch:
         patch.setattr(
-            add_photo, "move_in", lambda source, target: (part_file.move_in(source, target), killed())
+            photo_files, "move_in", lambda source, target: (part_file.move_in(source, target), killed())
         )
         for seed in (0, 1):
             with pytest.raises(KeyboardInterrupt):
                 desk.give(jpeg(seed), f"{seed}.jpg")
-    (desk.folder / "photos" / "own-20260102.jpg").write_bytes(jpeg(7))
+    (desk.folder / "photos" / "own.jpg").write_bytes(jpeg(7))
     assert (desk.rows(), len(desk.files())) == ([], 3)
     desk.give(jpeg(0), "0.jpg")
     assert len(desk.files()) == 3
-    assert sweep_uploads.sweep_orphans(desk.library, desk.map_id) == 1
-    assert [f"photos/{name}" for name in desk.files()] == [desk.rows()[0].path, "photos/own-20260102.jpg"]
+    assert photo_files.sweep_orphans(desk.library, desk.map_id) == 1
+    assert [f"photos/{name}" for name in desk.files()] == [desk.rows()[0].path, "photos/own.jpg"]
+    assert photo_files.sweep_orphans(desk.library, desk.map_id) == 0
+    assert not list(desk.folder.glob("derived/intake/*"))
 
 
 def test_another_file_under_the_name_is_not_replaced(desk):
     digits = hashlib.sha256(jpeg()).hexdigest()
     (desk.folder / "photos").mkdir(parents=True)
-    (desk.folder / "photos" / f"a-{digits[:8]}.jpg").write_bytes(b"someone else's")
+    taken = [desk.folder / "photos" / name for name in ("a.jpg", f"a-{digits[:8]}.jpg")]
+    for path in taken:
+        path.write_bytes(b"someone else's")
     desk.give(jpeg(), "a.jpg")
     assert desk.rows()[0].path == f"photos/a-{digits[:16]}.jpg"
-    assert (desk.folder / "photos" / f"a-{digits[:8]}.jpg").read_bytes() == b"someone else's"
+    assert [path.read_bytes() for path in taken] == [b"someone else's"] * 2
 
 
 def test_a_full_disk_leaves_nothing(desk, monkeypatch):

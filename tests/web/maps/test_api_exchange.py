@@ -13,6 +13,7 @@ from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import adopt_map
+from webapp.web.maps import api_exchange
 
 GEO = {
     "format": "experience-map",
@@ -109,11 +110,34 @@ def test_only_those_who_may_see_a_map_take_it_away(stranger, sign_in, new_accoun
 
 def test_an_exported_zip_is_imported_as_a_new_map(client, park):
     content = client.get(f"/api/v1/maps/{park}/export.zip").data
-    answer = bring(client, content, "Můj park.zip")
+    answer = bring(client, content, "some.zip", name="Můj park")
     assert answer.status_code == 201
     assert answer.json == {"slug": "muj-park", "job": None, "findings": [], "left_out": []}
     assert client.get("/api/v1/maps/muj-park").json["name"] == "Můj park"
     assert client.get("/api/v1/maps/muj-park/map.cfg").data == client.get(f"/api/v1/maps/{park}/map.cfg").data
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_an_imported_map_has_its_title(client, park, monkeypatch, at_once):
+    client.patch(f"/api/v1/maps/{park}", json={"name": "Stará obora"})
+    content = client.get(f"/api/v1/maps/{park}/export.zip").data
+    if not at_once:
+        monkeypatch.setattr(api_exchange, "is_quick", lambda _archive: False)
+    slug = bring(client, content, "park (3).zip").json["slug"]
+    assert slug == "stara-obora"
+    assert client.get(f"/api/v1/maps/{slug}").json["name"] == "Stará obora"
+
+
+@pytest.mark.parametrize(
+    "json_text", [None, "{", json.dumps({**GEO, "title": "x" * 200}), json.dumps({**GEO, "title": " \n"})]
+)
+def test_a_map_without_a_usable_title_has_the_name_of_its_file(app, tmp_path, json_text):
+    files = {"map.cfg": "plan.png;10;10\n", **({} if json_text is None else {"map.json": json_text})}
+    for content in (zipped(files), b"no zip"):
+        (tmp_path / "a.zip").write_bytes(content)
+        with app.app_context():
+            name = api_exchange._name_of(None, tmp_path / "a.zip", "Můj park.zip")
+        assert name == "Můj park"
 
 
 @pytest.mark.parametrize("filename", ["../../etc/passwd", "\x07.zip", "", "a\\b.zip", "x" * 500 + ".zip"])

@@ -222,6 +222,15 @@ def test_a_file_comes_in_pieces(sender, photos, library):
     assert (left(library), records(library)) == ([], 0)
 
 
+def test_photos_are_numbered_in_the_order_in_which_they_were_begun(sender, client, park):
+    data = [jpeg(seed) for seed in range(3)]
+    begun = [sender.begin(content, f"IMG_{number}.JPG").json for number, content in enumerate(data)]
+    for number in (2, 0, 1):
+        assert sender.rest(begun[number], data[number]).json["id"] == number
+    found = client.get(f"/api/v1/maps/{park}").json["photos"]
+    assert {photo["id"]: photo["name"] for photo in found} == {n: f"IMG_{n}.JPG" for n in range(3)}
+
+
 def test_a_piece_that_does_not_fit_gets_the_offset_to_go_on_at(sender, client):
     data = jpeg()
     id = sender.begin(data).json["id"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 
@@ -44,6 +45,10 @@ class Experience:
         68 % radius of the position its GPS gave.
     taken_at : str or None
         ISO 8601.
+    name : str or None
+        Of the original file; None where `photo` ends with it.
+    blurred : tuple of BlurBox
+        What every picture of the photo hides.
     """
 
     id: int
@@ -53,6 +58,22 @@ class Experience:
     fov_deg: float | None = None
     gps_accuracy_m: float | None = None
     taken_at: str | None = None
+    name: str | None = None
+    blurred: tuple[BlurBox, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class UnplacedPhoto:
+    """A photo in the tray: of the map, but not on it. Fields as those of `Experience`."""
+
+    id: int
+    photo: str
+    heading_deg: float | None = None
+    fov_deg: float | None = None
+    gps_accuracy_m: float | None = None
+    taken_at: str | None = None
+    name: str | None = None
+    blurred: tuple[BlurBox, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +98,10 @@ class Map:
         The id for the next photo; larger than every id ever used.
     revision : int
         Counts the edits.
+    title : str or None
+        For people.
+    unplaced : tuple of UnplacedPhoto
+        Photos in the tray, by id.
     """
 
     satellite: SatelliteImage
@@ -85,3 +110,5 @@ class Map:
     placements: tuple[Placement, ...] = field(default=())
     next_id: int = 0
     revision: int = 0
+    title: str | None = None
+    unplaced: tuple[UnplacedPhoto, ...] = ()

@@ -20,11 +20,12 @@ from pathlib import Path, PurePosixPath
 
 from webapp.core.mapmodel.findings import quoted
 from webapp.core.mapmodel.paths import name_problem
-from webapp.errors import InputError, StorageError
+from webapp.errors import InputError, MapError, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.files.listing import folded
+from webapp.files.maps.map_json import parse_map_json
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
 
@@ -35,6 +36,9 @@ _QUICK_BYTES, _QUICK_FILES, _QUICK_CFG_BYTES = 30_000_000, 1000, 200_000
 """Of a zip that is imported while somebody waits; a line of a `.cfg` has about 20 bytes and takes 0.2 ms."""
 
 _CHUNK = 1 << 20
+_MOST_JSON = 20_000_000
+"""Bytes of a `map.json` that is read for its title; 100 000 photos have fewer."""
+
 _MAX_NAME_BYTES = 200
 _WANTED = PHOTO_SUFFIXES | {".cfg", ".json", ".gif"}
 _IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
@@ -122,6 +126,32 @@ def _check_number(archive: Path, limits: ImportLimits) -> None:
             f"the zip has more files than the limit of {limits.max_files}",
             hint="leave out what is not part of the map",
         )
+
+
+def read_title(archive: Path, *, most_files: int) -> str | None:
+    """Read how the map in a zip is called, before it is unpacked.
+
+    Returns
+    -------
+    str or None
+        None where nothing says so, or where the zip is no map that can be read: its import says why.
+
+    Raises
+    ------
+    StorageError
+        The file cannot be read.
+    """
+    try:
+        if has_many_files(archive, limit=most_files):
+            return None
+        with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
+            found = [info for info in opened.infolist() if PurePosixPath(info.filename).name == "map.json"]
+            if len(found) != 1 or found[0].file_size > _MOST_JSON:
+                return None
+            with opened.open(found[0]) as file:
+                return parse_map_json(file.read(_MOST_JSON)).title
+    except (InputError, MapError):
+        return None
 
 
 def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[list[_File], list[str]]:

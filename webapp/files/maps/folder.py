@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from webapp.core.geo.types import MapPixel, inside, whole_pixel
-from webapp.core.mapmodel.model import Experience, Map, Placement
+from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import MapError
 from webapp.files.atomic import write_bytes
@@ -108,6 +108,7 @@ def read_map(cfg_path: Path) -> Map:
     base = read_cfg(cfg_path).map
     extras = read_map_json(cfg_path)
     experiences = tuple(_completed(e, extras.experiences.get(e.id), base) for e in base.experiences)
+    unplaced = _unplaced(base, extras)
     return replace(
         base,
         experiences=experiences,
@@ -115,8 +116,10 @@ def read_map(cfg_path: Path) -> Map:
         placements=tuple(
             _read_placement(cfg_path, base, name=n, exact=p) for n, p in extras.placements.items()
         ),
-        next_id=max(base.next_id, extras.next_id),
+        next_id=max([base.next_id, extras.next_id, *(photo.id + 1 for photo in unplaced)]),
         revision=extras.revision,
+        title=extras.title,
+        unplaced=unplaced,
     )
 
 
@@ -177,6 +180,27 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         fov_deg=known.fov_deg,
         gps_accuracy_m=known.gps_accuracy_m,
         taken_at=known.taken_at,
+        name=known.name,
+        blurred=known.blurred,
+    )
+
+
+def _unplaced(base: Map, extras: MapJson) -> tuple[UnplacedPhoto, ...]:
+    """List the photos in the tray, without ids and photos that the `.cfg` has."""
+    ids, photos = {e.id for e in base.experiences}, {e.photo for e in base.experiences}
+    return tuple(
+        UnplacedPhoto(
+            id,
+            known.photo,
+            known.heading_deg,
+            known.fov_deg,
+            known.gps_accuracy_m,
+            known.taken_at,
+            known.name,
+            known.blurred,
+        )
+        for id, known in sorted(extras.unplaced.items())
+        if id not in ids and known.photo not in photos
     )
 
 

@@ -7,15 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.model import Experience, Map, Placement
+from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
 
 FORMAT = "experience-map"
 VERSION = 1
+
+_FACTS = ("heading_deg", "fov_deg", "gps_accuracy_m", "taken_at", "name", "blurred")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,8 @@ class MapJsonPhoto:
     fov_deg: float | None = None
     gps_accuracy_m: float | None = None
     taken_at: str | None = None
+    name: str | None = None
+    blurred: tuple[BlurBox, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +45,10 @@ class MapJson:
         Sub-pixel positions by id in each further placement, by its name.
     experiences : mapping of int to MapJsonPhoto
         By id.
+    title : str or None
+        Of the map, for people.
+    unplaced : mapping of int to MapJsonPhoto
+        Photos in the tray, by id; none has a position.
     """
 
     revision: int = 0
@@ -47,6 +56,8 @@ class MapJson:
     georeference: Georeference | None = None
     placements: Mapping[str, Mapping[int, MapPixel]] = field(default_factory=dict)
     experiences: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
+    title: str | None = None
+    unplaced: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
 
 
 def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
@@ -66,7 +77,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
     """
     top = parse_json(data, where=where).record(
         required=("format", "version"),
-        optional=("revision", "next_id", "georeference", "placements", "experiences"),
+        optional=("title", "revision", "next_id", "georeference", "placements", "experiences", "unplaced"),
     )
     if top["format"].value != FORMAT:
         raise top["format"].error(f"must be {FORMAT!r}", hint="this is another program's file: rename it")
@@ -86,6 +97,8 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         georeference=_georeference(top["georeference"]),
         placements=placements,
         experiences=by_id(top["experiences"], parse=_photo),
+        title=None if top["title"].missing else top["title"].text(),
+        unplaced=by_id(top["unplaced"], parse=_unplaced),
     )
 
 
@@ -106,11 +119,13 @@ def format_map_json(map_: Map) -> bytes:
     content: dict[str, object] = {
         "format": FORMAT,
         "version": VERSION,
+        **({} if map_.title is None else {"title": map_.title}),
         "revision": map_.revision,
         "next_id": map_.next_id,
         "georeference": georeference_fields(map_.georeference),
         "placements": [_placement_fields(placement) for placement in map_.placements],
         "experiences": photos,
+        **({"unplaced": [_photo_fields(photo) for photo in map_.unplaced]} if map_.unplaced else {}),
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
     data = f"{text}\n".encode("utf-8", "surrogatepass")
@@ -178,21 +193,42 @@ def _placed(item: JsonField) -> tuple[int, MapPixel]:
 
 
 def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
-    names = ("x_px", "y_px", "heading_deg", "fov_deg", "gps_accuracy_m", "taken_at")
-    fields = item.record(required=("id", "photo"), optional=names)
-    x, y, heading, fov, accuracy, taken_at = (fields[name] for name in names)
+    fields = item.record(required=("id", "photo"), optional=("x_px", "y_px", *_FACTS))
+    x, y = fields["x_px"], fields["y_px"]
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
+    position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
+    return fields["id"].integer(largest=MAX_NUMBER), _facts(fields, position)
+
+
+def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
+    fields = item.record(required=("id", "photo"), optional=_FACTS)
+    return fields["id"].integer(largest=MAX_NUMBER), _facts(fields, None)
+
+
+def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJsonPhoto:
+    heading, fov, accuracy, taken_at, name, blurred = (fields[name] for name in _FACTS)
     if not taken_at.missing:
         _check_time(taken_at)
-    return fields["id"].integer(largest=MAX_NUMBER), MapJsonPhoto(
+    return MapJsonPhoto(
         photo=fields["photo"].text(),
-        position=None if x.missing else MapPixel(_pixel(x), _pixel(y)),
+        position=position,
         heading_deg=None if heading.missing else heading.number("from 0 to 360", valid=_is_heading),
         fov_deg=None if fov.missing else fov.number("above 0 and at most 360", valid=lambda v: 0 < v <= 360),
         gps_accuracy_m=None if accuracy.missing else accuracy.number("0 or more", valid=lambda v: v >= 0),
         taken_at=None if taken_at.missing else taken_at.text(),
+        name=None if name.missing else name.text(),
+        blurred=tuple(_box(box) for box in blurred.items()),
     )
+
+
+def _box(item: JsonField) -> BlurBox:
+    """Read a box that lies inside the photo."""
+    fields = item.record(required=BlurBox._fields)
+    box = BlurBox(*(fields[side].number("a finite number", valid=finite) for side in BlurBox._fields))
+    if not box.inside:
+        raise item.error("is not a box inside the photo")
+    return box
 
 
 def _pixel(field: JsonField) -> float:
@@ -233,15 +269,18 @@ def _position_fields(position: MapPixel) -> dict[str, object]:
     return {"x_px": position.x, "y_px": position.y}
 
 
-def _photo_fields(e: Experience) -> dict[str, object]:
+def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
     known = {
-        "heading_deg": e.heading_deg,
-        "fov_deg": e.fov_deg,
-        "gps_accuracy_m": e.gps_accuracy_m,
-        "taken_at": e.taken_at,
+        "heading_deg": photo.heading_deg,
+        "fov_deg": photo.fov_deg,
+        "gps_accuracy_m": photo.gps_accuracy_m,
+        "taken_at": photo.taken_at,
+        "name": photo.name,
+        "blurred": [box._asdict() for box in photo.blurred] or None,
     }
     present = {name: value for name, value in known.items() if value is not None}
-    return {"id": e.id, "photo": e.photo, **_position_fields(e.position), **present}
+    position = _position_fields(photo.position) if isinstance(photo, Experience) else {}
+    return {"id": photo.id, "photo": photo.photo, **position, **present}
 
 
 def _placement_fields(placement: Placement) -> dict[str, object]:

@@ -60,6 +60,19 @@ def checked_name(name: str) -> str:
     return tidy
 
 
+def rename(record: MapRecord, name: str) -> None:
+    """Give a map another name; its files follow, which name it too.
+
+    Raises
+    ------
+    UsageError
+        It is empty or too long.
+    """
+    record.name = checked_name(name)
+    record.revision += 1
+    record.changed_at = now()
+
+
 def find(session: Session, slug: str, *, account: Account, role: Role = "viewer") -> MapRecord:
     """Find a map that an account may use in a role; maps in the bin count too.
 
@@ -152,7 +165,7 @@ def photo(session: Session, record: MapRecord, id: int) -> Photo:
 
 
 def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
-    """Add a photo under the next id, or give back the one with the same content.
+    """Add a photo, or give back the one with the same content.
 
     A photo that was removed comes back where it was. Either way the map's revision goes up where
     something changed.
@@ -160,7 +173,7 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
     Parameters
     ----------
     row : Photo
-        Without map, id and revision.
+        Without map and revision; without an id, it gets the next one.
 
     Returns
     -------
@@ -177,12 +190,18 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
         there.removed, there.revision = False, record.revision
         _note_placed(record, there)
         return there
-    row.map_id, row.id, row.revision = record.id, record.next_id, record.revision
-    record.next_id += 1
+    row.map_id, row.revision = record.id, record.revision
+    row.id = reserve_id(record) if row.id is None else row.id
     session.add(row)
     session.flush()
     _note_placed(record, row)
     return row
+
+
+def reserve_id(record: MapRecord) -> int:
+    """Take the next id of a map."""
+    record.next_id += 1
+    return record.next_id - 1
 
 
 def _note_placed(record: MapRecord, photo: Photo) -> None:

@@ -9,13 +9,17 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
-from webapp.store.schema import Upload
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Upload
 
 
 def begin(
-    session: Session, *, map_id: int, account_id: int, name: str, size_bytes: int, fingerprint: str
+    session: Session, record: MapRecord, *, account_id: int, name: str, size_bytes: int, fingerprint: str
 ) -> Upload:
     """Begin an upload, or find the one that the account has begun with the same fingerprint.
+
+    The photo's id is reserved now: photos are numbered in the order in which they were begun, however long
+    each takes.
 
     Parameters
     ----------
@@ -27,7 +31,7 @@ def begin(
         By which the sender finds it again: from name, size and time of the file.
     """
     same = select(Upload).where(
-        Upload.map_id == map_id, Upload.account_id == account_id, Upload.fingerprint == fingerprint
+        Upload.map_id == record.id, Upload.account_id == account_id, Upload.fingerprint == fingerprint
     )
     there = session.scalars(same).first()
     if there is not None and there.size_bytes == size_bytes:
@@ -37,11 +41,12 @@ def begin(
         session.flush()
     upload = Upload(
         id=secrets.token_hex(16),
-        map_id=map_id,
+        map_id=record.id,
         account_id=account_id,
         fingerprint=fingerprint,
         name=name,
         size_bytes=size_bytes,
+        photo_id=maps.reserve_id(record),
     )
     session.add(upload)
     session.flush()

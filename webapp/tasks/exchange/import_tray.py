@@ -60,7 +60,8 @@ def take_back(
 ) -> tuple[FolderContents, tuple[str, ...]]:
     """Move photos into the folder of their map and add their records to its contents.
 
-    Those that the map has already are left out.
+    Those that the map has already are left out. Photos that `map.json` lists keep their ids, and so the order
+    of the map's photos.
 
     Returns
     -------
@@ -75,10 +76,13 @@ def take_back(
     left_out: list[str] = []
     known = {row.sha256 for row in contents.photos}
     names = _Names(cfg.parent)
+    listed = {photo.photo: photo for photo in contents.map.unplaced}
+    free = contents.map.next_id
     for name in tray.names:
         progress.check()
+        listing = listed.get(name)
         try:
-            row = adopt_map.tray_row(tray.folder / name, limits=limits)
+            row = adopt_map.tray_row(tray.folder / name, known=listing, limits=limits)
         except PhotoError as error:
             left_out.append(f"{UNPLACED}/{name}: {error.message}")
             continue
@@ -86,7 +90,8 @@ def take_back(
             left_out.append(f"{UNPLACED}/{name}: the map has this photo already")
             continue
         known.add(row.sha256)
-        row.id, row.path = contents.map.next_id + len(rows), names.take(name)
+        row.id, row.path = free if listing is None else listing.id, names.take(name)
+        free += listing is None
         _move(tray.folder / name, cfg.parent / row.path, name=name)
         rows.append(row)
     return replace(contents, tray=tuple(rows)), tuple(left_out)

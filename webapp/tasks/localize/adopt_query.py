@@ -21,6 +21,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.tasks.localize import show_query
 from webapp.tasks.maps import add_photo
+from webapp.tasks.maps.add_photo import IncomingPhoto
 from webapp.tasks.maps.placing import RequestedPose, find_spots, needed_image, place_spots
 
 
@@ -78,7 +79,7 @@ def adopt_query(
     try:
         link_or_copy(show_query.original(library, query), part)
         intake = add_photo.add_photo(
-            library, map_id, source=part, name=query.name, settings=settings, by_gps=False
+            library, map_id, photo=IncomingPhoto(part, query.name), settings=settings, by_gps=False
         )
     finally:
         discard(part)

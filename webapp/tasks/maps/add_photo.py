@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound
-from webapp.files.part_file import move_in, show_file_as
+from webapp.files.part_file import show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
 from webapp.files.photos.photo import PhotoFacts, read_facts
@@ -19,11 +17,9 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.photo_files import forget_intake, free_path, keep, sha256_of
 from webapp.tasks.maps.place_photos import FileState, SurveyedFile, place
 from webapp.tasks.maps.placing import image_of
-
-PHOTOS = "photos"
-"""Folder of a map that its photos are in."""
 
 _SUFFIXES: Mapping[str, str] = {
     "JPEG": "jpg",
@@ -37,11 +33,26 @@ _SUFFIXES: Mapping[str, str] = {
     "JPEG2000": "jp2",
     "GIF": "gif",
 }
-_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
-_HASH_AT_END = re.compile(r"-([0-9a-f]{8,64})$")
-_MAX_STEM = 40
 _MAX_NAME = 300
-_HASH_DIGITS = (8, 16, 64)
+
+
+@dataclass(frozen=True, slots=True)
+class IncomingPhoto:
+    """A file on its way into a map.
+
+    Attributes
+    ----------
+    file : Path
+        Complete, on the same disk as the library (its uploads folder); is moved or deleted.
+    name : str
+        Of the original file; any text.
+    id : int or None
+        That was reserved for it in the map; None takes the next one.
+    """
+
+    file: Path
+    name: str
+    id: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +84,7 @@ class Intake:
 
 
 def add_photo(
-    library: Library, map_id: int, *, source: Path, name: str, settings: Settings, by_gps: bool = True
+    library: Library, map_id: int, *, photo: IncomingPhoto, settings: Settings, by_gps: bool = True
 ) -> Intake:
     """Take a photo into a map.
 
@@ -82,43 +93,42 @@ def add_photo(
 
     Parameters
     ----------
-    source : Path
-        Complete, on the same disk as the library (its uploads folder); is moved or deleted.
-    name : str
-        Of the original file; any text.
     by_gps : bool
         Place it by its GPS where map and photo know where they are.
 
     Raises
     ------
     PhotoError
-        It is not a photo of a known format, damaged, cut off, or larger than the limits. `source` is as it
-        was.
+        It is not a photo of a known format, damaged, cut off, or larger than the limits. The file is as
+        it was.
     NotFound
         The map is gone.
     DiskFull, StorageError
         The disk refused.
     """
-    name = tidy_name(name)
+    name, source = tidy_name(photo.name), photo.file
     with show_file_as(name, source):
         facts = read_facts(source, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
-    sha256 = _sha256(source)
+    sha256 = sha256_of(source)
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         if record.binned_at is not None:
             raise NotFound("the map is gone, or in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
-        row.path = _free_path(folder, row, suffix=suffix_of(facts))
+        if photo.id is not None:
+            row.id = photo.id
+        row.path = free_path(session, record, folder=folder, row=row, suffix=suffix_of(facts))
         problem = _place(row, record, facts) if by_gps else None
         before = record.revision
         kept = maps.add_photo(session, record, row=row)
-        _keep(source, folder / kept.path)
+        keep(source, folder=folder, row=kept)
         duplicate, placed = record.revision == before, kept.x_px is not None
         if kept is row:
             # before the record is kept: a photo whose previews the disk refuses is refused as a whole
             preview.write_previews(folder, kept.id, previews=previews)
+    forget_intake(folder, kept)
     return Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
 
 
@@ -132,12 +142,6 @@ def tidy_name(name: str) -> str:
     text = name.encode("utf-8", "replace").decode("utf-8")
     text = "".join(c for c in text if unicodedata.category(c) != "Cc").strip()
     return text[-_MAX_NAME:] or "photo"
-
-
-def named_by_content(path: Path) -> bool:
-    """Return whether a file has a name that only a photo taken in has: its own hash stands in it."""
-    found = _HASH_AT_END.search(path.stem)
-    return found is not None and _sha256(path).startswith(found[1])
 
 
 def why_no_gps(facts: PhotoFacts) -> str | None:
@@ -191,25 +195,3 @@ def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:
         return verdict.reason
     row.x_px, row.y_px = verdict.experience.position
     return None
-
-
-def _free_path(folder: Path, row: Photo, *, suffix: str) -> str:
-    """Choose the path of a photo; that of a file with the same content, where one waits without a record."""
-    last = PurePosixPath(row.name.replace("\\", "/")).stem
-    plain = unicodedata.normalize("NFKD", last).encode("ascii", "ignore").decode()
-    stem = _NOT_PLAIN.sub("-", plain)[:_MAX_STEM].strip("-") or "photo"
-    paths = [f"{PHOTOS}/{stem}-{row.sha256[:digits]}.{suffix}" for digits in _HASH_DIGITS]
-    free = (p for p in paths if not (folder / p).exists() or _sha256(folder / p) == row.sha256)
-    return next(free, paths[-1])
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _keep(source: Path, target: Path) -> None:
-    if target.exists():
-        source.unlink()
-    else:
-        move_in(source, target)

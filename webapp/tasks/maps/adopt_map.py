@@ -6,12 +6,12 @@ import hashlib
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
 from webapp.files.maps.folder import MapFolder, read_map
@@ -45,7 +45,7 @@ class FolderContents:
     problems : tuple of str
         One sentence for each photo that is missing or unreadable. Its record has no size and no EXIF.
     tray : tuple of Photo
-        Records of photos without a place; their ids are those that follow the map's.
+        Records of photos without a place, with ids that no other photo of the map has.
     """
 
     map: Map
@@ -76,7 +76,7 @@ def adopt_map(
     account_id : int
         Who owns the map from then on.
     name : str or None
-        For people; by default made from the slug.
+        For people; by default the title in its `map.json`, or made from the slug.
     settings : Settings, optional
         The limits of photos count.
     progress : Progress, optional
@@ -104,10 +104,11 @@ def adopt_map(
     contents = read(library.cfg(slug), limits=limits, progress=progress or Progress())
     for problem in contents.problems:
         (progress or Progress()).note(problem)
+    title = name or contents.map.title or slug.replace("-", " ").capitalize()
     with library.database.write() as session:
         if session.scalars(select(MapRecord.id).where(MapRecord.slug == slug)).first() is not None:
             raise Conflict(f"the library has a map {slug} already", where=slug)
-        record = MapRecord(slug=slug, name=maps.checked_name(name or slug.replace("-", " ").capitalize()))
+        record = MapRecord(slug=slug, name=maps.checked_name(title))
         session.add(record)
         session.flush()
         session.add(Member(map_id=record.id, account_id=account_id, role="owner"))
@@ -158,7 +159,8 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     map_ = contents.map
     record.satellite_revision = record.exported_revision = map_.revision
     record.revision = map_.revision + bool(contents.tray)  # which the files do not hold
-    record.exported_sha256, record.next_id = contents.cfg_sha256, map_.next_id + len(contents.tray)
+    record.exported_sha256 = contents.cfg_sha256
+    record.next_id = max([map_.next_id, *(row.id + 1 for row in contents.tray)])
     record.satellite_path = map_.satellite.path
     record.satellite_width, record.satellite_height = map_.satellite.width, map_.satellite.height
     record.georeference = georeference_fields(map_.georeference)
@@ -199,7 +201,7 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
     """
     row = Photo(
         id=e.id,
-        name=e.photo.rsplit("/", 1)[-1],
+        name=e.name or PurePosixPath(e.photo).name,
         path=e.photo,
         sha256=hashlib.sha256(f"no photo {e.id}".encode()).hexdigest(),
         size_bytes=0,
@@ -211,6 +213,7 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
         x_px=e.position.x,
         y_px=e.position.y,
         heading_deg=e.heading_deg,
+        blurred=[box._asdict() for box in e.blurred] or None,
     )
     try:
         _look(row, files.path(e.photo), limits=limits)
@@ -221,8 +224,13 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
     return row, None
 
 
-def tray_row(path: Path, *, limits: PhotoLimits) -> Photo:
+def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLimits) -> Photo:
     """Make the record of a photo without a place; of no map yet, without id and path.
+
+    Parameters
+    ----------
+    known : UnplacedPhoto, optional
+        What `map.json` says about it, which goes before its EXIF.
 
     Raises
     ------
@@ -230,6 +238,11 @@ def tray_row(path: Path, *, limits: PhotoLimits) -> Photo:
         It is not a photo.
     """
     row = Photo(name=path.name)
+    if known is not None:
+        row.name = known.name or path.name
+        row.taken_at, row.fov_deg = known.taken_at, known.fov_deg
+        row.gps_accuracy_m, row.heading_deg = known.gps_accuracy_m, known.heading_deg
+        row.blurred = [box._asdict() for box in known.blurred] or None
     _look(row, path, limits=limits)
     return row
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from pathlib import PurePosixPath
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
+from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage, UnplacedPhoto
 from webapp.files.maps.map_json import parse_georeference
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
@@ -34,6 +37,8 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         placements=_placements(session, record, ids={e.id for e in experiences}),
         next_id=record.next_id,
         revision=record.revision,
+        title=record.name,
+        unplaced=tuple(UnplacedPhoto(p.id, p.path, **_facts(p)) for p in photos if p.x_px is None),
     )
 
 
@@ -49,11 +54,20 @@ def _experience(photo: Photo) -> Experience | None:
         id=photo.id,
         photo=photo.path,
         position=MapPixel(photo.x_px, photo.y_px),
-        heading_deg=photo.heading_deg,
-        fov_deg=photo.fov_deg,
-        gps_accuracy_m=photo.gps_accuracy_m,
-        taken_at=photo.taken_at,
+        **_facts(photo),
     )
+
+
+def _facts(photo: Photo) -> dict[str, Any]:
+    """Return what is known of a photo besides its place, as the map model names it."""
+    return {
+        "heading_deg": photo.heading_deg,
+        "fov_deg": photo.fov_deg,
+        "gps_accuracy_m": photo.gps_accuracy_m,
+        "taken_at": photo.taken_at,
+        "name": photo.name if photo.name != PurePosixPath(photo.path).name else None,
+        "blurred": tuple(BlurBox(**box) for box in photo.blurred or ()),
+    }
 
 
 def _placements(session: Session, record: MapRecord, *, ids: set[int]) -> tuple[Placement, ...]:

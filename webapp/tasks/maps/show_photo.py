@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,8 +17,6 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 
 MOST_BOXES = 50
-_ROUNDING = 1e-6
-"""Shares that were computed may be so much too large."""
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
@@ -113,9 +110,7 @@ def blur_photo(
 
 
 def _checked(box: BlurBox) -> BlurBox:
-    most = 1 + _ROUNDING
-    inside = all(math.isfinite(value) for value in box) and min(box.x, box.y) >= 0
-    if not inside or min(box.width, box.height) <= 0 or max(box.x + box.width, box.y + box.height) > most:
+    if not box.inside:
         raise UsageError(
             "a box lies outside the photo", where="boxes", hint="shares of its width and height, from 0 to 1"
         )

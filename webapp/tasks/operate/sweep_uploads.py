@@ -10,9 +10,7 @@ from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
-from webapp.store.maps import maps, uploads
-from webapp.store.schema import MapRecord
-from webapp.tasks.maps.add_photo import PHOTOS, named_by_content
+from webapp.store.maps import uploads
 
 
 def sweep_uploads(library: Library, *, settings: Settings) -> int:
@@ -31,27 +29,6 @@ def sweep_uploads(library: Library, *, settings: Settings) -> int:
         known = uploads.known_ids(session)
         old = [p for p in library.uploads.iterdir() if p.suffix != ".lock" and _older(p, keep)]
         gone = [path for path in old if path.stem not in known]
-        for path in gone:
-            discard(path)
-    return len(gone)
-
-
-def sweep_orphans(library: Library, map_id: int) -> int:
-    """Delete files in the photo folder of a map that no record knows: their intake was interrupted.
-
-    Files that a person may have put there are left alone: an orphan has a name that intake gives.
-
-    Returns
-    -------
-    int
-        Files deleted.
-    """
-    with library.database.write() as session:  # intake moves its files in a session that writes, too
-        record = session.get_one(MapRecord, map_id, with_for_update=True)
-        known = {photo.path for photo in maps.photos(session, record)}
-        folder = library.map_folder(record.slug) / PHOTOS
-        unknown = [path for path in folder.glob("*") if f"{PHOTOS}/{path.name}" not in known]
-        gone = [path for path in unknown if path.is_file() and named_by_content(path)]
         for path in gone:
             discard(path)
     return len(gone)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from pathlib import PurePosixPath
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -13,7 +14,7 @@ from flask import Response, jsonify, request, send_from_directory
 from flask_babel import gettext as _
 
 from webapp.errors import NotFound, UsageError
-from webapp.files.exchange.map_zip import is_quick
+from webapp.files.exchange.map_zip import is_quick, read_title
 from webapp.files.part_file import receive
 from webapp.render import export_file
 from webapp.render.export_file import FORMATS
@@ -41,7 +42,7 @@ class ImportIn(Schema):
     name = String(
         load_default=None,
         validate=Length(max=_MAX_NAME),
-        metadata={"description": "of the new map; by default that of the file"},
+        metadata={"description": "of the new map; by default its title in the zip, else the file's name"},
     )
 
 
@@ -130,12 +131,12 @@ def exported(slug: str, name: str) -> Response:
 def import_zip(given: dict[str, Any]) -> Any:
     """Make a map of a zip: at once, or by a job (202) where it is large."""
     who, place = account(), library()
-    name = _name_of(given["name"], given["file"].filename)
     token = secrets.token_hex(16)
     archive = import_map.archive_path(place, token)
     kept = False
     try:
         receive(archive, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
+        name = _name_of(given["name"], archive, given["file"].filename)
         if not is_quick(archive):
             answer = _by_job(name, token)
             kept = True
@@ -184,8 +185,8 @@ def _by_job(name: str, token: str) -> dict[str, Any]:
         return {"slug": record.slug, "job": job.id, "findings": [], "left_out": []}
 
 
-def _name_of(given: str | None, filename: str | None) -> str:
-    """Choose the name of an imported map.
+def _name_of(given: str | None, archive: Path, filename: str | None) -> str:
+    """Choose the name of an imported map: the given one, its title in the zip, that of the file.
 
     Raises
     ------
@@ -195,10 +196,10 @@ def _name_of(given: str | None, filename: str | None) -> str:
     if given:
         return maps.checked_name(given)
     stem = PurePosixPath(tidy_name(filename or "").replace("\\", "/")).stem
-    try:
-        return maps.checked_name(stem[:_MAX_NAME])
-    except UsageError:
-        return str(_("Imported map"))
+    for name in (read_title(archive, most_files=settings().imports.max_files), stem[:_MAX_NAME]):
+        with suppress(UsageError):
+            return maps.checked_name(name or "")
+    return str(_("Imported map"))
 
 
 def _findings_json(findings: Any) -> list[dict[str, str]]:

@@ -140,7 +140,7 @@ def rename(slug: str, data: dict[str, str]) -> dict[str, Any]:
     record, who = open_map(slug, "owner"), account()
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id)
-        row.name = maps.checked_name(data["name"])
+        maps.rename(row, data["name"])
         return state.summary(session, row, account=who)
 
 

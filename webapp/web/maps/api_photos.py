@@ -24,7 +24,7 @@ from webapp.files.photos.preview import Kind
 from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
-from webapp.tasks.maps.add_photo import Intake
+from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
@@ -139,7 +139,7 @@ def _take_in(record: MapRecord, file: FileStorage) -> dict[str, Any]:
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
         return intake_json(
-            add_photo.add_photo(library(), record.id, source=part, name=name, settings=settings())
+            add_photo.add_photo(library(), record.id, photo=IncomingPhoto(part, name), settings=settings())
         )
     except ExpMapError as error:
         return {"name": name, "placed": False, "error": as_json(error)}
@@ -228,7 +228,8 @@ def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     record, who = open_map(slug, "editor"), account()
     _check_size(given["name"], given["size_bytes"])
     with library().database.write() as session:
-        upload = uploads.begin(session, map_id=record.id, account_id=who.id, **given)
+        row = session.get_one(MapRecord, record.id, with_for_update=True)
+        upload = uploads.begin(session, row, account_id=who.id, **given)
         most = settings().upload.open_per_account
         if uploads.count_open(session, account_id=who.id) > most:
             raise UsageError(f"{most} uploads are unfinished", hint="finish or cancel some of them first")
@@ -259,9 +260,8 @@ def send(slug: str, id: str) -> dict[str, Any]:
             there = append(part, data, offset=offset, size=upload.size_bytes)
             if there < upload.size_bytes:
                 return {"offset": there}
-            intake = add_photo.add_photo(
-                library(), record.id, source=part, name=upload.name, settings=settings()
-            )
+            incoming = IncomingPhoto(part, upload.name, upload.photo_id)
+            intake = add_photo.add_photo(library(), record.id, photo=incoming, settings=settings())
         except (InputError, DiskFull):
             _give_up(upload)
             raise

@@ -1,0 +1,151 @@
+"""The files of a map's photos: how they are called, and what an interrupted intake has left of them.
+
+A photo keeps the name of its original file where no other photo of the map has it. Before a file is moved in,
+a note of it is written, which is deleted once the record is kept: a file that has a note and no record is no
+person's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import unicodedata
+from pathlib import Path, PurePosixPath
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from webapp.files.atomic import write_bytes
+from webapp.files.listing import DERIVED, folded
+from webapp.files.part_file import discard, move_in
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord, Photo
+
+PHOTOS = "photos"
+"""Folder of a map that its photos are in."""
+
+_INTAKE = "intake"
+"""Folder in `derived` of the notes: each is named by the hash of a file, and holds its path."""
+
+_UNSAFE = re.compile(r'["*/:;<>?\\|]+')
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for devices."""
+
+_SAME_ENDINGS = {"jpg": {"jpg", "jpeg", "jpe"}, "tif": {"tif", "tiff"}, "heic": {"heic", "heif"}}
+_MOST_BYTES = 100
+"""Of a name; a longer one is shortened, and gets the hash of its content."""
+_SHORT_STEM = 40
+_HASH_DIGITS = (8, 16, 64)
+
+
+def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, suffix: str) -> str:
+    """Choose the path of a photo: its own name, or one with its hash where that is taken.
+
+    A file with the same content that waits there without a record is taken for the photo's.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the map.
+    row : Photo
+        Not yet of the map; with its original name and its hash.
+    suffix : str
+        The ending that its content has.
+
+    Returns
+    -------
+    str
+        Relative to the folder.
+    """
+    stem, ending = _plain_name(row.name, suffix)
+    whole = f"{stem}.{ending}"
+    is_usable = len(whole.encode()) <= _MOST_BYTES and not _RESERVED.fullmatch(whole)
+    names = [whole] if is_usable else []
+    short = stem[:_SHORT_STEM].rstrip(" .-")
+    names += [f"{short}-{row.sha256[:digits]}.{ending}" for digits in _HASH_DIGITS]
+    paths = [f"{PHOTOS}/{name}" for name in names]
+    free = (path for path in paths if _is_free(folder / path, row) and not _is_known(session, record, path))
+    return next(free, paths[-1])
+
+
+def keep(source: Path, *, folder: Path, row: Photo) -> None:
+    """Move a file to its path, or delete it where the photo has its file; see `forget_intake`.
+
+    Raises
+    ------
+    DiskFull, StorageError
+    """
+    target = folder / row.path
+    if target.exists():
+        source.unlink()
+        return
+    note = _note(folder, row.sha256)
+    note.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(note, row.path.encode())
+    move_in(source, target)
+
+
+def forget_intake(folder: Path, row: Photo) -> None:
+    """Delete the note of a file whose record is kept."""
+    discard(_note(folder, row.sha256))
+
+
+def sweep_orphans(library: Library, map_id: int) -> int:
+    """Delete files in the photo folder of a map that no record knows: their intake was interrupted.
+
+    Files that a person has put there are left alone.
+
+    Returns
+    -------
+    int
+        Files deleted.
+    """
+    swept = 0
+    with library.database.write() as session:  # intake moves its files in a session that writes, too
+        record = session.get_one(MapRecord, map_id, with_for_update=True)
+        folder = library.map_folder(record.slug)
+        known = {photo.path for photo in maps.photos(session, record)}
+        for note in sorted((folder / DERIVED / _INTAKE).glob("*")):
+            path = note.read_text("utf-8", "replace")
+            file = folder / path
+            ours = path.startswith(f"{PHOTOS}/") and path not in known
+            if ours and file.is_file() and sha256_of(file) == note.name:
+                discard(file)
+                swept += 1
+            discard(note)
+    return swept
+
+
+def sha256_of(path: Path) -> str:
+    """Hash a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _note(folder: Path, sha256: str) -> Path:
+    return folder / DERIVED / _INTAKE / sha256
+
+
+def _plain_name(name: str, suffix: str) -> tuple[str, str]:
+    """Return stem and ending of a photo's own name, without what a disk or a `.cfg` cannot hold."""
+    last = PurePosixPath(name.replace("\\", "/")).name
+    stem, _, ending = last.rpartition(".")
+    if not stem:
+        stem, ending = ending, ""
+    if ending.lower() not in _SAME_ENDINGS.get(suffix, {suffix}):
+        ending = suffix
+    printable = (c for c in unicodedata.normalize("NFC", stem) if unicodedata.category(c)[0] != "C")
+    return _UNSAFE.sub("-", "".join(printable)).strip(" .-") or "photo", ending
+
+
+def _is_free(file: Path, row: Photo) -> bool:
+    return not file.exists() or (file.is_file() and sha256_of(file) == row.sha256)
+
+
+def _is_known(session: Session, record: MapRecord, path: str) -> bool:
+    """Return whether a photo has this path on a disk that knows no letter case."""
+    paths = select(Photo.path).where(Photo.map_id == record.id)
+    if path.isascii():
+        paths = paths.where(func.lower(Photo.path) == path.lower())
+    return any(folded(other) == folded(path) for other in session.scalars(paths))
