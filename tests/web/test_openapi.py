@@ -312,11 +312,35 @@ def test_whatever_the_owner_sends_is_answered_as_the_document_says(operations, f
     assert {200, 201, 400, 404, 422} <= seen
 
 
-@pytest.mark.parametrize("file", ["map.cfg", "placements/{name}.cfg"])
-def test_files_of_a_map_without_an_image_are_answered_as_the_document_says(client, park, document, file):
-    answer = client.get(f"/api/v1/maps/{park}/{file.format(name='plan')}")
-    assert answer.status_code == 400
-    assert "400" in document["paths"][f"/api/v1/maps/{{slug}}/{file}"]["get"]["responses"]
+@pytest.mark.parametrize("value", [0, 1, "", "no", "on", "true"])
+def test_true_and_false_of_json_are_no_other_values(client, park, value):
+    for path, wish in (("shares", {"photos": value}), ("satellite/blank", {"width": 9, "tray": value})):
+        answer = client.post(f"/api/v1/maps/{park}/{path}", json=wish)
+        assert answer.status_code == 422, path
+        assert next(iter(wish.keys() - {"width"})) in answer.text
+
+
+@pytest.mark.parametrize(
+    ("text", "status"), [("1", 200), ("True", 200), ("false", 200), ("0", 200), ("no", 422), ("", 422)]
+)
+def test_true_and_false_of_addresses_are_texts(client, text, status):
+    answer = client.get(f"/api/v1/maps?bin={text}")
+    assert answer.status_code == status
+    assert status == 422 or answer.json["maps"] == []
+
+
+def test_what_a_map_without_an_image_answers_is_documented(client, park, document):
+    """The exports need an image: 400."""
+    values = {"slug": park, "name": "plan", "id": 1, "z": 0, "x": 0, "y": 0}
+    refused = set()
+    for path, operations in document["paths"].items():
+        if "get" not in operations or not path.startswith("/api/v1/maps/{slug}"):
+            continue
+        for form in ("zip", "geojson", "kml", "kmz", "html") if "{form}" in path else ("",):
+            status = client.get(path.format(**values, form=form)).status_code
+            assert status < 400 or str(status) in operations["get"]["responses"], (path, form, status)
+            refused |= {path} if status == 400 else set()
+    assert {f"/api/v1/maps/{{slug}}/{name}" for name in ("map.cfg", "export.{form}")} <= refused
 
 
 def test_nobody_gets_in_without_a_sign_in(operations, fresh, library):

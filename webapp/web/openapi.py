@@ -99,6 +99,7 @@ _IF_MATCH = {
 }
 _MORE: dict[str, dict[str, Any]] = {
     "api_exchange.cfg": {"statuses": [400]},
+    "api_exchange.export": {"statuses": [400]},
     "api_exchange.placement_cfg": {"statuses": [400]},
     "api_people.list_accounts": {"statuses": [403]},
     "api_shares.list_shares": {"statuses": [403]},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
+from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Range, Regexp
 
 from webapp.core.trajectory.records import SOURCES
@@ -17,6 +17,7 @@ from webapp.missions.web.context import open_mission
 from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES
 from webapp.web.context import account, library, open_map
+from webapp.web.fields import Boolean
 from webapp.web.maps.schemas import SatelliteOut
 from webapp.web.openapi import json_answer
 

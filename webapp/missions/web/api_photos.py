@@ -6,7 +6,7 @@ import secrets
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Dict, File, Float, Integer, List, Nested, String
+from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
 from apiflask.validators import Length, Predicate, Range
 from flask import Response, request, url_for
 
@@ -18,6 +18,7 @@ from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.web.context import open_mission
 from webapp.web.context import account, library, settings
+from webapp.web.fields import Boolean
 from webapp.web.openapi import file_answer
 from webapp.web.sending import as_attachment, send_immutable
 

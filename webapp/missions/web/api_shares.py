@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Integer, List, Nested, String
+from apiflask.fields import Integer, List, Nested, String
 from flask import url_for
 from markupsafe import escape
 
@@ -15,6 +15,7 @@ from webapp.missions.store.schema import Mission, MissionShare
 from webapp.missions.web.context import open_mission
 from webapp.store import sharing
 from webapp.web.context import account, library
+from webapp.web.fields import Boolean
 
 blueprint = APIBlueprint(
     "api_mission_shares",

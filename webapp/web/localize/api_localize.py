@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, File, Float, Integer, List, String
+from apiflask.fields import File, Float, Integer, List, String
 from apiflask.validators import Length, OneOf, Range, Regexp
 from flask import current_app, request
 from flask.blueprints import BlueprintSetupState
@@ -32,6 +32,7 @@ from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeRe
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.fields import Boolean
 from webapp.web.localize.answers import AnswerOut
 from webapp.web.state import KEY as STATE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Float, Integer, List, Nested, String
+from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 from flask import request
 
@@ -15,6 +15,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
 from webapp.web.context import account, library, open_map
+from webapp.web.fields import Boolean
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState
 from webapp.web.openapi import json_answer

@@ -6,7 +6,7 @@ import secrets
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Dict, File, Float, Integer, List, Nested, String
+from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
 from apiflask.validators import Length
 from flask import request
 from werkzeug.datastructures import FileStorage
@@ -23,6 +23,7 @@ from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
 from webapp.tasks.maps.placing import PlacingResult, place_by_file, place_by_gps
 from webapp.web.context import account, library, open_map
+from webapp.web.fields import Boolean
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
 

@@ -7,7 +7,7 @@ from datetime import timedelta
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, File, Float, Integer, List, Nested, String
+from apiflask.fields import File, Float, Integer, List, Nested, String
 from apiflask.validators import Length, Range
 from flask import Response, request, send_file
 from werkzeug.datastructures import FileStorage
@@ -28,6 +28,7 @@ from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.fields import Boolean
 from webapp.web.openapi import file_answer
 from webapp.web.satellite.api_georeference import ImageAnswer, answer
 

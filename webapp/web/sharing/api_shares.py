@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, Integer, List, Nested, String
+from apiflask.fields import Integer, List, Nested, String
 from apiflask.validators import OneOf
 from flask import url_for
 from markupsafe import escape
@@ -17,6 +17,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Share
 from webapp.store.sharing import Allows
 from webapp.web.context import account, library, open_map
+from webapp.web.fields import Boolean
 
 shares_api = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
 members_api = APIBlueprint("api_members", __name__, url_prefix="/api/v1/maps/<slug>/members", tag="Sharing")
@@ -34,7 +35,8 @@ class AllowsIn(Schema):
         metadata={"description": "Visitors may ask about photos of their own; of a shared map only."},
     )
     originals = Boolean(
-        load_default=False, metadata={"description": "Original files, with names, times and GPS."}
+        load_default=False,
+        metadata={"description": "Original files, with names, times and GPS."},
     )
 
 
