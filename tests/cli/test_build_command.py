@@ -1,6 +1,7 @@
 """`expmap build` as it is typed."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,22 @@ def test_photos_that_cannot_be_used_are_reported_and_end_with_1(expmap, cfg):
     result = [line for line in err.splitlines() if "(id" in line]
     assert result[0].startswith("photos/2.jpg (id 2): file not found")
     assert result[1].startswith("photos/3.jpg (id 3): it is not an image")
+    assert err.splitlines()[-1].startswith(
+        "could not be used: 1 photo: file not found, such as photos/2.jpg; 1"
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
+def test_photos_behind_a_link_are_refused_with_the_reason_that_the_check_gives(expmap, cfg, tmp_path):
+    (cfg.parent / "photos").rename(tmp_path / "elsewhere")
+    (cfg.parent / "photos").symlink_to(tmp_path / "elsewhere")
+    reason = "is a link that leads out of the map's folder"
+    _, checked, _ = expmap("map", "check", cfg)
+    assert f"'photos/0.jpg' {reason}" in checked
+    _, _, err = expmap("build", cfg, "--method", "vote")
+    assert err.splitlines()[-1] == f"could not be used: 5 photos: it {reason}, such as photos/0.jpg"
+    code, _, err = expmap("evaluate", "--self", cfg, "--method", "vote")
+    assert code == 3 and f"no photo of the map can be used; 5 photos: it {reason}" in err
 
 
 def test_the_index_goes_where_it_is_asked(expmap, cfg, tmp_path):

@@ -15,7 +15,7 @@ from webapp.cli.options import MAP_FILE, chosen_settings, index_options, map_opt
 from webapp.cli.progressbar import terminal_progress
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.build_index import BuildReport
+from webapp.tasks.localize.build_index import BuildReport, count_reasons
 
 
 @click.command()
@@ -36,10 +36,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
         )
     index = report.index
     second = report.second
-    failed = [*index.failed, *(second.index.failed if second else ())]
-    tell_failed(index)
-    if second:
-        tell_failed(second.index)
+    tell_failed(index, *([second.index] if second else []))
     if as_json:
         raw = asdict(index) | {"folder": str(index.folder), "features": report.features}
         seconds = {
@@ -51,13 +48,18 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
         click.echo(build_line(index, report.features))
         if second:
             click.echo(build_line(second.index, second.features))
+    failed = index.failed or (second and second.index.failed)
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
 
-def tell_failed(report: BuildReport | None) -> None:
-    """Name the map photos that could not be used, on standard error; nothing where nothing was built."""
-    for number, photo, reason in report.failed if report else ():
+def tell_failed(*reports: BuildReport | None) -> None:
+    """Name the map photos that could not be used, and count why, on standard error; each once."""
+    failed = dict.fromkeys(photo for report in reports if report for photo in report.failed)
+    for number, photo, reason in failed:
         click.echo(f"{photo} (id {number}): {reason}", err=True)
+    if len(failed) > 1:
+        counted = count_reasons((photo, reason) for _, photo, reason in failed)
+        click.echo(f"could not be used: {counted}", err=True)
 
 
 def build_line(report: BuildReport, features: str) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.standin_models import brightest, glue
 from webapp.core.retrieval.engines.ivf import InvertedFile
@@ -241,8 +242,13 @@ def test_a_map_without_photos_or_texture_is_a_bad_map(tmp_path, make_map, openin
     cfg = make_map(tmp_path / "gone", 2)
     for photo in (tmp_path / "gone" / "photos").iterdir():
         photo.unlink()
-    with pytest.raises(MapError, match="no photo of the map has features"):
+    with pytest.raises(MapError, match="can be used; 2 photos: file not found, such as photos/0"):
         opening(cfg)
+    blank = make_map(tmp_path / "blank", 2)
+    for photo in (tmp_path / "blank" / "photos").iterdir():
+        Image.new("L", (64, 48)).save(photo, "JPEG")
+    with pytest.raises(MapError, match="no photo of the map has features"):
+        opening(blank)
 
 
 def test_a_reader_during_a_build_takes_the_new_manifest(tmp_path, make_map, opening, build, monkeypatch):

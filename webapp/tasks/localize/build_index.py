@@ -64,6 +64,29 @@ class BuildReport:
     bytes: int
 
 
+def count_reasons(failed: Iterable[tuple[str, str]]) -> str:
+    """Count why photos could not be used, the most frequent reason first.
+
+    Parameters
+    ----------
+    failed : iterable of (str, str)
+        Photo and reason; a reason may name its photo.
+
+    Returns
+    -------
+    str
+        "58 photos: file not found, such as photos/1.jpg; 1 photo: it is not an image, such as photos/9.jpg".
+    """
+    photos: dict[str, list[str]] = {}
+    for photo, reason in failed:
+        photos.setdefault(reason.replace(repr(photo), "it").partition("; ")[0], []).append(photo)
+    most_first = sorted(photos.items(), key=lambda item: -len(item[1]))
+    return "; ".join(
+        f"{len(found)} photo{'s' * (len(found) != 1)}: {reason}, such as {found[0]}"
+        for reason, found in most_first
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class BuildRequest:
     """What to build.

@@ -298,11 +298,11 @@ def _load_latest(
             before, manifest = manifest, folder.read_manifest()
             if manifest == before:
                 raise
-    raise MapError(
-        "no photo of the map has features to recognise it by",
-        where=str(cfg),
-        hint="run expmap map check on it",
-    )
+    failed = [(p.photo, p.error) for p in manifest.photos.values() if p.error] if manifest else []
+    message = "no photo of the map has features to recognise it by"
+    if failed:
+        message = f"no photo of the map can be used; {build_index.count_reasons(failed)}"
+    raise MapError(message, where=str(cfg), hint="run expmap map check on it")
 
 
 def _contents(the_map: Map, manifest: Manifest) -> list[str]:
