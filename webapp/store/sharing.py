@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound
 from webapp.store import queries
 from webapp.store.accounts.accounts import hashed
-from webapp.store.schema import Account, MapRecord, QueryRecord, Share, ShareColumns
+from webapp.store.schema import Account, Base, MapRecord, QueryRecord, Share, ShareColumns
 
 Kind = TypeVar("Kind", bound=ShareColumns)
 
@@ -165,6 +165,20 @@ def maker_of(session: Session, share: ShareColumns) -> str | None:
     """Return the name of who made a share; None where that account was removed."""
     account = None if share.account_id is None else session.get(Account, share.account_id)
     return None if account is None else account.name
+
+
+def shares_of_removed_accounts(session: Session) -> list[ShareColumns]:
+    """List the shares of every kind that are open although who made them has no account any more."""
+    kinds = [mapper.class_ for mapper in Base.registry.mappers if issubclass(mapper.class_, ShareColumns)]
+    return [share for kind in kinds for share in shares_of(session, kind, where=kind.account_id.is_(None))]
+
+
+def revoke_of_removed_accounts(session: Session) -> int:
+    """Revoke the shares whose makers have no account any more; returns how many."""
+    found = shares_of_removed_accounts(session)
+    for share in found:
+        session.delete(share)
+    return len(found)
 
 
 def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bool]) -> Kind:

@@ -364,3 +364,23 @@ def test_a_share_says_who_made_it_also_when_that_account_is_gone(client, sign_in
     assert client.delete(f"/api/v1/accounts/{bob.id}").status_code == 204
     (share,) = sign_in(ana).get(where).json["shares"]
     assert share["maker"] is None
+
+
+def test_links_of_removed_accounts_are_counted_and_revoked(client, sign_in, new_account, new_map, stranger):
+    bob = new_account("Bob")
+    slug = new_map(bob)
+    browser = sign_in(bob)
+    mission = browser.post("/api/v1/missions", json={"name": "Round"}).json["id"]
+    for path in (f"maps/{slug}/shares", f"maps/{slug}/shares", f"missions/{mission}/shares"):
+        assert browser.post(f"/api/v1/{path}", json={}).status_code == 201
+    url = browser.post(f"/api/v1/maps/{slug}/shares", json={}).json["url"]
+    assert "Links of removed accounts" not in client.get("/people").text
+    assert client.delete(f"/api/v1/accounts/{bob.id}").status_code == 204
+    assert "4 links that removed accounts made are still open" in client.get("/people").text
+    assert stranger.get(url).status_code == 200
+    assert stranger.delete("/api/v1/accounts/removed/shares").status_code == 401
+    assert sign_in(new_account("Eve")).delete("/api/v1/accounts/removed/shares").status_code == 403
+    answer = client.post("/people/removed/revoke-shares", follow_redirects=True)
+    assert "4 links have been revoked" in answer.text and "Links of removed accounts" not in answer.text
+    assert stranger.get(url).status_code == 404
+    assert client.delete("/api/v1/accounts/removed/shares").json == {"revoked": 0}

@@ -15,6 +15,7 @@ from flask_wtf.csrf import generate_csrf
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotAllowed, NotFound
+from webapp.store import sharing
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.schema import Account, ApiToken
 from webapp.web.context import account, library, settings
@@ -172,6 +173,12 @@ class SignInLinkOut(Schema):
     hours = Integer(metadata={"description": "How long it works."})
 
 
+class RevokedOut(Schema):
+    """What was revoked."""
+
+    revoked = Integer(metadata={"description": "Number of links."})
+
+
 class AccountList(Schema):
     """All accounts, by name."""
 
@@ -213,10 +220,18 @@ def new_link(account_id: int) -> dict[str, Any]:
 @people_api.delete(f"/{_ID}")
 @people_api.output({}, status_code=204)
 def remove(account_id: int) -> str:
-    """Delete an account; its maps stay."""
+    """Delete an account; its maps stay, and so do the links that it made."""
     with library().database.write() as session:
         accounts.remove(session, _person(session, account_id))
     return ""
+
+
+@people_api.delete("/removed/shares")
+@people_api.output(RevokedOut)
+def revoke_shares_of_removed() -> dict[str, int]:
+    """Revoke all links, to maps, answers and missions, that accounts made which were removed since."""
+    with library().database.write() as session:
+        return {"revoked": sharing.revoke_of_removed_accounts(session)}
 
 
 def _person(session: Session, account_id: int) -> Account:

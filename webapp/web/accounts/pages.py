@@ -5,10 +5,11 @@ from __future__ import annotations
 from apiflask import APIBlueprint
 from flask import Blueprint, flash, redirect, render_template, request, session, url_for
 from flask_babel import gettext as _
-from flask_babel import refresh
+from flask_babel import ngettext, refresh
 from werkzeug.wrappers import Response
 
 from webapp.errors import ExpMapError, NotAllowed, NotFound, NotSignedIn, TooMany
+from webapp.store import sharing
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.schema import Account
 from webapp.web import errors
@@ -165,7 +166,16 @@ def remove(account_id: int) -> Response | tuple[str, int]:
             accounts.remove(db, _person(db.get(Account, account_id)))
     except ExpMapError as error:
         return _people_page(error=error), errors.status_of(error)
-    flash(_("The account has been removed; its maps are still here."), "success")
+    flash(_("The account has been removed; its maps and links are still here."), "success")
+    return back("people_page.show_people")
+
+
+@people_pages.post("/removed/revoke-shares")
+def revoke_shares_of_removed() -> Response:
+    """Revoke the links that removed accounts made."""
+    with library().database.write() as db:
+        count = sharing.revoke_of_removed_accounts(db)
+    flash(ngettext("%(num)s link has been revoked.", "%(num)s links have been revoked.", count), "success")
     return back("people_page.show_people")
 
 
@@ -180,10 +190,17 @@ def _people_page(
 ) -> str:
     with library().database.read() as db:
         people = accounts.list_accounts(db)
+        abandoned = len(sharing.shares_of_removed_accounts(db))
     address = url_for("sign_in.link", token=token, _external=True) if token else None
     hours = settings().web.link_hours
     return render_template(
-        "accounts/people.html", error=error, people=people, person=person, address=address, hours=hours
+        "accounts/people.html",
+        error=error,
+        people=people,
+        abandoned=abandoned,
+        person=person,
+        address=address,
+        hours=hours,
     )
 
 
