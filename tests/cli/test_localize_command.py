@@ -6,6 +6,9 @@ from pathlib import Path
 import cv2
 import pytest
 
+from webapp.cli.localize import answer_text
+from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import build_map
@@ -103,6 +106,31 @@ def test_text_for_several_photos(expmap, cfg, photos):
     assert second.splitlines()[0] == f"{photos / '2.jpg'}: near the photo with id 2 at x 300, y 100"
     assert first.splitlines()[1].split() == ["probability", "x", "y", "photos"]
     assert first.splitlines()[2].split()[0] == "1"
+
+
+@pytest.mark.parametrize(
+    ("probability", "off_map", "verdict"),
+    [
+        (0.8, 0.1, "at x 20, y 30"),
+        (0.8, None, "at x 20, y 30"),
+        (0.3, None, "at x 20, y 30"),
+        (0.4, 0.2, "uncertain, perhaps at x 20, y 30"),
+        (0.2, 0.4, "uncertain, perhaps not on this map"),
+        (0.2, 0.7, "probably not on this map"),
+    ],
+)
+def test_an_uncertain_answer_is_called_uncertain(probability, off_map, verdict):
+    place = Hypothesis(1, "position", MapPixel(20, 30), probability, 5.0, None, (1,), 20, 40)
+    statistics = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
+    text = answer_text(Answer((place,), off_map, 0.0, None, statistics), query="q.jpg", georeference=None)
+    assert text.splitlines()[0] == f"q.jpg: {verdict}"
+
+
+def test_two_pictures_need_two_files(expmap, cfg, photos, tmp_path):
+    same = tmp_path / "both.png"
+    code, _, err = expmap("localize", cfg, photos / "1.jpg", "--picture", same, "--matches", same)
+    assert (code, err) == (2, "expmap: --picture: is also that of --matches (name another file)\n")
+    assert not same.exists()
 
 
 def test_a_guessed_field_of_view_is_reported_on_standard_error(expmap, cfg, photos):

@@ -35,6 +35,8 @@ from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 from webapp.tasks.localize.sequence import by_time as by_time_of_capture
 
+_SURE = 0.5
+
 _HEAD = ("", "probability", "x", "y", "radius", "heading", "latitude", "longitude", "inliers", "photos")
 
 
@@ -62,15 +64,18 @@ def answer_text(answer: Answer, *, query: str, georeference: Georeference | None
 
 
 def _verdict(answer: Answer) -> str:
-    best = answer.hypotheses[0]
+    best, off_map = answer.hypotheses[0], answer.off_map_probability
     if answer.abstained:
-        return "probably not on this map"
+        certain = off_map is None or off_map >= _SURE
+        return "probably not on this map" if certain else "uncertain, perhaps not on this map"
     where = f"x {best.position.x:.0f}, y {best.position.y:.0f}"
-    if best.kind == "area":
-        return f"in the area at {where}"
-    if best.kind == "photo":
-        return f"near the photo with id {best.experiences[0]} at {where}"
-    return f"at {where}"
+    place = {
+        "area": f"in the area at {where}",
+        "photo": f"near the photo with id {best.experiences[0]} at {where}",
+        "position": f"at {where}",
+    }[best.kind]
+    # The shares of `vote`, which knows no "not on this map", are no probabilities.
+    return place if off_map is None or best.probability >= _SURE else f"uncertain, perhaps {place}"
 
 
 def _row(hypothesis: Hypothesis, georeference: Georeference | None) -> tuple[str, ...]:
@@ -108,7 +113,6 @@ def _percent(probability: float) -> str:
 _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
 
-_SURE = 0.5
 _LOOK_CLOSER = (
     "what is not sure can become surer with --method thorough: a second a photo; see expmap models list"
 )
@@ -155,6 +159,8 @@ def localize(
     """
     for option, path in (("--matches", matches), ("--picture", picture)):
         _refuse_unwritable(path, option)
+    if picture is not None and picture == matches:
+        raise UsageError("is also that of --matches", where="--picture", hint="name another file")
     check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth, "--by-time": by_time})
     keep_freed_memory()
     settings = chosen_settings(chosen)

@@ -103,6 +103,7 @@ def figures(evaluation: Evaluation) -> list[Figure]:
         "queries": ("queries", str(s.queries)),
         "failed": ("photos that could not be used", str(s.failed)),
         "abstained": ("answered “not on this map”", str(s.abstained)),
+        "second_looks": ("looked at twice", str(s.second_looks)),
     }
     lines = [
         Figure(

@@ -12,7 +12,10 @@ STATISTICS = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
 
 
 def answered(
-    *found: tuple[float, float], off: float | None = 0.05, radius: float | None = 10.0
+    *found: tuple[float, float],
+    off: float | None = 0.05,
+    radius: float | None = 10.0,
+    looks: tuple[str, ...] = ("sift",),
 ) -> QueryResult:
     """Make a result from (distance from the truth, probability) of each hypothesis."""
     hypotheses = tuple(
@@ -21,15 +24,14 @@ def answered(
     )
     seconds = {"extract": 0.1, "retrieve": 0.2, "verify": 0.3, "position": 0.05, "total": 0.7}
     no_pose = None if hypotheses else NoPose("no match")
-    return QueryResult(
-        "q.jpg", MapPixel(500, 300), Answer(hypotheses, off, 0.0, no_pose, STATISTICS, (), seconds)
-    )
+    whole = Answer(hypotheses, off, 0.0, no_pose, STATISTICS, (), seconds, looks=looks)
+    return QueryResult("q.jpg", MapPixel(500, 300), whole)
 
 
 FAILED = QueryResult("broken.jpg", MapPixel(0, 0), None, "broken.jpg: not a photo")
 RESULTS = [
     answered((5, 0.9), (200, 0.05)),
-    answered((15, 0.8)),
+    answered((15, 0.8), looks=("sift", "xfeat")),
     answered((90, 0.3), (40, 0.2), off=0.5),
     answered((0, 0.4), radius=None),
     answered(off=1.0),
@@ -40,6 +42,7 @@ RESULTS = [
 def test_summary_by_hand() -> None:
     summary = summarise(RESULTS, place_radius_px=20, rng=np.random.default_rng(0))
     assert (summary.queries, summary.failed, summary.abstained) == (6, 1, 2)
+    assert summary.second_looks == 1
     assert summary.median_px == 10.0
     assert summary.mean_px == pytest.approx(27.5)
     assert summary.within == pytest.approx({10: 2 / 6, 20: 3 / 6, 50: 3 / 6, 100: 4 / 6, 400: 4 / 6})

@@ -112,6 +112,7 @@ def summarise(results: Sequence[QueryResult], *, place_radius_px: float, rng: np
         queries=len(results),
         failed=sum(r.answer is None for r in results),
         abstained=sum(r.answer is not None and r.answer.abstained for r in results),
+        second_looks=sum(r.answer is not None and len(r.answer.looks) > 1 for r in results),
         median_px=values["median_px"],
         mean_px=values["mean_px"],
         within={radius: values[f"within_{radius}px"] or 0.0 for radius in WITHIN_PX},

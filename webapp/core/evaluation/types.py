@@ -97,8 +97,8 @@ class Summary:
 
     Attributes
     ----------
-    queries, failed, abstained : int
-        All of them; photos that could not be used; answers "not on this map".
+    queries, failed, abstained, second_looks : int
+        All of them; photos that could not be used; answers "not on this map"; photos looked at twice.
     median_px, mean_px : float or None
         Error of the first hypothesis, over the queries that have one.
     within : mapping of int to float
@@ -120,6 +120,7 @@ class Summary:
     queries: int
     failed: int
     abstained: int
+    second_looks: int
     median_px: float | None
     mean_px: float | None
     within: Mapping[int, float]

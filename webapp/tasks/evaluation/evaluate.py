@@ -168,6 +168,7 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
         "queries": summary.queries,
         "failed": summary.failed,
         "abstained": summary.abstained,
+        "second_looks": summary.second_looks,
         "map_kind": subject.map_kind,
         "place_radius_px": subject.place_radius_px,
         "median_px": summary.median_px,
