@@ -327,7 +327,8 @@ def _hypothesis(panel: Canvas, hypothesis: Hypothesis, view: MapView, *, north_d
 
 def _north(themap: Map, hypothesis: Hypothesis) -> float:
     """Direction of north in the image, degrees clockwise from up; up without a georeference."""
-    return 0.0 if themap.georeference is None else themap.georeference.north_deg(hypothesis.position)
+    north = 0.0 if themap.georeference is None else themap.georeference.north_deg(hypothesis.position)
+    return north if math.isfinite(north) else 0.0
 
 
 def _target(panel: Canvas, centre: Point) -> None:

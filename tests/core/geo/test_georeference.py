@@ -91,3 +91,17 @@ def test_behind_the_horizon_is_nan():
 def test_a_matrix_without_an_inverse_is_refused(matrix):
     with pytest.raises(GeoreferenceError):
         Georeference("EPSG:4326", matrix, "affine")
+
+
+@pytest.mark.parametrize(
+    "matrix", [(0.5, -1e200, 300.0, 0.0, -1.0, -1.0), (-1e200, 300.0, 0.0, -1.0, 1e-300, 0.5)]
+)
+def test_no_north_where_the_image_is_a_line_or_beyond_all_numbers(matrix):
+    georeference = Georeference("EPSG:4326", (*matrix, 0.0, 0.0, 1.0), "worldfile")
+    found = [georeference.north_deg(MapPixel(x, y)) for x in (0.0, 0.5, 150.0) for y in (0.0, 0.5, 100.0)]
+    assert any(map(math.isnan, found))
+
+
+def test_a_matrix_beyond_all_numbers_has_no_inverse():
+    with pytest.raises(GeoreferenceError, match="inverse"):
+        Georeference("EPSG:4326", (1e200, 1e200, 1.0, -1e200, 1e200, 1.0, 0.0, 0.0, 1e10), "worldfile")

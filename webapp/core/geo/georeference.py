@@ -50,7 +50,8 @@ class Georeference:
         matrix = np.asarray(self.plane_from_pixel, dtype=np.float64)
         if matrix.shape != (9,) or not np.isfinite(matrix).all():
             raise GeoreferenceError("the matrix of a georeference has nine finite numbers")
-        determinant = np.linalg.det(matrix.reshape(3, 3))
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinant = np.linalg.det(matrix.reshape(3, 3))
         if not np.isfinite(determinant) or determinant == 0.0:
             raise GeoreferenceError("the matrix of a georeference must have an inverse")
 
@@ -126,15 +127,17 @@ class Georeference:
         return math.sqrt(abs(a * d - b * c))
 
     def north_deg(self, pixel: MapPixel) -> float:
-        """Direction of true north in the image there: degrees clockwise from image-up, in (-180, 180].
+        """Direction of true north in the image there: degrees clockwise from image-up, in (-180, 180];
+        NaN where the image is a line on the Earth, or nowhere.
 
         A heading relative to north is `image_angle - north_deg`, with `image_angle` clockwise from image-up.
         """
-        jacobian = self.jacobian(pixel)
-        if not np.isfinite(jacobian).all():
+        (a, b), (c, d) = self.jacobian(pixel).tolist()
+        determinant = a * d - b * c
+        if not math.isfinite(determinant) or determinant == 0.0:
             return math.nan
-        dx, dy = np.linalg.solve(jacobian, np.array([0.0, 1.0]))
-        return math.degrees(math.atan2(dx, -dy))
+        sign = math.copysign(1.0, determinant)
+        return math.degrees(math.atan2(-b * sign, -a * sign))
 
 
 def _inverse(homography: NDArray[np.float64]) -> NDArray[np.float64]:
