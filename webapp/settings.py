@@ -29,7 +29,7 @@ class PhotoLimits:
     """Size of the file, megabytes (10^6 bytes)."""
 
     max_megapixels: float = 120.0
-    """Pixels of the decoded photo, millions."""
+    """Pixels of the decoded photo, millions; a third of it for WebP and JPEG 2000."""
 
 
 @dataclass(frozen=True, slots=True)

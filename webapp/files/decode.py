@@ -39,6 +39,9 @@ _SMALL = (64, 64)
 _MAX_SIDE = 65_535
 """As in JPEG and WebP. Longer ones are not photos, and scaling takes memory by the square of a side."""
 
+_COSTLY_FORMATS, _COSTLY = frozenset({"WEBP", "JPEG2000"}), 3
+"""Their decoders take 14 and 17 bytes of memory a pixel, others 5: so many times fewer pixels are allowed."""
+
 _ROWS = 256
 
 
@@ -150,9 +153,11 @@ def check_bytes(source: Path | bytes, limits: PhotoLimits) -> None:
 
 def _check_pixels(image: Image.Image, limits: PhotoLimits) -> None:
     megapixels = image.width * image.height / 1e6
-    if megapixels > limits.max_megapixels:
+    most = limits.max_megapixels / (_COSTLY if image.format in _COSTLY_FORMATS else 1)
+    if megapixels > most:
+        of_format = f" for {image.format}" if image.format in _COSTLY_FORMATS else ""
         raise PhotoError(
-            f"it has {megapixels:.0f} megapixels, more than the limit of {limits.max_megapixels:g}",
+            f"it has {megapixels:.0f} megapixels, more than the limit of {most:g}{of_format}",
             hint="scale it down, or raise the limit",
         )
 

@@ -256,6 +256,16 @@ def test_shared_odd_photos_are_read_or_refused(shared_data):
     assert (len(paths), positions) == (32, 6)
 
 
+@pytest.mark.parametrize("form", ["WEBP", "JPEG2000"])
+def test_formats_that_take_much_memory_are_refused_at_fewer_pixels(form):
+    """2 GB for one photo of 120 megapixels, of a file with 30 kilobytes."""
+    file = io.BytesIO()
+    Image.new("RGB", (400, 300)).save(file, form)
+    with pytest.raises(PhotoError, match=f"more than the limit of 0.1 for {form}"):
+        read_gray(file.getvalue(), limits=PhotoLimits(max_megapixels=0.3))
+    assert read_gray(file.getvalue(), limits=PhotoLimits(max_megapixels=0.37)).full_size == (400, 300)
+
+
 @pytest.mark.parametrize("as_file", [False, True])
 def test_a_jpeg_of_very_many_scans_is_refused_before_it_is_decoded(tmp_path, as_file, monkeypatch):
     """Each scan costs a pass over the whole photo, and 500 bytes."""
