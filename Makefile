@@ -20,7 +20,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 
-.PHONY: help install run lint quick test fuzz coverage docs translations robot clean
+.PHONY: help install run lint quick test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -66,6 +66,9 @@ fuzz: $(VENV)/.tested ## search for inputs that break a property, by chance and 
 
 coverage: $(VENV)/.tested ## run the tests without a browser and print which lines they reach; half as slow again
 	$(PYTEST) -q --ignore tests/browser --cov=webapp --cov-report=term:skip-covered
+
+audit: $(VENV)/.tested ## look for known vulnerabilities of what is used, changed scripts of others, unusual licences
+	@$(BIN)/python tests/design/audit.py
 
 docs: $(VENV)/.tested ## make a site of docs/ in build/docs; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file .mkdocs.yml --site-dir $(SITE)

@@ -1,0 +1,57 @@
+"""What `make audit` looks at without the network, and what it says where there is none."""
+
+import json
+import shutil
+import subprocess
+
+from tests.design import audit
+
+
+def test_vendored_scripts_are_as_they_were_published(project, tmp_path):
+    assert list(audit.changed_scripts()) == []
+    for script in audit.VENDORED:
+        (tmp_path / script.path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(project / script.path, tmp_path / script.path)
+    changed = audit.VENDORED[0]
+    (tmp_path / changed.path).write_bytes((project / changed.path).read_bytes() + b";alert(1)")
+    assert list(audit.changed_scripts(tmp_path)) == [
+        f"{changed.path} is not {changed.package} {changed.version} as it was published"
+    ]
+
+
+def test_every_vendored_script_and_style_is_checked(project):
+    there = {p.relative_to(project).as_posix() for p in (project / "static" / "vendor").rglob("*.[jc]s*")}
+    there |= {p.relative_to(project).as_posix() for p in (project / "tests" / "vendor").rglob("*.js*")}
+    assert there == {script.path for script in audit.VENDORED}
+
+
+def test_licences_go_with_ours(monkeypatch):
+    assert list(audit.unusual_licences()) == []
+    monkeypatch.setattr(audit, "PERMISSIVE", audit.PERMISSIVE - {"MIT-CMU"})
+    assert any(line.startswith("pillow ") and "MIT-CMU" in line for line in audit.unusual_licences())
+
+
+def answers(stdout, *, code=0, stderr=""):
+    return lambda command, *, cwd=None: subprocess.CompletedProcess(command, code, stdout, stderr)
+
+
+def test_without_the_network_a_line_says_what_was_skipped(monkeypatch):
+    monkeypatch.setattr(audit, "_run", answers("", code=1, stderr="npm warn x\nnpm error ENOTFOUND\nmore"))
+    (packages,) = audit.vulnerable_packages()
+    (scripts,) = audit.vulnerable_scripts()
+    assert packages == "SKIPPED: known vulnerabilities of Python packages: npm error ENOTFOUND"
+    assert scripts == "SKIPPED: known vulnerabilities of scripts: npm error ENOTFOUND"
+
+
+def test_what_is_known_is_reported(monkeypatch):
+    known = {"id": "PYSEC-1", "fix_versions": ["2.0"]}
+    packages = [{"name": "a", "version": "1.0", "vulns": [known]}, {"name": "b", "skip_reason": "not found"}]
+    monkeypatch.setattr(audit, "_run", answers(json.dumps({"dependencies": packages})))
+    assert list(audit.vulnerable_packages()) == [
+        "SKIPPED: known vulnerabilities of 1 of 2 packages: not found",
+        "a 1.0 has PYSEC-1, fixed in 2.0",
+    ]
+    monkeypatch.setattr(
+        audit, "_run", answers(json.dumps({"vulnerabilities": {"leaflet": {"severity": "high"}}}))
+    )
+    assert list(audit.vulnerable_scripts()) == ["leaflet has a vulnerability, high"]
