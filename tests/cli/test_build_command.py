@@ -28,6 +28,13 @@ def test_what_was_built_is_one_line_on_standard_output(expmap, cfg):
     assert (code, err) == (0, "")
 
 
+def test_the_time_of_the_calibration_is_in_the_sum(expmap, cfg):
+    _, out, _ = expmap("build", cfg)
+    index, total = out.splitlines()
+    assert total.endswith(" s in all, calibration included")
+    assert float(total.split()[0]) > float(index.split()[-2])
+
+
 def test_json_is_one_object(expmap, cfg):
     code, out, _ = expmap("build", cfg, "--json", "--jobs", "1")
     report = json.loads(out)

@@ -9,6 +9,7 @@ from webapp import errors
 from webapp.cli import options
 from webapp.cli.exitcodes import exit_code
 from webapp.configuration import CONFIG, settings_table
+from webapp.web.localize.api_localize import QuestionIn
 
 SHARED = "Options that `build`, `localize` and `evaluate` share"
 
@@ -112,3 +113,9 @@ def test_every_error_is_explained_with_its_exit_code(project):
     }
     assert documented == {name: str(exit_code(kind.__new__(kind))) for name, kind in kinds.items()}
     assert set(re.findall(r"[├└]── (\w+)", errors.__doc__)) == set(kinds), "the tree in errors.py"
+
+
+def test_every_field_of_a_request_to_localize_is_explained(project):
+    text = (project / "docs" / "api.md").read_text("utf-8")
+    documented = [name for row in rows(text, "field") for name in re.findall(r"`(\w+)`", row[0])]
+    assert documented == [*QuestionIn().fields]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     continues where it stopped.
     """
     keep_freed_memory()
+    started = time.perf_counter()
     with terminal_progress("photos") as progress:
         report = build_map.build_map(
             map_file, open_options(chosen), settings=chosen_settings(chosen), progress=progress
@@ -48,6 +50,8 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
         click.echo(build_line(index, report.features))
         if second:
             click.echo(build_line(second.index, second.features))
+        if report.calibration_seconds is not None:
+            click.echo(f"{time.perf_counter() - started:.1f} s in all, calibration included")
     failed = index.failed or (second and second.index.failed)
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
