@@ -164,7 +164,7 @@ def _copy_line(one: PhotoCopy) -> str:
 @click.option("--blank", is_flag=True, help="Make a blank plan around the photos instead of an image.")
 @click.option(
     "--positions", type=_FILE, metavar="FILE",
-    help="Positions by file name instead of EXIF: a .cfg, or a table name;lat;lon or name;x;y.",
+    help="Positions by file name instead of EXIF: a .cfg, a table, GeoJSON, KML, or GPX with waypoints.",
 )  # fmt: skip
 @click.option("--copy", is_flag=True, help="Copy photos and image from elsewhere into the map's folder.")
 @click.option("--force", is_flag=True, help="Replace a map that exists; its photos keep their ids.")

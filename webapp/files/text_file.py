@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import csv
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -20,6 +21,7 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 MAX_BYTES = 50_000_000
 """A larger file is not what it was taken for."""
 
+_DELIMITERS = (";", "\t", ",", "|", " ")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -150,6 +152,19 @@ def _decoded(line: bytes) -> str:
         return line.decode("utf-8")
     except UnicodeDecodeError:
         return line.decode("latin-1")
+
+
+def delimiter_of(line: str) -> str | None:
+    """Guess what separates the fields of a line; None where nothing does."""
+    return next((one for one in _DELIMITERS if one in line.strip()), None)
+
+
+def split_row(line: str, delimiter: str) -> list[str]:
+    """Split a line of a table into its fields, some of them perhaps quoted."""
+    if delimiter == " ":
+        return line.split()
+    line = line.replace("\r", " ")  # for the reader, the end of a line: it refuses one in the middle
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
 
 
 def plain_cell(value: object) -> object:

@@ -4,26 +4,18 @@ import { openDialog } from "../shared/dialogs.js";
 import { byId, h, icon, targetOf } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
+import { listDialog } from "./list-dialog.js";
+import { nameList } from "./name-list.js";
 import { trackDialog } from "./track-dialog.js";
-
-const NAMES_SHOWN = 50;
 
 /**
  * Connect the menu.
  * @param {Object} page store, server, refresh and dots
- * @returns {{positions: function(File): Promise<void>, track: function(?File): void}} for dropped files
+ * @returns {{positions: function(?File): void, track: function(?File): void}} for dropped files
  */
 export function bulkPlacing(page) {
   const { server, refresh } = page;
-  const positions = async (file) => {
-    try {
-      const result = await server.positionsFromFile(file);
-      await refresh();
-      report(result, t("Positions of {name}", { name: file.name }));
-    } catch (error) {
-      toastError(error);
-    }
-  };
+  const positions = (file = null) => listDialog(page, file, report);
   const track = (file = null) => trackDialog(page, file, report);
   byId("place-by-gps").addEventListener("click", async () => {
     try {
@@ -34,7 +26,7 @@ export function bulkPlacing(page) {
       toastError(error);
     }
   });
-  byId("place-by-file").addEventListener("click", () => choose(".cfg,.csv,.txt", positions));
+  byId("place-by-file").addEventListener("click", () => positions());
   byId("place-by-track").addEventListener("click", () => track());
   byId("place-menu", HTMLDetailsElement).addEventListener("click", (event) => {
     if (targetOf(event).closest(".menu__item")) byId("place-menu", HTMLDetailsElement).open = false;
@@ -42,21 +34,14 @@ export function bulkPlacing(page) {
   return { positions, track };
 }
 
-/** Let a person choose a file. */
-function choose(accept, take) {
-  const input = h("input", { type: "file", accept });
-  input.addEventListener("change", () => input.files[0] && take(input.files[0]));
-  input.click();
-}
-
 /** Say what placing did: in a line, and in full where something was left out. */
 function report(result, title) {
   const placed = tn("{n} photo placed.", "{n} photos placed.", result.placed.length);
   const parts = [
-    names(t("Outside the image"), (result.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
-    names(t("Not found on the track"), (result.unmatched || []).map(({ name, reason }) => `${name}: ${reason}`)),
-    names(t("Listed, but no photo has this name"), result.unknown || []),
-    names(t("Ambiguous name"), result.ambiguous || []),
+    nameList(t("Outside the image"), (result.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    nameList(t("Not found on the track"), (result.unmatched || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    nameList(t("Listed, but no photo has this name"), result.unknown || []),
+    nameList(t("Ambiguous name"), result.ambiguous || []),
     result.missing ? h("p", {}, tn("{n} photo in the tray is not in the list.", "{n} photos in the tray are not in the list.", result.missing)) : null,
   ].filter(Boolean);
   if (!parts.length) {
@@ -64,12 +49,4 @@ function report(result, title) {
     return;
   }
   openDialog(title, [h("p", { class: "row" }, icon("pin"), placed), ...parts]);
-}
-
-function names(title, lines) {
-  if (!lines.length) return null;
-  const rows = lines.slice(0, NAMES_SHOWN).map((line) => h("li", {}, line));
-  const more = lines.length - rows.length;
-  if (more > 0) rows.push(h("li", { class: "soft" }, tn("and {n} more", "and {n} more", more)));
-  return h("details", {}, h("summary", {}, `${title}: ${lines.length}`), h("ul", { class: "small" }, ...rows));
 }

@@ -28,7 +28,8 @@ export function endpointsOf(slug) {
       upload(`${map}/uploads/${id}`, { method: "PATCH", body: piece, ...options }),
 
     placeByGps: () => post(`${map}/photos/place-by-gps`, {}),
-    positionsFromFile: (file) => api(`${map}/positions`, { method: "POST", body: form({ file }) }),
+    placeByList: (fields, { preview }) =>
+      api(`${map}/positions?preview=${preview}`, { method: "POST", body: form(fields) }),
     matchTrack: (fields, { preview }) =>
       api(`${map}/gpx?preview=${preview}`, { method: "POST", body: form(fields) }),
 

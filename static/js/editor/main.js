@@ -79,13 +79,11 @@ function takeFiles() {
   new Activity(store, uploads, page);
   if (!store.canEdit) return;
   const bulk = bulkPlacing(page);
-  const take = (files) => {
-    const named = (pattern) => files.filter(({ name }) => pattern.test(name));
-    const [lists, tracks] = [named(/\.(cfg|csv)$/i), named(/\.gpx$/i)];
-    const photos = files.filter((file) => !lists.includes(file) && !tracks.includes(file));
+  const take = async (files) => {
+    const lists = files.filter(({ name }) => /\.(cfg|csv|tsv|txt|json|geojson|kml|gpx)$/i.test(name));
+    const photos = files.filter((file) => !lists.includes(file));
     if (photos.length) uploads.add(photos);
-    else if (lists.length) bulk.positions(lists[0]);
-    else if (tracks.length) bulk.track(tracks[0]);
+    else if (lists.length) (await isTrack(lists[0]) ? bulk.track : bulk.positions)(lists[0]);
   };
   listenToDrops(byId("drop"), take);
   for (const input of [byId("photo-input", HTMLInputElement), byId("folder-input", HTMLInputElement)]) {
@@ -96,6 +94,11 @@ function takeFiles() {
     });
   }
   byId("folder-button").addEventListener("click", () => byId("folder-input").click());
+}
+
+/** A GPX file of waypoints is a list of positions. @param {File} file */
+async function isTrack(file) {
+  return /\.gpx$/i.test(file.name) && (await file.text()).includes("<trkpt");
 }
 
 function zoomButtons() {

@@ -4,6 +4,7 @@ import { errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { debounce } from "../shared/timing.js";
+import { nameList } from "./name-list.js";
 
 /**
  * Open the dialog.
@@ -52,11 +53,11 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
     if (inside.length) view.focus(inside.map(({ x_px: x, y_px: y }) => [x, y]));
     place.disabled = !inside.length;
     place.textContent = inside.length ? tn("Place {n} photo", "Place {n} photos", inside.length) : t("Place");
-    const outside = seen.photos.length - inside.length;
+    const outside = seen.photos.filter(({ problem }) => problem !== null);
     outcome.replaceChildren(...[
       h("p", {}, tn("{n} photo would be placed: see the rings on the image.", "{n} photos would be placed: see the rings on the image.", inside.length)),
-      outside > 0 && h("p", {}, tn("{n} is outside the image.", "{n} are outside the image.", outside)),
-      seen.unmatched.length > 0 && h("p", {}, tn("{n} is not on the track", "{n} are not on the track", seen.unmatched.length), `: ${seen.unmatched[0].reason}`),
+      nameList(t("Outside the image"), outside.map(({ name, problem }) => `${name}: ${problem}`)),
+      nameList(t("Not found on the track"), seen.unmatched.map(({ name, reason }) => `${name}: ${reason}`)),
       suggestion(seen.suggested),
     ].filter(Boolean));
   };

@@ -1,9 +1,10 @@
 /** The dialog that reads a file into a mission: a track, a recording of a robot, a table. */
 
+import { columnChoice } from "../shared/column-choice.js";
 import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
-import { columnChoice } from "./csv-columns.js";
+import { POSE_COLUMNS } from "./csv-columns.js";
 import { endpointsOf } from "./endpoints.js";
 import { sourceName } from "./format.js";
 import { ended, jobBar } from "./job-progress.js";
@@ -25,7 +26,7 @@ export function importDialog({ file = null, mission, more = [], done }) {
   const source = h("select", { class: "select" },
     h("option", { value: "" }, t("as in the file")), ...SOURCES.map((name) => h("option", { value: name }, sourceName(name))));
   const least = h("input", { class: "input", placeholder: "0.00001", autocomplete: "off", inputmode: "text" });
-  const columns = columnChoice();
+  const columns = columnChoice(POSE_COLUMNS, ({ name }) => /\.(csv|tsv)$/i.test(name));
   const error = errorLine();
   const progress = h("div", { "aria-live": "polite" });
   const send = h("button", { class: "button button--primary", type: "button", "data-testid": "import-start" }, icon("upload"), t("Import"));

@@ -126,6 +126,39 @@ def test_positions_by_name_are_one_edit(map_, owner):
     assert set(map_.places().values()) == {None}
 
 
+def test_a_list_is_looked_at_first_and_moves_what_is_placed_only_if_wanted(map_):
+    map_.image()
+    for number in range(3):
+        map_.add(photo(number), f"IMG_{number}.jpg")
+    map_.post("positions", "name;x;y\nIMG_0.jpg;100;100\nIMG_1.jpg;50;50\n")
+    before = map_.places()
+    points = [("IMG_0", 105, 100), ("IMG_1.jpg", 50, 50), ("IMG_2.jpg", 7, 8)]
+    table = "file,x [px],y [px]\n" + "".join(f"{name},{x},{y}\n" for name, x, y in points)
+    seen = map_.post("positions?preview=1", table).json
+    assert (seen["placed"], map_.places()) == ([], before)
+    assert [(one["id"], one["moves"], one["from_px"]) for one in seen["photos"]] == [
+        (0, True, [100, 100]),
+        (1, False, [50, 50]),
+        (2, False, None),
+    ]
+    moved = seen["photos"][0]
+    assert (moved["moved_px"], moved["moved_m"]) == pytest.approx((5, 0.5), rel=1e-3)
+    assert map_.post("positions", table, move_placed="false").json["placed"] == [2]
+    assert map_.places() == {**before, "IMG_2.jpg": (7, 8, None)}
+    assert map_.post("positions", table).json["placed"] == [0, 1, 2]
+    assert map_.places()["IMG_0.jpg"] == (105, 100, None)
+
+
+def test_columns_of_a_list_are_given(map_):
+    map_.image()
+    map_.add(photo(1), "a.jpg")
+    refused = map_.post("positions?preview=1", "was;wo;auch\na.jpg;3;4\n")
+    assert refused.status_code == 422 and "name=File" in refused.json["error"]["hint"]
+    fields = {"columns": "name=was, x=2, y=3"}
+    assert map_.post("positions", "was;wo;auch\na.jpg;3;4\n", **fields).json["placed"] == [0]
+    assert map_.places()["a.jpg"] == (3, 4, None)
+
+
 def test_positions_come_from_a_cfg_also_the_maps_own(map_):
     map_.image()
     map_.add(photo(1), "a.jpg")

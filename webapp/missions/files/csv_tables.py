@@ -11,14 +11,14 @@ from typing import BinaryIO
 
 import numpy as np
 
+from webapp.core.columns import Column, Columns, guess_columns, parse_columns
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.columns import Column, Columns, guess_columns, parse_columns
 from webapp.core.trajectory.outgoing import MissionOut
 from webapp.core.trajectory.records import SOURCES, Sighting, Source, make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time, utc
-from webapp.files.text_file import cell_text, numbered_lines, plain_cell
+from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, plain_cell, split_row
 from webapp.missions.files.track_chunks import (
     CHUNK,
     Findings,
@@ -30,7 +30,6 @@ from webapp.missions.files.track_chunks import (
     WorldPiece,
 )
 
-DELIMITERS = (";", "\t", ",", "|", " ")
 _NUMBERS = (
     "time",
     "lat",
@@ -59,11 +58,6 @@ OBJECT_COLUMNS = (
 _PART = 1000
 
 
-def delimiter_of(line: str) -> str | None:
-    """Guess what separates the fields of a line; None where nothing does."""
-    return next((one for one in DELIMITERS if one in line.strip()), None)
-
-
 def read(file: BinaryIO, *, columns: str | None, findings: Findings) -> Iterator[Piece]:
     """Read a table.
 
@@ -73,7 +67,7 @@ def read(file: BinaryIO, *, columns: str | None, findings: Findings) -> Iterator
     Parameters
     ----------
     columns : str or None
-        Which column holds what (see `webapp.core.trajectory.columns`); None to guess from the header.
+        Which column holds what (see `webapp.core.columns`); None to guess from the header.
 
     Raises
     ------
@@ -87,13 +81,13 @@ def read(file: BinaryIO, *, columns: str | None, findings: Findings) -> Iterator
     if first is None:
         raise TrackError("the table is empty")
     delimiter = delimiter_of(first[1]) or ","
-    header = _fields(first[1], delimiter)
+    header = split_row(first[1], delimiter)
     known = parse_columns(columns, header) if columns else guess_columns(header)
     table = _Table(known, "," if delimiter != "," else ".")
     if columns and _is_data(header, table):
         yield from table.row(header, f"line {first[0]}", findings=findings)
     for number, line in lines:
-        yield from table.row(_fields(line, delimiter), f"line {number}", findings=findings)
+        yield from table.row(split_row(line, delimiter), f"line {number}", findings=findings)
     yield from table.rest(findings)
 
 
@@ -209,13 +203,6 @@ def _seconds(value: float) -> float:
         if abs(value) >= most:
             return value / unit
     return value
-
-
-def _fields(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    line = line.replace("\r", " ")  # for the reader, the end of a line: it refuses one in the middle
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
 
 
 def _is_data(header: Sequence[str], table: _Table) -> bool:

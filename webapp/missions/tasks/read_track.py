@@ -55,7 +55,7 @@ class ReadOptions:
     topics : tuple of str
         Only these topics of a bag, or lines of a KML; empty for all.
     columns : str or None
-        What the columns of a table hold (`webapp.core.trajectory.columns`); None to guess.
+        What the columns of a table hold (`webapp.core.columns`); None to guess.
     source : Source or None
         Of all tracks; None for what the kind of the file says.
     """

@@ -1,19 +1,15 @@
-"""Puts many photos of a library map in places from elsewhere, as one edit: by GPS, by a list of names."""
+"""Puts many photos of a library map in places, as one edit: what all ways of it share, and by GPS."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon, MapPixel, inside
-from webapp.core.mapmodel.samename import match_names
 from webapp.errors import UsageError
-from webapp.files.maps.positions import Positions, read_positions
-from webapp.files.part_file import show_file_as
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
@@ -164,73 +160,3 @@ def place_by_gps(library: Library, map_id: int, *, account_id: int) -> PlacingRe
         spots = find_spots(image, wanted)
         placing = place_spots(session, record, spots=spots, kind="place-gps", account_id=account_id)
     return replace(placing, job=change.job)
-
-
-@dataclass(frozen=True, slots=True)
-class ListReport:
-    """What a list of positions did.
-
-    Attributes
-    ----------
-    unknown : tuple of str
-        Names in the list that no photo of the map has.
-    ambiguous : tuple of str
-        Names in the list that could mean several photos, or several names that mean one.
-    missing : int
-        Photos of the map without a place that the list does not name.
-    """
-
-    placing: PlacingResult
-    unknown: tuple[str, ...]
-    ambiguous: tuple[str, ...]
-    missing: int
-
-
-def place_by_file(library: Library, map_id: int, *, source: Path, name: str, account_id: int) -> ListReport:
-    """Place all photos that a list names, as one edit; those that have a place are moved.
-
-    Parameters
-    ----------
-    source : Path
-        The list; its ending says what it is, as `read_positions` has it.
-    name : str
-        As its sender calls it, for errors.
-    account_id : int
-        Who does it, and can undo it.
-
-    Raises
-    ------
-    TableError, MapError
-        The list breaks its format.
-    UsageError
-        The map has no satellite image, or no georeference where the list needs one, or the list was made on
-        an image of another size.
-    """
-    with show_file_as(name, source):
-        positions = read_positions(source)
-    with library.changing(map_id) as change:
-        session, record = change.session, change.record
-        image = needed_image(record, with_georeference=bool(positions.by_name) and not positions.in_pixels)
-        _check_same_image(positions, image)
-        photos = {photo.id: photo for photo in maps.photos(session, record) if not photo.removed}
-        called = [(id, (photo.name, photo.path)) for id, photo in photos.items()]
-        matched = match_names(positions.by_name, called)
-        wanted = [
-            RequestedPose(photos[id], positions.by_name[entry], positions.headings_deg.get(entry))
-            for entry, id in matched.photo.items()
-        ]
-        spots = find_spots(image, wanted)
-        placing = place_spots(session, record, spots=spots, kind="place-file", account_id=account_id)
-        named = set(matched.photo.values())
-        missing = sum(photo.x_px is None and id not in named for id, photo in photos.items())
-    return ListReport(replace(placing, job=change.job), matched.unknown, matched.ambiguous, missing)
-
-
-def _check_same_image(positions: Positions, image: MapImage) -> None:
-    size = positions.image_size
-    if size is not None and size != (image.width, image.height):
-        raise UsageError(
-            f"the positions are on an image of {size[0]} x {size[1]} pixels, the satellite image has "
-            f"{image.width} x {image.height}",
-            hint="use the image that they were made on",
-        )

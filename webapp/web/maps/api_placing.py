@@ -9,7 +9,6 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
 from apiflask.validators import Length
 from flask import request
-from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.trajectory.match import ClockOffset
@@ -18,10 +17,11 @@ from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.text_file import MAX_BYTES
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps import place_by_track, placements
+from webapp.tasks.maps import place_by_list, place_by_track, placements
 from webapp.tasks.maps.add_photo import tidy_name
+from webapp.tasks.maps.place_by_list import ListPreview, PositionList
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
-from webapp.tasks.maps.placing import PlacingResult, place_by_file, place_by_gps
+from webapp.tasks.maps.placing import PlacingResult, place_by_gps
 from webapp.web.context import account, library, open_map
 from webapp.web.fields import Boolean
 from webapp.web.maps import state
@@ -49,8 +49,25 @@ class PlacingOut(Schema):
     job = Integer(allow_none=True, metadata={"description": "that brings the index up to date"})
 
 
+class ListedPhotoOut(Schema):
+    """Where a list has a photo."""
+
+    id = Integer()
+    name = String()
+    from_px = List(Float(), allow_none=True, metadata={"description": "x and y; null: it has no place yet"})
+    x_px = Float(allow_none=True, metadata={"description": "null: outside the image"})
+    y_px = Float(allow_none=True)
+    moves = Boolean(metadata={"description": "it has a place, and another one in the list"})
+    moved_px = Float(allow_none=True)
+    moved_m = Float(allow_none=True)
+    heading_deg = Float(allow_none=True)
+    problem = String(allow_none=True, metadata={"description": "how far outside the image it is"})
+
+
 class ListedOut(PlacingOut):
-    """What a list of positions did."""
+    """What a list of positions says and did; `placed` is empty as long as it is a preview."""
+
+    photos = List(Nested(ListedPhotoOut))
 
     unknown_names = List(
         String(),
@@ -68,6 +85,20 @@ class FileIn(Schema):
     file = File(required=True)  # type: ignore[no-untyped-call]
 
 
+class ListIn(FileIn):
+    """A list of positions, and how to read it."""
+
+    columns = String(
+        load_default="",
+        validate=Length(max=2000),
+        metadata={
+            "description": "Of a table: what each column holds; by default its header says so.",
+            "example": "name=File, lat=Latitude, lon=Longitude",
+        },
+    )
+    move_placed = Boolean(load_default=True, metadata={"description": "whether placed photos are moved too"})
+
+
 class GpxIn(FileIn):
     """A GPX file, and how the camera's clock was set."""
 
@@ -79,7 +110,7 @@ class GpxIn(FileIn):
     )
 
 
-class GpxQuery(Schema):
+class PreviewQuery(Schema):
     """Whether to look only."""
 
     preview = Boolean(load_default=False)
@@ -132,29 +163,36 @@ def by_gps(slug: str) -> dict[str, Any]:
 
 
 @placing_api.post("/positions")
-@placing_api.input(FileIn, location="files", arg_name="given")
+@placing_api.input(PreviewQuery, location="query", arg_name="query")
+@placing_api.input(ListIn, location="form_and_files", arg_name="given")
 @placing_api.output(ListedOut)
-def by_file(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
-    """Place photos by a list of file names: a `.cfg`, or a table `name;lat;lon` or `name;x;y`."""
+@placing_api.doc(
+    description="A `.cfg`; a table with any delimiter and columns of file names and positions, `lat` and "
+    "`lon` or `x` and `y` in pixels of the image; GeoJSON, KML or GPX with points that are named like photos."
+)
+def by_list(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str, Any]:
+    """Place photos by a list of file names, or look where they would come."""
     record, file = open_map(slug, "editor"), given["file"]
     name = tidy_name(file.filename or "")
-    kind = "cfg" if name.lower().endswith(".cfg") else "csv"
-    part = library().uploads / f"{secrets.token_hex(16)}.{kind}"
+    ending = "cfg" if name.lower().endswith(".cfg") else "list"
+    part = library().uploads / f"{secrets.token_hex(16)}.{ending}"
+    listed = PositionList(part, name, given["columns"] or None, given["move_placed"])
     try:
         receive(part, file.stream, max_bytes=MAX_BYTES)
-        listed = place_by_file(library(), record.id, source=part, name=name, account_id=account().id)
+        if query["preview"]:
+            placing = PlacingResult((), ())
+            seen = place_by_list.preview(library(), record.id, listed=listed)
+        else:
+            placing, seen = place_by_list.place_by_list(
+                library(), record.id, listed=listed, account_id=account().id
+            )
     finally:
         discard(part)
-    return {
-        **_placing_json(listed.placing),
-        "unknown": listed.unknown,
-        "ambiguous": listed.ambiguous,
-        "missing": listed.missing,
-    }
+    return {**_placing_json(placing), **_listed_json(seen)}
 
 
 @placing_api.post("/gpx")
-@placing_api.input(GpxQuery, location="query", arg_name="query")
+@placing_api.input(PreviewQuery, location="query", arg_name="query")
 @placing_api.input(GpxIn, location="form_and_files", arg_name="given")
 @placing_api.output(GpxOut)
 def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str, Any]:
@@ -177,6 +215,30 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
 def _placing_json(placing: PlacingResult) -> dict[str, Any]:
     outside = [{"id": o.id, "name": o.name, "reason": o.reason} for o in placing.outside]
     return {"placed": list(placing.placed), "outside": outside, "job": placing.job}
+
+
+def _listed_json(seen: ListPreview) -> dict[str, Any]:
+    photos = [
+        {
+            "id": one.spot.photo.id,
+            "name": one.spot.photo.name,
+            "from_px": None if one.before is None else [one.before.x, one.before.y],
+            "x_px": one.spot.pixel.x if one.spot.problem is None else None,
+            "y_px": one.spot.pixel.y if one.spot.problem is None else None,
+            "moves": one.moves,
+            "moved_px": one.moved_px if one.spot.problem is None else None,
+            "moved_m": one.moved_m,
+            "heading_deg": one.spot.heading_deg,
+            "problem": one.spot.problem,
+        }
+        for one in seen.photos
+    ]
+    return {
+        "photos": photos,
+        "unknown": seen.unknown,
+        "ambiguous": seen.ambiguous,
+        "missing": seen.missing,
+    }
 
 
 def _preview_json(seen: Preview) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from webapp.core.trajectory.columns import UNITS, Column, guess_columns, parse_columns
+from webapp.core.columns import POSE_FIELDS, Column, guess_columns, parse_columns
 from webapp.errors import TrackError, UsageError
 
 HEADER = ["stamp", "Latitude", "Longitude", "yaw", "a:b"]
@@ -61,13 +61,13 @@ def test_a_table_without_known_columns_is_refused() -> None:
 
 
 def test_the_docs_have_every_field_and_unit() -> None:
-    text = (Path(__file__).resolve().parents[3] / "docs" / "missions.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "missions.md").read_text(encoding="utf-8")
     table = text.split("| field | units | what |")[1].split("\n\n")[0]
     message = {
         field: [unit for unit in units.strip().split(", ") if unit]
         for fields, units in re.findall(r"^\| (`[^|]+) \|([^|]*)\|", table, re.MULTILINE)
         for field in re.findall(r"`(\w+)`", fields)
     }
-    assert message.keys() == UNITS.keys()
-    for field, units in UNITS.items():
+    assert message.keys() == POSE_FIELDS.units.keys()
+    for field, units in POSE_FIELDS.units.items():
         assert set(filter(None, units)) <= set(message[field]), field

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from webapp.errors import TrackError, UsageError
 
 _DEG = math.degrees(1.0)
-UNITS: dict[str, dict[str, float]] = {
+_UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "lat": {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6},
     "lon": {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6},
@@ -69,6 +69,73 @@ _NAMES: dict[str, Sequence[str]] = {
     "track": ("track",),
     "source": ("source",),
 }
+_PHOTO_UNITS: dict[str, dict[str, float]] = {
+    "name": {"": 1.0},
+    "lat": _UNITS["lat"],
+    "lon": _UNITS["lon"],
+    "lat_ref": {"": 1.0},
+    "lon_ref": {"": 1.0},
+    "x": {"px": 1.0},
+    "y": {"px": 1.0},
+    "heading": _UNITS["heading"],
+}
+"""`lat_ref` and `lon_ref` hold N or S and E or W where the numbers have no sign."""
+
+_PHOTO_NAMES: dict[str, Sequence[str]] = {
+    "name": (
+        "name",
+        "photo",
+        "photo_name",
+        "file",
+        "filename",
+        "file_name",
+        "sourcefile",
+        "source_file",
+        "path",
+        "image",
+        "image_name",
+        "img",
+        "picture",
+        "title",
+    ),
+    "lat": _NAMES["lat"],
+    "lon": _NAMES["lon"],
+    "lat_ref": ("lat_ref", "gpslatituderef"),
+    "lon_ref": ("lon_ref", "gpslongituderef"),
+    "x": ("x", "px", "pixel_x", "column"),
+    "y": ("y", "py", "pixel_y", "row"),
+    "heading": (*_NAMES["heading"], "yaw", "direction", "gpsimgdirection"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnFields:
+    """The fields that a kind of table has.
+
+    Attributes
+    ----------
+    units : mapping
+        The units of each field.
+    names : mapping
+        Headers by which each field is recognised: lower case, words joined by `_`.
+    needed : tuple of str
+        Fields without which it cannot be read, besides a position.
+    example : str
+        How columns are written.
+    """
+
+    units: Mapping[str, Mapping[str, float]]
+    names: Mapping[str, Sequence[str]]
+    needed: tuple[str, ...]
+    example: str
+
+
+POSE_FIELDS = ColumnFields(_UNITS, _NAMES, (), "time=stamp:ms, lat=Latitude, lon=Longitude")
+"""Poses and objects of a mission."""
+
+PHOTO_FIELDS = ColumnFields(_PHOTO_UNITS, _PHOTO_NAMES, ("name",), "name=File, lat=Latitude, lon=Longitude")
+"""Positions of photos, on the Earth or in pixels of the satellite image."""
+
 _UNIT_WORDS = {
     "seconds": "s",
     "sec": "s",
@@ -80,10 +147,11 @@ _UNIT_WORDS = {
     "metres": "m",
     "meters": "m",
     "feet": "ft",
+    "pixels": "px",
 }
 _PART = re.compile(r"\s*([a-z_]+)\s*=\s*(.+?)\s*(?::\s*([a-z0-9%]+)\s*)?", re.IGNORECASE)
 _WITH_UNIT = re.compile(
-    r"(.+?)[\s_]*(?:[\[(]\s*([a-z0-9%]+)\s*[\])]|[_\s](s|ms|us|ns|m|m2|mm|cm|ft|deg|rad|e7))"
+    r"(.+?)[\s_]*(?:[\[(]\s*([a-z0-9%]+)\s*[\])]|[_\s](s|ms|us|ns|m|m2|mm|cm|ft|deg|rad|e7|px))"
 )
 
 
@@ -106,7 +174,7 @@ class Column:
 Columns = Mapping[str, Column]
 
 
-def parse_columns(text: str, header: Sequence[str]) -> Columns:
+def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) -> Columns:
     """Read which column holds what.
 
     Parameters
@@ -115,6 +183,8 @@ def parse_columns(text: str, header: Sequence[str]) -> Columns:
         Fields separated by commas, as above.
     header : sequence of str
         The table's first line; names are compared without regard to case.
+    fields : ColumnFields
+        That the table can have.
 
     Raises
     ------
@@ -126,9 +196,11 @@ def parse_columns(text: str, header: Sequence[str]) -> Columns:
     for part in text.split(","):
         written = _PART.fullmatch(part)
         field = written[1].lower() if written else ""
-        if written is None or field not in UNITS:
-            hint = f"write it like time=stamp:ms, lat=Latitude; fields are {', '.join(UNITS)}"
-            raise UsageError(f"{part.strip()[:60]!r} is not a field of a pose", where="columns", hint=hint)
+        if written is None or field not in fields.units:
+            hint = f"write it like {fields.example}; fields are {', '.join(fields.units)}"
+            raise UsageError(
+                f"{part.strip()[:60]!r} is not a field of this table", where="columns", hint=hint
+            )
         name, unit = written[2], written[3]
         index = _place(name, names)
         if index is None and unit is not None:  # a header with a colon of its own
@@ -136,40 +208,42 @@ def parse_columns(text: str, header: Sequence[str]) -> Columns:
         if index is None:
             hint = f"it has {', '.join(header)[:200]}; a number counts columns from 1"
             raise UsageError(f"the table has no column {name[:40]!r}", where="columns", hint=hint)
-        found[field] = Column(index, _scale(field, unit))
-    problem = _missing(found)
+        found[field] = Column(index, _scale(field, unit, units=fields.units[field]))
+    problem = _missing(found, fields)
     if problem:
-        raise UsageError(problem, where="columns", hint="name lat and lon, or x and y")
+        raise UsageError(problem, where="columns", hint=f"write them like {fields.example}")
     return found
 
 
-def guess_columns(header: Sequence[str]) -> Columns:
+def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) -> Columns:
     """Guess from the header which column holds what: `timestamp_ms`, `Latitude [deg]`, `x (m)` ...
 
     Raises
     ------
     TrackError
-        No columns for a position are recognized.
+        No columns for a position, or another needed field, are recognized.
     """
     found: dict[str, Column] = {}
     for index, name in enumerate(header):
         plain = name.strip().lower()
-        field, unit = _recognized(plain), None
+        field, unit = _recognized(plain, fields), None
         with_unit = _WITH_UNIT.fullmatch(plain)
         if field is None and with_unit is not None:
-            field, unit = _recognized(with_unit[1]), with_unit[2] or with_unit[3]
+            field, unit = _recognized(with_unit[1], fields), with_unit[2] or with_unit[3]
         if field is not None and field not in found:
             unit = _UNIT_WORDS.get(unit, unit) if unit else None
-            found[field] = Column(index, UNITS[field].get(unit or "", _scale(field, None)))
-    if _missing(found):
-        hint = "say which column holds what, like time=stamp:ms, lat=Latitude, lon=Longitude"
-        raise TrackError(f"no columns of positions are known in {', '.join(header)[:100]!r}", hint=hint)
+            units = fields.units[field]
+            found[field] = Column(index, units.get(unit or "", _scale(field, None, units=units)))
+    if _missing(found, fields):
+        hint = f"say which column holds what, like {fields.example}"
+        what = " and ".join((*(f"{field}s" for field in fields.needed), "positions"))
+        raise TrackError(f"no columns of {what} are known in {', '.join(header)[:100]!r}", hint=hint)
     return found
 
 
-def _recognized(name: str) -> str | None:
+def _recognized(name: str, fields: ColumnFields) -> str | None:
     word = re.sub(r"[\s.\-]+", "_", name.strip())
-    return next((field for field, names in _NAMES.items() if word in names), None)
+    return next((field for field, names in fields.names.items() if word in names), None)
 
 
 def _place(name: str, names: Sequence[str]) -> int | None:
@@ -181,8 +255,7 @@ def _place(name: str, names: Sequence[str]) -> int | None:
     return None
 
 
-def _scale(field: str, unit: str | None) -> float:
-    units = UNITS[field]
+def _scale(field: str, unit: str | None, *, units: Mapping[str, float]) -> float:
     if unit is None:
         return next(iter(units.values()))
     if unit.lower() not in units:
@@ -194,7 +267,10 @@ def _scale(field: str, unit: str | None) -> float:
     return units[unit.lower()]
 
 
-def _missing(found: Columns) -> str | None:
+def _missing(found: Columns, fields: ColumnFields) -> str | None:
+    needed = next((field for field in fields.needed if field not in found), None)
+    if needed is not None:
+        return f"no column holds a {needed}"
     if ("lat" in found) != ("lon" in found) or ("x" in found) != ("y" in found):
         return "only one of two coordinates has a column"
     return None if "lat" in found or "x" in found else "no column holds a position"
