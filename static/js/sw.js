@@ -11,9 +11,10 @@ const PAGES = `pages-${SHELL.version}`;
 const STATE = "state";
 const WHO = "who";
 const FIELD = "/field";
+const AWAY = "/offline";
 
 const MAP = "/api/v1/maps/[^/]+";
-const KEPT_PAGES = /^\/($|field$|maps\/[^/]+\/(edit|localize)$)/;
+const KEPT_PAGES = /^\/($|field$|offline$|missions$|maps\/[^/]+\/(edit|localize)$)/;
 const KEPT_STATE = new RegExp(`^/api/v1/maps$|^${MAP}$`);
 const PICTURES = [
   { cache: "ground", most: 2000, path: new RegExp(`^${MAP}/(satellite|satellite/tiles/.+|thumbnail)$`), versioned: true },
@@ -39,7 +40,10 @@ self.addEventListener("fetch", (event) => {
 });
 
 function answerOf(request, url) {
-  if (request.mode === "navigate") return KEPT_PAGES.test(url.pathname) ? page : null;
+  if (request.mode === "navigate") {
+    if (KEPT_PAGES.test(url.pathname)) return page;
+    return url.pathname.startsWith("/api/") ? null : otherPage;
+  }
   if (url.pathname.startsWith("/static/")) return file;
   if (KEPT_STATE.test(url.pathname)) return state;
   const found = PICTURES.find(({ path, versioned }) => path.test(url.pathname) && (!versioned || url.searchParams.has("v")));
@@ -59,10 +63,10 @@ async function activate() {
   await self.clients.claim();
 }
 
-/** Keep the page that was opened before there was a service worker, and the one for the field in any case. */
+/** Keep the page that was opened before there was a service worker, and those that stand in for others. */
 async function keepPage(last) {
   const cache = await caches.open(PAGES);
-  for (const path of new Set([FIELD, last])) {
+  for (const path of new Set([FIELD, AWAY, last])) {
     if (!KEPT_PAGES.test(path) || (await cache.match(path))) continue;
     const response = await fetch(path);
     if (isKept(response)) await cache.put(path, response);
@@ -100,9 +104,21 @@ async function page(event, url) {
   } catch (error) {
     stale = false;
     if (last) return last;
-    if (url.pathname === FIELD || !(await cache.match(FIELD))) throw error;
+    if (!url.pathname.startsWith("/maps/") || !(await cache.match(FIELD))) return away(error);
     return Response.redirect(`${FIELD}?map=${encodeURIComponent(url.pathname.split("/")[2] || "")}`);
   }
+}
+
+/** A page that is not kept. */
+async function otherPage({ request }) {
+  return fetch(request).catch(away);
+}
+
+/** What is shown instead of a page that is not kept. */
+async function away(error) {
+  const found = await (await caches.open(PAGES)).match(AWAY);
+  if (!found) throw error;
+  return found;
 }
 
 /** A file of a page: that of the same version; from the network where the page is of another one. */

@@ -171,3 +171,17 @@ def test_what_was_kept_is_gone_after_signing_out(open_context, link, sample_map)
     page.get_by_role("button", name="Sign out").click()
     page.wait_for_url("**/sign-in")
     until(page, GONE)
+
+
+def test_a_page_that_is_not_kept_says_so(phone, api, sample_map):
+    page = phone.new_page()
+    page.goto("/missions")
+    until(page, "async () => Boolean((await caches.match('/offline')) && (await caches.match('/missions')))")
+    phone.set_offline(True)
+    page.goto("/missions")
+    expect(page.locator("h1")).to_have_text("Missions")
+    page.goto("/account")
+    expect(page.locator("h1")).to_have_text("No connection")
+    phone.set_offline(False)
+    page.get_by_role("link", name="Try again").click()
+    expect(page.locator("h1")).not_to_have_text("No connection")

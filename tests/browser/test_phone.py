@@ -30,6 +30,21 @@ def test_a_tap_places_and_the_next_comes(phone, api):
     assert math.dist(api.positions(phone.slug)[names[0]], (300, 300)) < 4
 
 
+def test_pages_fit_and_have_a_way_out(phone, api):
+    phone.page.touchscreen.tap(*phone.screen(300, 300))
+    phone.saved()
+    api.ask("PUT", f"/maps/{phone.slug}/placements/rooms", data={"clusters_px": 20})
+    width = "document.documentElement.scrollWidth"
+    for tab in ("edit", "localize"):
+        phone.page.goto(f"/maps/{phone.slug}/{tab}")
+        expect(phone.page.locator(".tabs__tab").last).to_be_in_viewport(ratio=1)
+        expect(phone.page.locator(".header")).to_be_visible()
+        phone.page.set_viewport_size({"width": 390, "height": 640})
+        expect(phone.page.locator(".tabs__home")).to_be_in_viewport(ratio=1)
+        assert phone.page.evaluate(width) == 390
+        phone.page.set_viewport_size(PHONE["viewport"])
+
+
 def test_undo_and_export_are_in_reach(phone):
     phone.page.touchscreen.tap(*phone.screen(300, 300))
     expect(phone.undo).to_be_enabled()

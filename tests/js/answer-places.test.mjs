@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { placesOf } from "../../static/js/shared/answer/answer-places.js";
-import { isOffMap, QuerySession } from "../../static/js/shared/answer/query-session.js";
+import { isOffMap, QuerySession, ranking } from "../../static/js/shared/answer/query-session.js";
 
 const hypothesis = (rank, probability, fields = {}) => ({ rank, probability, x_px: rank, y_px: rank, radius_px: 5, heading_deg: null, experiences: [rank], ...fields });
 const exact = { placement: null, position: () => null };
@@ -46,4 +46,14 @@ test("a position that is given by hand comes before the hypothesis until another
   assert.deepEqual(session.position, [40, 50]);
   session.choose(2);
   assert.deepEqual(session.position, [2, 2]);
+});
+
+test("not on this map is listed by its probability, never above other places that are more probable", () => {
+  const order = (probabilities, off, other) =>
+    ranking({ hypotheses: probabilities.map((p, n) => hypothesis(n + 1, p)), off_map_probability: off, other_probability: other }).map(({ kind }) => kind).join(" ");
+  assert.equal(order([0.2, 0.1], 0.3, 0.4), "place place other off");
+  assert.equal(order([0.5, 0.1], 0.3, 0.1), "place off place other");
+  assert.equal(order([0.2], 0.7, 0.1), "off place other");
+  assert.equal(order([0.6, 0.3], 0.1, 0), "place place off");
+  assert.equal(order([0.6], null, 0.4), "place other");
 });

@@ -39,6 +39,12 @@ def field() -> str:
     return render_template("localize/field.html", colours=answer_colours())
 
 
+@blueprint.get("/offline")
+def offline() -> str:
+    """Show the page that stands in for pages that a device has not kept, while there is no network."""
+    return render_template("operate/offline.html")
+
+
 @blueprint.get("/manifest.webmanifest")
 @public
 def manifest() -> Response:

@@ -3,6 +3,7 @@
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
+import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 import { sentence, toastError } from "../shared/toast.js";
 import { canGoAgain } from "./uploads.js";
@@ -38,10 +39,11 @@ export class Activity {
     byId("activity").append(foldButton(byId("activity")), this.filesBox, this.jobsBox);
     const files = rafThrottle(() => this._files());
     uploads.addEventListener("progress", files);
-    uploads.addEventListener("finished", () => {
+    uploads.addEventListener("finished", async () => {
+      await this.refresh().catch(() => {});
       this.say(this._summary().join(" "));
-      this.refresh().catch(() => {});
     });
+    store.on("photos", files);
     store.on("jobs", () => this._jobs());
   }
 
@@ -87,7 +89,7 @@ export class Activity {
     ].filter(Boolean);
   }
 
-  /** The results for the files, in sentences. */
+  /** The results for the files, in sentences; how many wait in the tray, as it is now. */
   _summary() {
     const { entries } = this.uploads;
     const results = entries.filter(({ state }) => state === "done").map(({ result }) => result);
@@ -95,14 +97,17 @@ export class Activity {
     const failed = entries.filter(({ state }) => state === "failed").length;
     const cancelled = entries.filter(({ state }) => state === "cancelled").length;
     const [known, placed] = [count((r) => r.duplicate), count((r) => r.placed && !r.duplicate)];
-    const waiting = results.length - known - placed;
-    return [
+    const waiting = count((r) => !r.duplicate && this.store.photos.has(r.id) && !this.store.isPlaced(r.id));
+    const outside = count((r) => !r.duplicate && isOutside(this.store, r.id));
+    const sentences = [
       placed && tn("{n} photo placed by its GPS.", "{n} photos placed by their GPS.", placed),
       waiting && tn("{n} photo waits in the tray.", "{n} photos wait in the tray.", waiting),
+      outside && tn("{n} of them was taken outside the image, by its GPS.", "{n} of them were taken outside the image, by their GPS.", outside),
       known && tn("{n} photo was already here.", "{n} photos were already here.", known),
       failed && tn("{n} file failed.", "{n} files failed.", failed),
       cancelled && tn("{n} file was not sent.", "{n} files were not sent.", cancelled),
     ].filter(Boolean);
+    return sentences.length ? sentences : [tn("{n} photo added.", "{n} photos added.", results.length)];
   }
 
   _close() {
@@ -168,6 +173,14 @@ export class Activity {
     };
     return h("button", { class: "button button--quiet", type: "button", onclick: hide }, t("Hide"));
   }
+}
+
+/** Whether a photo of the tray knows a position that the image does not show. */
+function isOutside(store, id) {
+  const photo = store.photos.get(id);
+  const { satellite } = store;
+  if (!satellite || !photo?.gps || store.isPlaced(id) || !Number.isFinite(photo.gps.x_px)) return false;
+  return !isInside([photo.gps.x_px, photo.gps.y_px], satellite);
 }
 
 /** On a phone the card begins as one line, so that it leaves the image free. */

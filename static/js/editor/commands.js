@@ -16,6 +16,8 @@ export class Commands {
     this.store = store;
     this.edits = edits;
     this.say = say;
+    /** @type {?function(): void} takes the last message away */
+    this._toast = null;
     edits.addEventListener("saved", (event) => this._follow(/** @type {CustomEvent} */ (event).detail));
   }
 
@@ -26,7 +28,7 @@ export class Commands {
     if (!photo || !store.canEdit || !store.satellite) return;
     const wasPlaced = store.isPlaced(photo.id);
     const [x, y] = clamped(pixel, store.satellite);
-    this.edits.edit(wasPlaced ? "move" : "place", [{ id: photo.id, x_px: x, y_px: y }]);
+    this._edit(wasPlaced ? "move" : "place", [{ id: photo.id, x_px: x, y_px: y }]);
     if (wasPlaced) {
       this.say(t("{name} moved to {x}, {y}", { name: photo.name, x: Math.round(x), y: Math.round(y) }));
       return;
@@ -52,13 +54,13 @@ export class Commands {
       const [x_px, y_px] = clamped(pixel, satellite);
       return { id, x_px, y_px };
     });
-    if (changes.length) this.edits.edit("move", changes);
+    if (changes.length) this._edit("move", changes);
   }
 
   /** Set where a photo looks. @param {?number} degrees clockwise from north */
   turn(id, degrees) {
     const heading_deg = degrees === null ? null : wholeTurn(degrees);
-    this.edits.edit("turn", [{ id, heading_deg }]);
+    this._edit("turn", [{ id, heading_deg }]);
     if (heading_deg !== null) this.say(t("Heading {degrees}°", { degrees: heading_deg }));
   }
 
@@ -72,7 +74,7 @@ export class Commands {
   toTray(ids) {
     const placed = ids.filter((id) => this.store.isPlaced(id));
     if (!placed.length) return;
-    this.edits.edit("unplace", placed.map((id) => ({ id, x_px: null, y_px: null })));
+    this._edit("unplace", placed.map((id) => ({ id, x_px: null, y_px: null })));
     if (placed.includes(this.store.currentId)) this.store.setCurrent(this.store.currentId);
     this.say(tn("{n} photo is back in the tray", "{n} photos are back in the tray", placed.length));
   }
@@ -82,9 +84,10 @@ export class Commands {
     if (!ids.length) return;
     const next = ids.includes(this.store.currentId) ? this._neighbour(1, (id) => !ids.includes(id)) : undefined;
     this.edits.remove(ids);
+    const words = tn("{n} photo removed.", "{n} photos removed.", ids.length);
+    this._show(words, { action: { label: t("Undo"), run: () => this.history("undo") } });
     this.store.setSelection([...this.store.selection].filter((id) => !ids.includes(id)));
     if (next !== undefined) this.store.setCurrent(next);
-    this.say(tn("{n} photo removed", "{n} photos removed", ids.length));
   }
 
   /** What Delete means: the selection, else the current photo. */
@@ -116,10 +119,25 @@ export class Commands {
     if (item.action !== "undo" && item.action !== "redo") return;
     const touched = (answer.photos || []).filter((photo) => !photo.removed);
     if (touched.length === 1) this.store.setCurrent(touched[0].id);
-    this._toast?.();
     const step = item.action === "undo" ? answer.redo : answer.undo;
     const what = step ? stepName(step) : t("the last change");
-    this._toast = toast(item.action === "undo" ? t("Undone: {what}", { what }) : t("Redone: {what}", { what }));
+    this._show(item.action === "undo" ? t("Undone: {what}", { what }) : t("Redone: {what}", { what }));
+  }
+
+  /** Say why something was not done. @param {string} message @param {string} hint */
+  warn(message, hint) {
+    this._show(message, { hint });
+  }
+
+  /** One message at a time: the next step takes the last one, and its button, away. */
+  _show(message, options = {}) {
+    this._toast?.();
+    this._toast = toast(message, options);
+  }
+
+  _edit(kind, changes) {
+    this._toast?.();
+    this.edits.edit(kind, changes);
   }
 
   _nextUnplaced(after) {

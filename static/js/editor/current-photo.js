@@ -53,8 +53,16 @@ export class CurrentPhoto {
 
   _heading(input) {
     const degrees = input.value.trim() === "" ? null : Number(input.value.replace(",", "."));
-    if (Number.isFinite(degrees) || degrees === null) this.commands.turn(this.store.currentId, degrees);
-    else this.render();
+    if (degrees === null || Math.abs(degrees) <= 360) this.commands.turn(this.store.currentId, degrees);
+    else {
+      this.commands.warn(t("“{text}” is not a heading.", { text: input.value }), t("Give degrees clockwise from north, 0 to 360."));
+      input.value = this._headingText(this.store.currentId);
+    }
+  }
+
+  _headingText(id) {
+    const heading = this.store.heading(id);
+    return heading === null ? "" : String(Math.round(heading));
   }
 
   render() {
@@ -75,7 +83,7 @@ export class CurrentPhoto {
     byId("current-facts").replaceChildren(...this._facts(photo, position));
     this._buttons(photo, position);
     const input = byId("current-heading", HTMLInputElement);
-    if (document.activeElement !== input) input.value = store.heading(photo.id) === null ? "" : String(Math.round(store.heading(photo.id)));
+    if (document.activeElement !== input) input.value = this._headingText(photo.id);
   }
 
   /** The small picture is there at once; the large one takes its place when it has arrived. */

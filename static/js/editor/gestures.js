@@ -8,6 +8,9 @@ import { rafThrottle } from "../shared/timing.js";
 const LONG_PRESS_MS = 500;
 const STILL = { mouse: 4, touch: 10 };
 const COARSE_STEP = 15;
+/** A second click so soon and so near is the same click: it places no second photo. */
+const DOUBLE_MS = 500;
+const DOUBLE_PX = 10;
 
 /** Turns pointer events into commands. */
 export class EditGestures {
@@ -163,8 +166,15 @@ export class EditGestures {
 
   _place(event) {
     const pixel = this.view.pixelAt(event);
-    if (isInside(pixel, this.store.satellite)) this.commands.placeCurrent(pixel);
-    else this.commands.say(t("That is outside the image"));
+    if (!isInside(pixel, this.store.satellite)) {
+      this.commands.warn(t("That is outside the image."), t("Click on the image where the photo was taken."));
+      return;
+    }
+    const { clientX: x, clientY: y, timeStamp } = event;
+    const last = this._placed;
+    if (last && timeStamp - last.timeStamp < DOUBLE_MS && Math.hypot(x - last.x, y - last.y) < DOUBLE_PX) return;
+    this._placed = { x, y, timeStamp };
+    this.commands.placeCurrent(pixel);
   }
 
   _hover() {

@@ -118,5 +118,6 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
 /** How far photos move, the farthest first. */
 function farthest(moves) {
   const sorted = [...moves].sort((a, b) => b.moved_px - a.moved_px);
-  return sorted.map(({ name, moved_px: px, moved_m: m }) => `${name}: ${m === null ? t("{n} pixels", { n: Math.round(px) }) : metresText(m)}`);
+  const far = ({ moved_px: px, moved_m: m }) => (m === null ? t("{n} pixels", { n: Math.round(px) }) : metresText(m));
+  return sorted.map((photo) => `${photo.name}: ${far(photo)}`);
 }

@@ -60,8 +60,12 @@ export class MapHealth {
   }
 
   _show({ photos, revision, current, job }) {
+    const oneWay = photos.filter(({ state }) => state === "one-direction").length;
+    // Where most places are so, that is how the map was made, and no place of it is weaker than the others.
+    const isWalk = oneWay > photos.length / 2;
+    const shown = (state) => (isWalk && state === "one-direction" ? "good" : state);
     const counts = new Map();
-    for (const { state } of photos) counts.set(state, (counts.get(state) || 0) + 1);
+    for (const { state } of photos) counts.set(shown(state), (counts.get(shown(state)) || 0) + 1);
     const rows = Object.entries(STATES).filter(([state]) => counts.has(state)).map(([state, { colour, words }]) => {
       const dot = h("span", { class: "ed-legend__dot" });
       dot.style.background = colour;
@@ -71,9 +75,10 @@ export class MapHealth {
       const unknown = this.store.order.filter((id) => this.store.isPlaced(id)).length - photos.length;
       if (unknown > 0) rows.push(h("li", { class: "soft" }, tn("{n} photo was not evaluated", "{n} photos were not evaluated", unknown)));
     }
+    if (isWalk) rows.push(h("li", { class: "soft" }, t("Most places were photographed in one direction only: a walk back would help.")));
     if (job !== null) rows.push(h("li", {}, t("This is being computed; it takes a few minutes.")));
     else if (revision !== null && !current) rows.push(this._again());
-    this.dots.setColours(photos.length === 0 ? null : new Map(photos.filter(({ state }) => STATES[state]).map(({ id, state }) => [id, STATES[state].colour])));
+    this.dots.setColours(photos.length === 0 ? null : new Map(photos.filter(({ state }) => STATES[state]).map(({ id, state }) => [id, STATES[shown(state)].colour])));
     const legend = byId("health-legend");
     legend.replaceChildren(...rows);
     legend.hidden = false;

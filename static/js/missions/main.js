@@ -9,6 +9,7 @@ import { chooseGround } from "./background-choice.js";
 import { showFixes } from "./fixes.js";
 import { connectGestures } from "./gestures.js";
 import { showLegend } from "./legend.js";
+import { liveBadge } from "./live-badge.js";
 import { Live } from "./live-events.js";
 import { MissionStore } from "./mission-store.js";
 import { MissionView } from "./mission-view.js";
@@ -23,7 +24,6 @@ import { TrackLines } from "./track-lines.js";
 import { showTracks } from "./track-panel.js";
 
 /** A robot that was not heard for so long is not there any more. */
-const LIVE_MS = 120_000;
 
 const page = JSON.parse(byId("page").textContent);
 const store = new MissionStore(page.id);
@@ -116,20 +116,6 @@ function firstPositions(view, fit) {
 
 /** Whether the mission is live, and whether the page hears of it. */
 function state(live) {
-  const badge = byId("live-state");
-  let heard = Math.max(0, ...store.mission.tracks.map(({ last_time_s: time }) => (time || 0) * 1000));
-  const render = () => {
-    const ended = Boolean(store.mission.ended_at);
-    const isLive = live.connected && !ended && Date.now() - heard < LIVE_MS;
-    const text = !live.connected ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : t("No recent data");
-    badge.className = `badge ${!live.connected ? "badge--warning" : isLive ? "badge--success mi-live" : ""}`;
-    if (badge.textContent !== text) badge.textContent = text;
-    byId("follow-part").hidden = ended;
-  };
-  store.on("poses", () => (heard = Date.now()));
-  store.on("missions grown", render);
-  setInterval(render, LIVE_MS / 10);
-  live.addEventListener("state", render);
+  live.addEventListener("state", liveBadge(store, () => live.connected));
   live.addEventListener("gone", () => fail(t("This mission no longer exists.")));
-  render();
 }

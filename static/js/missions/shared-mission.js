@@ -7,6 +7,7 @@ import { sentence, toastError } from "../shared/toast.js";
 import { chooseGround } from "./background-choice.js";
 import { connectGestures } from "./gestures.js";
 import { showLegend } from "./legend.js";
+import { liveBadge } from "./live-badge.js";
 import { MissionView } from "./mission-view.js";
 import { showObject } from "./object-card.js";
 import { ObjectTable } from "./object-table.js";
@@ -80,13 +81,8 @@ function fitTo(view, tracks) {
 /** Whether the mission is live; where it is, what is new is shown. */
 function follow(view, fit) {
   const following = new Following(store);
-  const badge = byId("live-state");
   let empty = false;
   const render = () => {
-    const ended = Boolean(store.mission.ended_at);
-    badge.textContent = !following.connected ? t("No connection") : ended ? t("Ended") : t("Live");
-    badge.className = `badge ${!following.connected ? "badge--warning" : ended ? "" : "badge--success mi-live"}`;
-    byId("follow-part").hidden = ended;
     const none = !store.tracks.some(({ track }) => track.poses) && !store.mission.objects;
     byId("empty").hidden = !none;
     if (empty && !none) fit();
@@ -98,7 +94,7 @@ function follow(view, fit) {
     const flat = newest && view.ground?.flat(newest.lat, newest.lon);
     if (flat && byId("follow", HTMLInputElement).checked && store.moment === null) view.reveal(flat, { margin: 90 });
   });
-  following.addEventListener("state", render);
+  following.addEventListener("state", liveBadge(store, () => following.connected));
   following.addEventListener("gone", () => fail(t("This link is no longer valid.")));
   render();
   following.start();

@@ -16,6 +16,7 @@ if (page.canEdit) {
   uploadForm();
   blankForm();
   const tiles = new TilesPanel();
-  panels("way", (way) => way === "tiles" && tiles.open());
+  const choose = panels("way", (way) => way === "tiles" && tiles.open());
+  if (location.hash === "#map-service") choose("tiles");
   if (page.satellite) georeferenceSection();
 }

@@ -25,6 +25,9 @@ export function reloadWith(notes) {
 export function showKeptNotes() {
   const kept = JSON.parse(sessionStorage.getItem(KEY) || "[]");
   sessionStorage.removeItem(KEY);
+  if (!kept.length) return;
+  history.scrollRestoration = "manual"; // they are at the top, the button that was pressed is far below
+  scrollTo(0, 0);
   byId("notes").append(...kept.map(({ kind, text }) => note(kind, text)));
 }
 

@@ -14,6 +14,14 @@ const away = h("div", { class: "offline", role: "status", hidden: true }, t("No 
 document.body.append(away);
 window.addEventListener("expmap:offline", () => (away.hidden = false));
 window.addEventListener("expmap:online", () => (away.hidden = true));
+for (const back of ["expmap:online", "online"]) window.addEventListener(back, loadBrokenImages);
+
+/** Pictures that could not be loaded while the network was away. */
+function loadBrokenImages() {
+  for (const image of document.images) {
+    if (image.complete && !image.naturalWidth && image.src) image.setAttribute("src", image.src);
+  }
+}
 
 /** Pages open without a network; what is kept for that belongs to one account. Needs https, or this machine. */
 async function workOffline() {

@@ -112,8 +112,6 @@ def test_columns_are_named_where_the_header_is_strange_or_missing(tmp_path):
         read_positions(strange, columns="lat=1, lon=2")
 
 
-
-
 def feature(name, *coordinates, kind="Point", **properties):
     geometry = {"type": kind, "coordinates": coordinates} if coordinates else None
     return {"type": "Feature", "geometry": geometry, "properties": {"Name": name, **properties}}

@@ -145,7 +145,10 @@ def test_misspelled_photos_get_a_suggestion(folder: Path) -> None:
 
 
 def test_orphans(folder: Path) -> None:
-    for name in ("p/c.JPG", "d.heic", "derived/x.jpg", ".hidden/x.jpg", "notes.txt", "p/cut.jpg", "o.jpg"):
+    for name in (
+        *("p/c.JPG", "d.heic", "derived/x.jpg", ".hidden/x.jpg", "notes.txt", "p/cut.jpg", "o.jpg"),
+        "queries/asked.jpg",
+    ):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(picture())
     (folder / "other.cfg").write_bytes(b"s.png;40;30\n0;o.jpg;1;1\n")

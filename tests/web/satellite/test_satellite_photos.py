@@ -44,6 +44,13 @@ class TestPhotosOnANewImage:
         assert photo(0).x_px is None
         assert photo(1).x_px == 10.0
 
+    def test_the_page_says_how_many_were_taken_outside(self, put, add_photos, client, record):
+        add_photos({"gps_lat": 50.0005, "gps_lon": 14.001}, {"gps_lat": 51.0, "gps_lon": 14.0}, {})
+        address = f"/maps/{record().slug}/image"
+        assert "taken outside this image" not in client.get(address).text
+        put(png(400, 200), corners=CORNERS)
+        assert "1 photo in the tray was taken outside this image" in client.get(address).text
+
     def test_they_are_scaled_where_that_is_wished(self, put, add_photos, photo):
         put(png(400, 200))
         add_photos({"x_px": 390.0, "y_px": 190.0})

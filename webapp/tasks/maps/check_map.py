@@ -24,6 +24,7 @@ from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 
+_QUERIES = "queries"
 _SEPARATORS = re.compile(r"[;,\t]")
 """What people separate columns by, rightly or not."""
 
@@ -258,6 +259,8 @@ def _folder_facts(cfg_path: Path, judge: _FileChecker, *, pieces: Scan, progress
 def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> list[str]:
     """List the photos that no map in the folder names, not even on a line that could not be read.
 
+    Photos in `queries/` are those that the map is tried with: they belong to no map.
+
     Parameters
     ----------
     pieces : Scan
@@ -275,4 +278,4 @@ def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> li
             named.add(normal_name(each.image.image))
         for text in each.unread:
             named |= {normal_name(cell.strip()) for cell in _SEPARATORS.split(text)}
-    return [name for name in present if name not in named]
+    return [name for name in present if name not in named and not name.startswith(f"{_QUERIES}/")]

@@ -85,7 +85,7 @@ class FileIn(Schema):
     file = File(required=True)  # type: ignore[no-untyped-call]
 
 
-class ListIn(FileIn):
+class PositionListIn(FileIn):
     """A list of positions, and how to read it."""
 
     columns = String(
@@ -164,7 +164,7 @@ def by_gps(slug: str) -> dict[str, Any]:
 
 @placing_api.post("/positions")
 @placing_api.input(PreviewQuery, location="query", arg_name="query")
-@placing_api.input(ListIn, location="form_and_files", arg_name="given")
+@placing_api.input(PositionListIn, location="form_and_files", arg_name="given")
 @placing_api.output(ListedOut)
 @placing_api.doc(
     description="A `.cfg`; a table with any delimiter and columns of file names and positions, `lat` and "

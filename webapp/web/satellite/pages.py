@@ -6,11 +6,12 @@ from typing import Any
 
 from flask import Blueprint, render_template
 
+from webapp.core.geo.types import LatLon
 from webapp.net.services import tile_services
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.library_map import georeference
-from webapp.tasks.maps.placing import image_of
+from webapp.tasks.maps.placing import RequestedPose, find_spots, image_of
 from webapp.tasks.satellite.georeference import on_earth
 from webapp.web.accounts.security import allow_images
 from webapp.web.context import account, library, open_map, settings
@@ -40,9 +41,14 @@ def show(slug: str) -> str:
         "services": [service_json(service) for service in services],
         "photos": _where(photos),
     }
-    with_gps = sum(photo.gps_lat is not None for photo in photos)
     return render_template(
-        "satellite/image.html", map=record, tab="image", page=page, can_edit=can_edit, with_gps=with_gps
+        "satellite/image.html",
+        map=record,
+        tab="image",
+        page=page,
+        can_edit=can_edit,
+        with_gps=sum(photo.gps_lat is not None for photo in photos),
+        outside=_count_outside(record, photos),
     )
 
 
@@ -52,6 +58,16 @@ def _earth(record: MapRecord) -> dict[str, Any] | None:
     if found is None or image is None:
         return None
     return {"method": found.method, **on_earth(found, width=image.width, height=image.height)}
+
+
+def _count_outside(record: MapRecord, photos: list[Photo]) -> int:
+    """Count the photos in the tray that were taken outside the image, by their GPS."""
+    image = image_of(record)
+    if image is None or image.georeference is None:
+        return 0
+    waiting = [p for p in photos if p.x_px is None and p.gps_lat is not None and p.gps_lon is not None]
+    poses = [RequestedPose(p, LatLon(p.gps_lat or 0.0, p.gps_lon or 0.0)) for p in waiting]
+    return sum(spot.problem is not None for spot in find_spots(image, poses))
 
 
 def _where(photos: list[Photo]) -> dict[str, float] | None:

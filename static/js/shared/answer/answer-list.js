@@ -3,9 +3,7 @@
 import { byId, h, icon } from "../dom.js";
 import { t, tn } from "../i18n.js";
 import { headingText, lengthText, percentText, probabilityColours } from "./answer-format.js";
-import { isOffMap } from "./query-session.js";
-
-const WORTH_TELLING = 0.005;
+import { isOffMap, ranking } from "./query-session.js";
 
 /**
  * @param {import("./query-session.js").QuerySession} session
@@ -37,16 +35,14 @@ function mark(list, session) {
 }
 
 function entries(answer, choose) {
-  const places = answer.hypotheses.map((hypothesis) => entry(hypothesis, choose));
-  const off = answer.off_map_probability;
-  const nothing = !answer.hypotheses.length;
-  if (off === null && nothing) return [offMap(null, true)];
-  if (off !== null) {
-    const at = answer.hypotheses.findIndex(({ probability }) => probability < off);
-    places.splice(at < 0 ? places.length : at, 0, offMap(off, isOffMap(answer)));
-  }
-  if (answer.other_probability > WORTH_TELLING) places.push(others(answer.other_probability));
-  return places;
+  const { hypotheses, off_map_probability: off } = answer;
+  if (off === null && !hypotheses.length) return [offMap(null, true)];
+  const made = {
+    place: (at) => entry(hypotheses[at], choose),
+    off: () => offMap(off, isOffMap(answer)),
+    other: () => others(answer.other_probability),
+  };
+  return ranking(answer).map(({ kind, at }) => made[kind](at));
 }
 
 function entry(hypothesis, choose) {

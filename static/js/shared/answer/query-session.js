@@ -11,6 +11,25 @@ export function isOffMap({ hypotheses: [first], off_map_probability: off }) {
   return !first || (off ?? 0) > first.probability;
 }
 
+const WORTH_TELLING = 0.005;
+
+/**
+ * The order in which an answer is listed: places by probability, then all others together. "Not on this map" stands
+ * before what is less probable, so never above the other places when these are more probable.
+ *
+ * @returns {Array<{kind: "place"|"other"|"off", at: number}>} `at` is the index of a place
+ */
+export function ranking({ hypotheses, off_map_probability: off, other_probability: other }) {
+  const entries = hypotheses.map((_, at) => ({ kind: "place", at }));
+  const hasOther = other > WORTH_TELLING;
+  if (hasOther) entries.push({ kind: "other", at: -1 });
+  if (off === null) return entries;
+  const lower = hypotheses.findIndex(({ probability }) => probability < off);
+  const behind = lower < 0 || (hasOther && other > off);
+  entries.splice(behind ? entries.length : lower, 0, { kind: "off", at: -1 });
+  return entries;
+}
+
 /** The state of one visit. */
 export class QuerySession extends EventTarget {
   constructor() {

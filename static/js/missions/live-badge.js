@@ -1,0 +1,31 @@
+/** Whether a mission is live: not ended, and heard of a moment ago. */
+
+import { byId } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+
+const LIVE_MS = 120_000;
+
+/**
+ * Keep the badge true.
+ * @param {Object} store of the mission
+ * @param {function(): boolean} isConnected whether the page hears of it
+ * @returns {function(): void} shows it anew
+ */
+export function liveBadge(store, isConnected) {
+  const badge = byId("live-state");
+  let heard = 0;
+  const render = () => {
+    const newest = Math.max(0, ...store.mission.tracks.map(({ last_time_s: time }) => (time || 0) * 1000));
+    const ended = Boolean(store.mission.ended_at);
+    const isLive = isConnected() && !ended && Date.now() - Math.max(heard, newest) < LIVE_MS;
+    const text = !isConnected() ? t("No connection") : isLive ? t("Live") : ended ? t("Ended") : t("No recent data");
+    badge.className = `badge ${!isConnected() ? "badge--warning" : isLive ? "badge--success mi-live" : ""}`;
+    if (badge.textContent !== text) badge.textContent = text;
+    byId("follow-part").hidden = ended;
+  };
+  store.on("poses missed", () => (heard = Date.now())); // their own times may be long ago: a recording that is played
+  store.on("missions grown", render);
+  setInterval(render, LIVE_MS / 10);
+  render();
+  return render;
+}
