@@ -20,7 +20,7 @@ def memory_mb(pid: int) -> Table:
         files of indexes. Where processes share an index, the sum of `index_Pss` is about one `index_Rss`.
     """
     found: Table = {}
-    for process in _family(pid):
+    for process in family(pid):
         try:
             command = Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")
             sizes = _sizes(Path(f"/proc/{process}"))
@@ -64,7 +64,8 @@ def _of_indexes(process: Path, name: str) -> float:
     return total
 
 
-def _family(pid: int) -> list[int]:
+def family(pid: int) -> list[int]:
+    """List a process and all below it."""
     parents: dict[int, int] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():

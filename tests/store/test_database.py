@@ -3,6 +3,7 @@
 import sqlite3
 
 import pytest
+from sqlalchemy import event
 from sqlalchemy.exc import IntegrityError, OperationalError
 
 from webapp.errors import NotFound, StorageError
@@ -92,3 +93,20 @@ def test_what_breaks_a_rule_of_the_database_stays_a_bug(library, new_account):
     new_account("ana")
     with pytest.raises(IntegrityError), library.database.write() as session:
         session.add(Account(id=1, name="bob"))
+
+
+def test_a_database_that_turns_read_only_while_it_is_open_is_an_error_in_words(library, new_account):
+    """As a disk does after an error; what is there can still be read, and later written again."""
+
+    def refuse(connection):
+        connection.exec_driver_sql("PRAGMA query_only=ON")
+
+    event.listen(library.database.engine, "begin", refuse)
+    with pytest.raises(StorageError, match="readonly") as caught, library.database.write() as session:
+        session.add(Account(name="Eva", is_owner=False))
+    assert "read-only" in caught.value.hint
+    with library.database.read() as session:
+        assert session.query(Account).count() == 0
+    event.remove(library.database.engine, "begin", refuse)
+    library.database.close()
+    new_account("Eva")

@@ -387,3 +387,21 @@ def test_viewers_change_nothing(operations, fresh, library, new_account, token):
         if OF_THE_MAP.search(operation.path) and operation.method != "get":
             each(cases(operation, slug, ids), examples=2, call=call)
     assert state(library, slug) == before
+
+
+def test_the_roles_of_every_operation_are_asked_for_before_what_was_sent(
+    operations, fresh, new_account, token
+):
+    """A viewer gets as far as the role with a request that is well-formed: no 422 hides what is missing."""
+    slug, ids = fresh()
+    headers = {"Authorization": f"Bearer {token(new_account('Mallory'))}"}
+    answered = {}
+
+    def call(case):
+        status = case.call(headers=headers).status_code
+        answered.setdefault(f"{case.method} {case.path}", set()).add(status)
+
+    for operation in operations:
+        if OF_THE_MAP.search(operation.path) and operation.method != "get":
+            each(cases(operation, slug, ids, [GenerationMode.POSITIVE]), examples=6, call=call)
+    assert {name for name, statuses in answered.items() if not statuses & {403, 404}} == set()

@@ -1,5 +1,6 @@
 """Photos come out upright, whole and within limits, or not at all."""
 
+import contextlib
 import io
 import struct
 import tracemalloc
@@ -310,3 +311,32 @@ def test_wide_ranges_of_values_take_no_multiple_of_their_memory():
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 4 * 2000 * 3000 * 4, "in bytes; as 64 bits at once it takes 6 times the file"
+
+
+def heic_claiming(width, height, *, size=(256, 192)):
+    """Make a HEIC file whose header claims other sides than its picture has."""
+    pillow_heif.register_heif_opener()
+    file = io.BytesIO()
+    Image.new("RGB", size, "green").save(file, "HEIF")
+    data = file.getvalue()
+    claim = b"ispe" + struct.pack(">III", 0, *size)
+    assert claim in data
+    return data.replace(claim, b"ispe" + struct.pack(">III", 0, width, height))
+
+
+def test_a_heic_that_claims_too_many_pixels_is_refused_before_it_is_decoded(monkeypatch):
+    data = heic_claiming(32_000, 32_000)
+    monkeypatch.setattr(Image.Image, "load", lambda self: pytest.fail("it was decoded"))
+    with pytest.raises(PhotoError, match=r"pixels|read|damaged"):
+        read_gray(data, limits=LIMITS)
+
+
+@pytest.mark.parametrize("claim", [(16, 16), (255, 191), (1, 100_000), (9000, 9000)])
+def test_a_heic_that_claims_other_sides_costs_no_more_than_it_claims(claim):
+    tracemalloc.start()
+    with contextlib.suppress(PhotoError):
+        found = read_gray(heic_claiming(*claim), limits=PhotoLimits(max_megapixels=90)).full_size
+        assert found in (claim, (256, 192)), "what it is, or what it says"
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 600_000_000

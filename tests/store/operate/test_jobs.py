@@ -129,6 +129,21 @@ def test_a_lease_that_is_renewed_lasts(do, take, at):
     assert take("b").fence == held.fence + 1
 
 
+def test_a_clock_that_goes_back_neither_doubles_nor_loses_a_job(do, take, at):
+    do(jobs.enqueue, "x")
+    held = take("a")
+    at(-3600)
+    assert take("b") is None, "it is held until later than ever"
+    assert do(jobs.beat, held, seconds=10.0, progress=(1, 2, "so"))
+    at(11)
+    second = take("b")
+    assert second.fence == held.fence + 1, "from the first beat on, the new time counts"
+    at(-3600)
+    assert take("c", is_gone=lambda worker: worker == "b").fence == second.fence + 1, (
+        "nobody waits for the dead"
+    )
+
+
 def test_who_lost_the_lease_writes_nothing(do, take, at, seen):
     id = do(jobs.enqueue, "x").id
     old = take("a")

@@ -4,10 +4,13 @@ import errno
 import hashlib
 import json
 import os
+import signal
+import sqlite3
 import subprocess
 import sys
 import threading
 import zipfile
+from contextlib import closing
 
 import pytest
 from sqlalchemy import select
@@ -383,3 +386,84 @@ def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
     assert [line for line in restored.cfg("park").read_text().splitlines() if line.startswith("1;")] == [
         line for line in library.cfg("park").read_text().splitlines() if line.startswith("1;")
     ]
+
+
+KILLED_RESTORE = """
+import os, sys, signal
+from pathlib import Path
+from webapp.app.wings import PARTS
+from webapp.progress import Progress
+from webapp.tasks.operate import restore
+
+def kill(*_, **__):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+left, rename = int(sys.argv[3]), Path.rename
+
+def count(path, target):
+    global left
+    left -= 1
+    return kill() if left < 0 else rename(path, target)
+
+class Killed(Progress):
+    advance = kill
+
+Path.rename = count
+progress = Killed() if left < 0 else Progress()
+restore.restore(Path(sys.argv[1]), Path(sys.argv[2]), parts=PARTS, force=True, progress=progress)
+"""
+
+
+@pytest.mark.parametrize("renames", [-1, 0, 2, 4], ids=["unpacking", "before", "while moving", "half moved"])
+def test_a_restore_that_was_killed_is_done_again(library, back_up, archive, renames):
+    back_up()
+    expected = files(library)
+    move(library, 55.0)
+    library.database.close()
+    words = [sys.executable, "-c", KILLED_RESTORE, archive, library.folder, str(renames)]
+    assert subprocess.run(words).returncode == -signal.SIGKILL
+    restore_library.restore(archive, library.folder, force=True, parts=PARTS, progress=Progress())
+    restored = open_library(library.folder)
+    try:
+        assert files(restored) == expected
+        assert "55.0" not in str(rows(restored)["photo"])
+    finally:
+        restored.database.close()
+    kept = [p for before in library.folder.glob(".before-restore-*") for p in before.rglob("library.db")]
+    assert any("55.0" in text for text in map(raw_positions, kept)), "what was there is kept"
+
+
+def raw_positions(database):
+    with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as opened:
+        return str(opened.execute("SELECT x_px FROM photo").fetchall())
+
+
+@pytest.mark.parametrize(
+    ("sql", "error"),
+    [
+        ("UPDATE photo SET path = '../../secret.jpg' WHERE id = 0", "not in its folders"),
+        ("UPDATE map SET satellite_path = '/etc/hostname'", "not in its folders"),
+        ("UPDATE map SET slug = '../elsewhere' WHERE slug = 'wood'", "not in its folders"),
+        ("UPDATE query SET file = '../../library.db'", "not in its folders"),
+        ("CREATE TRIGGER t AFTER UPDATE ON map BEGIN DELETE FROM photo; END", "triggers"),
+    ],
+)
+def test_a_hostile_backup_changes_nothing(library, back_up, archive, tmp_path, sql, error):
+    """Its checksums are right: somebody has made it so."""
+    back_up()
+
+    def change(content):
+        database = tmp_path / "changed.db"
+        database.write_bytes(content["library.db"])
+        with closing(sqlite3.connect(database)) as opened:
+            opened.execute(sql)
+            opened.commit()
+        data = content["library.db"] = database.read_bytes()
+        manifest = json.loads(content[MANIFEST])
+        manifest["files"]["library.db"] = [len(data), hashlib.sha256(data).hexdigest()]
+        content[MANIFEST] = json.dumps(manifest)
+
+    rewritten(archive, change)
+    with pytest.raises((InputError, StorageError), match=error):
+        restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
+    assert list((tmp_path / "restored").iterdir()) == []

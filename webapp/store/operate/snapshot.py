@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +53,13 @@ class SnapshotContents:
     files: frozenset[tuple[str, str]]
     queries: frozenset[tuple[int, str]]
     parts: dict[str, PartContents]
+
+    def names(self) -> Iterator[str]:
+        """Give every path, name of a file and name of a map's folder."""
+        yield from self.maps.values()
+        yield from (path for _, path in self.files)
+        yield from (file for _, file in self.queries)
+        yield from (path for part in self.parts.values() for _, path in part.files)
 
 
 def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
@@ -109,6 +116,13 @@ def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
             (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()
             if found != "ok":
                 raise StorageError(f"the database is damaged: {found}", where=path.name)
+            (programs,) = database.execute(
+                "SELECT count(*) FROM sqlite_master WHERE type IN ('trigger', 'view')"
+            ).fetchone()
+            if programs:
+                raise StorageError(
+                    "the database has triggers or views, which no library has", where=path.name
+                )
             return _contents(database, readers)
     except sqlite3.Error as error:
         raise _storage_error(error, path) from error

@@ -6,6 +6,7 @@ through. Only then it takes its place; what was there is kept under another name
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from pathlib import Path, PurePosixPath
 
 from sqlalchemy import select
 
+from webapp.core.mapmodel.findings import quoted
+from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import Conflict, InputError, UsageError
 from webapp.files.atomic import storage_error, sync_folder
 from webapp.files.backup import read_manifest, unpack
@@ -148,6 +151,7 @@ def _unpack(archive: Path, stage: Path, parts: Sequence[LibraryPart], *, progres
 def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> SnapshotContents:
     """Look through the database, bring it up to date, and have the first worker build the indexes."""
     contents = snapshot.check(stage / INNER / DATABASE, readers=readers(parts))
+    _check_names(contents)
     library = open_library(stage)
     try:
         with library.database.write() as session:
@@ -164,9 +168,20 @@ def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> SnapshotContents:
     return contents
 
 
+def _check_names(contents: SnapshotContents) -> None:
+    """Refuse a database that names files elsewhere: nobody has to ask for each of its paths again."""
+    for name in contents.names():
+        if name_problem(name):
+            raise InputError(
+                "the backup names files that are not in its folders",
+                where=quoted(name),
+                hint="restore a backup that you have made yourself",
+            )
+
+
 def _swap(folder: Path, stage: Path, there: list[Path]) -> Path | None:
     """Move the new library to its place: all by renaming, the database last."""
-    before = folder / f"{_BEFORE}{now():%Y%m%dT%H%M%S}" if there else None
+    before = _free_folder(folder) if there else None
     moves = [(path, before / path.name) for path in there if before is not None]
     moves += [(path, folder / path.name) for path in sorted(stage.iterdir(), key=lambda p: p.name == INNER)]
     if before is not None:
@@ -182,3 +197,10 @@ def _swap(folder: Path, stage: Path, there: list[Path]) -> Path | None:
         raise
     sync_folder(folder)
     return before
+
+
+def _free_folder(folder: Path) -> Path:
+    """Name a folder for what was there; one restore may follow another within a second."""
+    name = f"{_BEFORE}{now():%Y%m%dT%H%M%S}"
+    further = (f"{name}-{number}" for number in itertools.count(2))
+    return next(path for path in (folder / n for n in itertools.chain([name], further)) if not path.exists())
