@@ -2,11 +2,11 @@
 
     python -m benchmarks.uptime [--requests 200000] [--clients 4]
 
-Clients ask for the state of a map, exports and pictures, move photos and undo that, upload photos that the map
-has already, and send what is refused. Printed is a JSON object with samples (memory of all processes of the
-server together, open files, size of the database, files of the library, lines of the log) and with the highest
-figures of the second and of the last quarter of the run. The exit code is 1 where one of them grows on, and
-where a request fails.
+Clients ask for the state of a map, exports and pictures, move photos and undo that, upload photos that the
+map has already, and send what is refused. Printed is a JSON object with samples (memory of all processes of
+the server together, open files, size of the database, files of the library, lines of the log) and with the
+highest figures of the second and of the last quarter of the run. The exit code is 1 where one of them grows
+on, and where a request fails.
 """
 
 from __future__ import annotations

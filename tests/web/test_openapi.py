@@ -320,6 +320,15 @@ def test_true_and_false_of_json_are_no_other_values(client, park, value):
         assert next(iter(wish.keys() - {"width"})) in answer.text
 
 
+def test_unknown_fields_are_refused(client, park):
+    for method, path, wish in (
+        ("POST", "/api/v1/maps", {"name": "Lake", "revision": 7}),
+        ("PATCH", "/api/v1/account", {"name": "Eva", "is_owner": True}),
+        ("POST", f"/api/v1/maps/{park}/shares", {"photos": True, "account_id": 1}),
+    ):
+        assert client.open(path, method=method, json=wish).status_code == 422, path
+
+
 @pytest.mark.parametrize(
     ("text", "status"), [("1", 200), ("True", 200), ("false", 200), ("0", 200), ("no", 422), ("", 422)]
 )

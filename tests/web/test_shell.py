@@ -61,6 +61,14 @@ def test_every_page_shows_in_both_languages(client, park, page):
     assert len(titles) == 2
 
 
+def test_who_came_by_https_comes_by_https_from_then_on(stranger):
+    assert (
+        stranger.get("/sign-in", base_url="https://maps.example").headers["Strict-Transport-Security"]
+        == "max-age=31536000"
+    )
+    assert "Strict-Transport-Security" not in stranger.get("/sign-in").headers
+
+
 def test_answers_carry_the_headers_that_protect(client, stranger):
     for answer in (
         client.get("/"),

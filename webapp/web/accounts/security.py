@@ -34,6 +34,7 @@ _HEADERS = {
     "Permissions-Policy": "camera=(self), geolocation=(self), microphone=(), payment=(), usb=()",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
+_ONE_YEAR_S = 365 * 24 * 3600
 _csrf = CSRFProtect()
 
 
@@ -122,6 +123,8 @@ def _takes_no_session() -> bool:
 def _add_headers(response: Response) -> Response:
     for name, value in _HEADERS.items():
         response.headers.setdefault(name, value)
+    if request.is_secure:
+        response.headers.setdefault("Strict-Transport-Security", f"max-age={_ONE_YEAR_S}")
     if g.get("framable", False):
         del response.headers["X-Frame-Options"]
     response.headers.setdefault("Content-Security-Policy", _policy())
