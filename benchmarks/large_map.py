@@ -33,7 +33,7 @@ from webapp.store.schema import MapRecord, Photo
 
 PLAN_PX = (4000, 3000)
 PATIENCE_S = 120
-_FIRST_DOT = """
+FIRST_DOT = """
 const draw = CanvasRenderingContext2D.prototype.arc;
 CanvasRenderingContext2D.prototype.arc = function (...arc) {
   window.firstDot ??= performance.now();
@@ -197,7 +197,7 @@ def _first_dot(browser: Browser, address: str, client: Client) -> float:
     context.add_cookies(
         [{"name": c.name, "value": c.value or "", "url": client.url} for c in client.session.cookies]
     )
-    context.add_init_script(_FIRST_DOT)
+    context.add_init_script(FIRST_DOT)
     page = context.new_page()
     page.goto(address, wait_until="commit", timeout=1000 * PATIENCE_S)
     until = time.monotonic() + PATIENCE_S

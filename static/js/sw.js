@@ -26,8 +26,6 @@ const MOST_PAGES = 40;
 const PATIENCE_MS = 8000;
 const TRIM_EVERY = 25;
 
-/** Whether the page that was opened last is of another version than the files here. */
-let stale = false;
 let kept = 0;
 
 self.addEventListener("install", (event) => event.waitUntil(install()));
@@ -52,7 +50,7 @@ function answerOf(request, url) {
 
 async function install() {
   const files = await caches.open(FILES);
-  await files.addAll(SHELL.files.map((address) => new Request(address, { cache: "no-cache" })));
+  await files.addAll(SHELL.files);
   await self.skipWaiting();
 }
 
@@ -93,16 +91,12 @@ async function page(event, url) {
   const cache = await caches.open(PAGES);
   const last = await cache.match(url.pathname);
   const fresh = fetch(event.request).then((response) => {
-    if (isKept(response)) {
-      stale = response.headers.get("Expmap-Shell") !== SHELL.version;
-      keep(event, cache, { key: url.pathname, response, most: MOST_PAGES });
-    }
+    if (isKept(response)) keep(event, cache, { key: url.pathname, response, most: MOST_PAGES });
     return response;
   });
   try {
     return await (last ? Promise.race([fresh, late()]) : fresh);
   } catch (error) {
-    stale = false;
     if (last) return last;
     if (!url.pathname.startsWith("/maps/") || !(await cache.match(FIELD))) return away(error);
     return Response.redirect(`${FIELD}?map=${encodeURIComponent(url.pathname.split("/")[2] || "")}`);
@@ -121,11 +115,9 @@ async function away(error) {
   return found;
 }
 
-/** A file of a page: that of the same version; from the network where the page is of another one. */
+/** A file of a page: its address has its version, so that what is kept is never an old one. */
 async function file({ request }) {
-  const found = await (await caches.open(FILES)).match(request, { ignoreSearch: true });
-  if (!found || stale) return fetch(request).catch(() => found || Response.error());
-  return found;
+  return (await (await caches.open(FILES)).match(request)) || fetch(request);
 }
 
 async function state(event) {

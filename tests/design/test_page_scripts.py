@@ -4,8 +4,9 @@ import re
 
 import pytest
 
+from webapp.web.static_files import EVERY_SCRIPT
+
 IMPORT = re.compile(r'^(?:import|export)\s(?:[^;"]*?\sfrom\s)?"([^"]+)";', re.M)
-SCRIPT_TAG = re.compile(r"filename='js/([\w/-]+\.js)'")
 SCRIPT_LIST = re.compile(r"{% set scripts = (.*?) %}")
 NETWORK = re.compile(r"\bfetch\(|XMLHttpRequest|EventSource\(|sendBeacon|WebSocket\(")
 
@@ -64,7 +65,7 @@ def test_only_one_module_talks_to_the_server(folder, imports):
 def test_every_script_is_loaded_by_a_page(project, folder, imports):
     pages = "".join(path.read_text("utf-8") for path in (project / "templates").rglob("*.html"))
     lists = " ".join(SCRIPT_LIST.findall(pages))
-    entries = {*SCRIPT_TAG.findall(pages), *(f"{name}.js" for name in re.findall(r'"([^"]+)"', lists))}
+    entries = {f"{name}.js" for name in (*EVERY_SCRIPT, *re.findall(r'"([^"]+)"', lists))}
     assert entries and entries <= set(imports)
     reached, new = set(), set(entries)
     while new:

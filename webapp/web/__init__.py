@@ -12,10 +12,33 @@ from webapp import __version__
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
-from webapp.web import concurrency, errors, installable, language, openapi, pages, request_log
+from webapp.web import (
+    compression,
+    concurrency,
+    errors,
+    language,
+    openapi,
+    pages,
+    request_log,
+    static_files,
+)
 from webapp.web.accounts import security, sessions
 from webapp.web.accounts.security import secret_key
 from webapp.web.state import KEY, AppState, Parts
+
+_PARTS = (
+    request_log,
+    compression,
+    concurrency,
+    security,
+    sessions,
+    language,
+    static_files,
+    pages,
+    errors,
+    openapi,
+)
+"""In this order before a request, and the other way round after it."""
 
 
 def make_app(settings: Settings, parts: Parts, *, library: Library | None = None) -> APIFlask:
@@ -39,10 +62,10 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
         spec_path=openapi.PATH,
         docs_path=None,
         json_errors=False,
-        static_folder=str(resource_folder("static")),
-        static_url_path="/static",
+        static_folder=None,  # type: ignore[arg-type]  # `static_files` has the addresses
         template_folder=str(resource_folder("templates")),
     )
+    app.static_folder = str(resource_folder("static"))
     app.extensions[KEY] = AppState(library, settings, parts)
     app.config.update(
         SECRET_KEY=secret_key(library.inner),
@@ -50,7 +73,7 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
         PERMANENT_SESSION_LIFETIME=timedelta(days=settings.web.session_days),
     )
     app.jinja_options = {"trim_blocks": True, "lstrip_blocks": True}
-    for part in (request_log, concurrency, security, sessions, language, pages, errors, installable, openapi):
+    for part in _PARTS:
         part.init_app(app)
     for blueprint in parts.blueprints:
         app.register_blueprint(blueprint)

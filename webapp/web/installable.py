@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from functools import lru_cache
-from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from flask import Blueprint, Flask, Response, current_app, jsonify, render_template, url_for
+from flask import Blueprint, Response, current_app, jsonify, render_template, url_for
 from flask_babel import gettext as _
+from jinja2 import nodes
 
-from webapp.web import language
+from webapp.web import language, static_files
 from webapp.web.context import public
 from webapp.web.localize.answers import answer_colours
 
-VERSION_HEADER = "Expmap-Shell"
-"""On each page: by it the service worker knows whether the files that it keeps are those of the page."""
-
-_SUFFIXES = frozenset({".css", ".js", ".png", ".svg"})
-_LEFT_OUT = frozenset({"js/sw.js"})
-
-_Facts = tuple[tuple[str, int, int], ...]
+_OFFLINE = ("maps/index.html", "maps/editor.html", "localize/localize.html", "localize/field.html")
+"""Templates of the pages that open without a network: `KEPT_PAGES` of the service worker."""
 
 blueprint = Blueprint("installable", __name__)
 _GREEN = "#0b665c"
@@ -75,7 +68,7 @@ def manifest() -> Response:
 @public
 def service_worker() -> Response:
     """Send the service worker from where it may look after all pages, with the files that it keeps."""
-    kept = json.dumps({"version": version(), "files": addresses()})
+    kept = json.dumps({"version": static_files.version(), "files": _kept_files()})
     with current_app.open_resource(f"{current_app.static_folder}/js/sw.js", "r", encoding="utf-8") as file:
         script = f"const SHELL = {kept};\n{file.read()}"
     return Response(script, mimetype="text/javascript")
@@ -85,48 +78,22 @@ def _image(name: str) -> str:
     return url_for("static", filename=f"img/{name}")
 
 
-def init_app(app: Flask) -> None:
-    """Send the version of the files with every page."""
-    app.after_request(_add_version)
+def _kept_files() -> list[str]:
+    """List the addresses of all that is needed for the pages that open without a network."""
+    plain = [name for name in static_files.files() if name.startswith(("img/", "vendor/"))]
+    made = {address for template in _OFFLINE for address in _bundles(template)}
+    return [*(url_for("static", filename=name) for name in plain), *sorted(made)]
 
 
-def version() -> str:
-    """Return the version of the files: another content has another one."""
-    folder = _folder()
-    return _hashed(folder, _facts(folder))
-
-
-def addresses() -> list[str]:
-    """List the addresses of the files."""
-    return [url_for("static", filename=name) for name, _size, _time in _facts(_folder())]
-
-
-def _folder() -> Path:
-    folder = current_app.static_folder
-    assert folder is not None, "create_app always gives one"
-    return Path(folder)
-
-
-def _facts(folder: Path) -> _Facts:
-    """Return name, size and time of each file: whether the content has to be read again."""
-    found = []
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if path.suffix in _SUFFIXES and name not in _LEFT_OUT:
-            stat = path.stat()
-            found.append((name, stat.st_size, stat.st_mtime_ns))
-    return tuple(found)
-
-
-@lru_cache(maxsize=4)
-def _hashed(folder: Path, facts: _Facts) -> str:
-    total = hashlib.sha256()
-    for name, _size, _time in facts:
-        total.update(name.encode() + b"\0" + hashlib.sha256((folder / name).read_bytes()).digest())
-    return total.hexdigest()[:16]
-
-
-def _add_version(response: Response) -> Response:
-    if response.mimetype == "text/html":
-        response.headers[VERSION_HEADER] = version()
-    return response
+def _bundles(template: str) -> tuple[str, str]:
+    """Return the addresses of the scripts and of the style sheets that a template names."""
+    env = current_app.jinja_env
+    assert env.loader is not None, "Flask always gives one"
+    names: dict[str, Any] = {"scripts": [], "sheets": [], "leaflet": False}
+    for node in env.parse(env.loader.get_source(env, template)[0]).find_all(nodes.Assign):
+        if isinstance(node.target, nodes.Name) and node.target.name in names:
+            names[node.target.name] = cast(nodes.Expr, node.node).as_const()
+    return (
+        static_files.script_bundle(names["scripts"]),
+        static_files.sheet_bundle(names["sheets"], leaflet=names["leaflet"]),
+    )

@@ -4,7 +4,7 @@
  * Nothing of it is kept; the last picture can be.
  */
 
-import { byId, h } from "../shared/dom.js";
+import { byId, h, iconAddress } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { sentence } from "../shared/toast.js";
 import { note } from "./localizer.js";
@@ -109,7 +109,7 @@ export class LiveCamera {
     byId("live").setAttribute("aria-pressed", String(on));
     byId("live").classList.toggle("is-on", on);
     byId("live-label").textContent = on ? t("Stop") : t("Live camera");
-    byId("live").querySelector("use").setAttribute("href", `/static/img/icons.svg#${on ? "stop" : "video"}`);
+    byId("live").querySelector("use").setAttribute("href", iconAddress(on ? "stop" : "video"));
   }
 }
 

@@ -78,9 +78,14 @@ export function icon(name) {
   svg.setAttribute("class", "icon");
   svg.setAttribute("aria-hidden", "true");
   const use = document.createElementNS(SVG, "use");
-  use.setAttribute("href", `/static/img/icons.svg#${name}`);
+  use.setAttribute("href", iconAddress(name));
   svg.append(use);
   return svg;
+}
+
+/** Address of a symbol of static/img/icons.svg. @param {string} name */
+export function iconAddress(name) {
+  return `${metaOf("expmap-icons").content}#${name}`;
 }
 
 /**

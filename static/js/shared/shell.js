@@ -7,7 +7,7 @@ import { connectTheme } from "./theme.js";
 closeMenus(document);
 connectTheme(document.body);
 connectCopyButtons();
-workOffline().catch((error) => console.info(`no pages without a network: ${error.message}`));
+whenLoaded(() => workOffline().catch((error) => console.info(`no pages without a network: ${error.message}`)));
 
 const fieldLink = metaOf("expmap-account")?.content && h("a", { href: "/field" }, t("Take photos for later"));
 const away = h("div", { class: "offline", role: "status", hidden: true }, t("No connection. Trying again..."), " ", fieldLink);
@@ -21,6 +21,12 @@ function loadBrokenImages() {
   for (const image of document.images) {
     if (image.complete && !image.naturalWidth && image.src) image.setAttribute("src", image.src);
   }
+}
+
+/** What is kept for later does not slow down the page itself. */
+function whenLoaded(run) {
+  if (document.readyState === "complete") run();
+  else addEventListener("load", run, { once: true });
 }
 
 /** Pages open without a network; what is kept for that belongs to one account. Needs https, or this machine. */

@@ -22,6 +22,12 @@ def page(sign_in, owner, slug):
     return sign_in(owner).get(f"/maps/{slug}/edit")
 
 
+def test_the_address_of_a_map_leads_to_it(sign_in, owner, slug, new_account):
+    assert sign_in(owner).get(f"/maps/{slug}").location == f"/maps/{slug}/edit"
+    assert sign_in(owner).get("/maps/none").status_code == 404
+    assert sign_in(new_account("Jan")).get(f"/maps/{slug}").status_code == 404
+
+
 def test_the_state_comes_with_the_page(page, slug):
     text = page.get_data(as_text=True)
     found = re.search(r'<script type="application/json" id="state">(.*?)</script>', text, re.S)

@@ -1,4 +1,4 @@
-"""What browsers get of a satellite image: itself or a smaller copy, a thumbnail, and tiles of a large one.
+"""What browsers get of a satellite image: itself or a lighter copy, a thumbnail, and tiles of a large one.
 
 All of it lies in the map's `derived/satellite/KEY/` and can be made again; the key changes with the file.
 """
@@ -31,6 +31,8 @@ from webapp.threads import permit
 PREVIEW_PX = 2048
 THUMBNAIL_PX = 480
 _QUALITY = 85
+_LIGHT_BYTES = 300_000
+"""PNG files up to here are sent as they are."""
 _READING = BoundedSemaphore(1)
 """Large images are read one after the other: each keeps a core busy for seconds."""
 
@@ -74,7 +76,7 @@ def has_tiles(library: Library, record: MapRecord) -> bool:
 
 
 def whole(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
-    """Return the image for display: itself, or a smaller copy of a large or unusual one.
+    """Return the image for display: itself, a lighter copy, or a smaller one of a large or unusual image.
 
     Raises
     ------
@@ -86,6 +88,8 @@ def whole(library: Library, record: MapRecord, *, settings: Settings) -> Display
     original = _original(library, record)
     mime = _mime(original.path)
     if mime is not None and max(record.satellite_width or 0, record.satellite_height or 0) <= DISPLAY_SIDE_PX:
+        if mime == "image/png" and original.path.stat().st_size > _LIGHT_BYTES:
+            return _light(library.map_folder(record.slug), original, settings=settings)
         return DisplayFile(original.path, mime, original.key)
     return _small(library, record, original, name="preview", settings=settings)
 
@@ -190,6 +194,16 @@ def _small(
     return DisplayFile(path, "image/jpeg", original.key)
 
 
+def _light(folder: Path, original: DisplayFile, *, settings: Settings) -> DisplayFile:
+    """Return a copy of the same size that is lighter than a PNG file, by as much as twelve times."""
+    path = _derived(folder, original.key) / "whole.webp"
+    if not path.is_file():
+        with permit(_READING), opened_raster(original.path, limits=settings.satellite) as raster:
+            pixels = reduced(raster, DISPLAY_SIDE_PX)
+        _encode(path, pixels, cv2.IMWRITE_WEBP_QUALITY)
+    return DisplayFile(path, "image/webp", original.key)
+
+
 def _read_small(path: Path, *, settings: Settings) -> NDArray[np.uint8]:
     mime = _mime(path)
     if mime in ("image/png", "image/jpeg", None):
@@ -235,9 +249,14 @@ def shrunk(pixels: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
 
 
 def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
-    bgr = cv2.cvtColor(shrunk(np.ascontiguousarray(pixels), side), cv2.COLOR_RGB2BGR)
+    _encode(path, shrunk(np.ascontiguousarray(pixels), side), cv2.IMWRITE_JPEG_QUALITY)
+
+
+def _encode(path: Path, pixels: NDArray[np.uint8], quality: int) -> None:
+    """Write red, green and blue in the format that the name says; `quality` is OpenCV's flag for it."""
+    bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise storage_error(error, where=path.name) from error
-    write_bytes(path, cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
+    write_bytes(path, cv2.imencode(path.suffix, bgr, [quality, _QUALITY])[1].tobytes())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flask import Blueprint, flash, render_template
+from flask import Blueprint, flash, redirect, render_template, url_for
 from flask_babel import gettext as _
 from sqlalchemy.orm import Session
 from werkzeug.wrappers import Response
@@ -60,6 +60,12 @@ def _cards(session: Session, who: Account, *, binned: bool) -> list[MapCard]:
         MapCard(record, maps.role_of(session, record, account=who), *maps.counts(session, record))
         for record in maps.list_maps(session, who, binned=binned)
     ]
+
+
+@blueprint.get("/maps/<slug>")
+def show(slug: str) -> Response:
+    """Lead from the address of a map to its editor."""
+    return redirect(url_for("map_pages.editor", slug=open_map(slug).slug))
 
 
 @blueprint.get("/maps/<slug>/edit")

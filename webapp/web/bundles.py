@@ -1,0 +1,99 @@
+"""Several scripts or style sheets as one file.
+
+Each module keeps a scope of its own, a block, and comes after what it imports. That needs no parser, as the
+scripts of pages are plain: imports have names, what is exported is declared there and never assigned again,
+and no import cycles exist. What is not so is refused.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+_IMPORT = re.compile(r'^import\s+(?:\{([^}]*)\}\s+from\s+)?"(\.[^"]+)";', re.M)
+_EXPORT = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.M)
+_OTHER = re.compile(r"^(?:import|export)\b.*|^(?!\s*(?:/?\*|//)).*\bimport(?:\(|\.meta).*", re.M)
+"""What else imports or exports; comments name types by `import(...)`."""
+_URL = re.compile(r"url\((?!#|data:|/)([^)]+)\)")
+
+
+def bundle_scripts(folder: Path, names: Iterable[str]) -> str:
+    """Put modules and all that they import into one module, in the order in which they would run.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the static files.
+    names : iterable of str
+        Of modules below it.
+
+    Raises
+    ------
+    ValueError
+        A module imports or exports in a way that is not known here.
+    """
+    order: list[str] = []
+    sources: dict[str, str] = {}
+    for name in names:
+        _collect(folder, name, sources=sources, order=order)
+    scopes = {name: f"$${number}" for number, name in enumerate(order)}
+    return "".join(_as_block(name, sources[name], scopes) for name in order)
+
+
+def bundle_sheets(folder: Path, names: Iterable[str], *, base: str) -> str:
+    """Put style sheets into one.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the static files.
+    names : iterable of str
+        Of style sheets below it.
+    base : str
+        Address of that folder, for the pictures that they name.
+    """
+    return "".join(_with_addresses(name, (folder / name).read_text("utf-8"), base) for name in names)
+
+
+def _collect(folder: Path, name: str, *, sources: dict[str, str], order: list[str]) -> None:
+    """Read a module and what it imports; what is imported is in order before it."""
+    if name in sources:
+        return
+    sources[name] = (folder / name).read_text("utf-8")
+    for imported in _imported(name, sources[name]):
+        _collect(folder, imported, sources=sources, order=order)
+    order.append(name)
+
+
+def _imported(name: str, source: str) -> Iterator[str]:
+    for _names, target in _IMPORT.findall(source):
+        yield _module(name, target)
+
+
+def _module(name: str, target: str) -> str:
+    return posixpath.normpath(posixpath.join(posixpath.dirname(name), target))
+
+
+def _as_block(name: str, source: str, scopes: dict[str, str]) -> str:
+    def bind(found: re.Match[str]) -> str:
+        names, target = found.groups()
+        if names is None:
+            return ""
+        bound = ", ".join(part.strip().replace(" as ", ": ") for part in names.split(",") if part.strip())
+        return f"const {{ {bound} }} = {scopes[_module(name, target)]};"
+
+    exported = _EXPORT.findall(source)
+    body = _EXPORT.sub("", _IMPORT.sub(bind, source))
+    if other := _OTHER.search(body):
+        raise ValueError(f"{name}: {other[0]!r} cannot be bundled")
+    kept = f"{scopes[name]} = {{ {', '.join(exported)} }};\n" if exported else ""
+    return f"// {name}\nlet {scopes[name]};\n{{\n{body}\n{kept}}}\n"
+
+
+def _with_addresses(name: str, source: str, base: str) -> str:
+    def absolute(found: re.Match[str]) -> str:
+        return f"url({base}{_module(name, found[1])})"
+
+    return f"{_URL.sub(absolute, source)}\n"

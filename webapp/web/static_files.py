@@ -1,0 +1,185 @@
+"""The files that pages are made of: browsers ask for few, compressed ones, and keep them for good.
+
+Their addresses have the version of all files in them, so that another content has another address. The
+scripts of a page are one file, and its style sheets are one.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import mimetypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, cast
+
+from flask import Blueprint, Flask, Response, current_app, g, send_file, send_from_directory, url_for
+from werkzeug.exceptions import NotFound
+
+from webapp.web import bundles
+from webapp.web.compression import accepts_gzip, is_text
+from webapp.web.context import public
+
+_blueprint = Blueprint("static_files", __name__)
+_ADDRESS = "/static/<string(length=16):version>"
+_IMMUTABLE = "public, max-age=31536000, immutable"
+_SUFFIXES = frozenset({".css", ".js", ".png", ".svg"})
+_LEFT_OUT = frozenset({"js/sw.js"})
+
+EVERY_SCRIPT = ("shared/shell",)
+"""Of every page, below `static/js/`."""
+_EVERY_SHEET = ("tokens", "base", "controls", "components")
+_MIME = {"js": "text/javascript", "css": "text/css"}
+_MOST_KEPT = 100
+"""Files, and bundles, that are kept compressed."""
+_DAY_S = 86400
+
+
+def init_app(app: Flask) -> None:
+    """Register the addresses, and what templates need to name them."""
+    app.add_url_rule(f"{_ADDRESS}/<path:filename>", "static", _file)
+    app.register_blueprint(_blueprint)
+    app.url_defaults(_add_version)
+    app.add_template_global(script_bundle)
+    app.add_template_global(sheet_bundle)
+
+
+def version() -> str:
+    """Return the version of the files: another content has another one."""
+    return _present().version
+
+
+def files() -> list[str]:
+    """List the names of the files that belong to pages, below the folder of static files."""
+    return [name for name, _size, _time in _present().facts]
+
+
+def script_bundle(scripts: Sequence[str] = ()) -> str:
+    """Return the address of all scripts of a page as one file.
+
+    Parameters
+    ----------
+    scripts : sequence of str
+        Of the page, below `static/js/`, without `.js`; what every page has comes before them.
+    """
+    return _bundle_address("js", [f"js/{name}" for name in (*EVERY_SCRIPT, *scripts)])
+
+
+def sheet_bundle(sheets: Sequence[str] = (), *, leaflet: bool = False) -> str:
+    """Return the address of all style sheets of a page as one file.
+
+    Parameters
+    ----------
+    sheets : sequence of str
+        Of the page, below `static/css/`, without `.css`; what every page has comes before them.
+    leaflet : bool
+        Whether the page has a Leaflet map.
+    """
+    library = ["vendor/leaflet/leaflet"] if leaflet else []
+    common, own = ([f"css/{name}" for name in some] for some in (_EVERY_SHEET, sheets))
+    return _bundle_address("css", [*common, *library, *own])
+
+
+def _bundle_address(kind: str, names: Sequence[str]) -> str:
+    return url_for("static_files.bundle", names=",".join(names), kind=kind)
+
+
+def _add_version(endpoint: str, values: dict[str, Any]) -> None:
+    if endpoint in ("static", "static_files.bundle"):
+        values.setdefault("version", version())
+
+
+@public
+def _file(version: str, filename: str) -> Response:
+    """Send a file of pages."""
+    mime = mimetypes.guess_type(filename)[0]
+    if filename not in files() or not is_text(mime) or not accepts_gzip():
+        return _kept(send_from_directory(_present().folder, filename), version)
+    return _gzipped(_compressed_file(_present(), filename), mime, version)
+
+
+@_blueprint.get(f"{_ADDRESS}/bundles/<path:names>.<kind>")
+@public
+def bundle(version: str, names: str, kind: str) -> Response:
+    """Send scripts or style sheets of a page as one file."""
+    wanted = tuple(f"{name}.{kind}" for name in names.split(","))
+    if kind not in _MIME or not set(wanted) <= set(files()):
+        raise NotFound
+    base = url_for("static", filename="")
+    if accepts_gzip():
+        return _gzipped(_compressed_bundle(_present(), wanted, base=base), _MIME[kind], version)
+    return _kept(Response(_made_bundle(_present(), wanted, base=base), mimetype=_MIME[kind]), version)
+
+
+@_blueprint.get("/favicon.ico")
+@public
+def favicon() -> Response:
+    """Send the icon to those who look for it where it was in the past."""
+    return send_file(_present().folder / "img" / "icon-192.png", max_age=_DAY_S)
+
+
+def _gzipped(data: bytes, mime: str | None, of: str) -> Response:
+    response = Response(data, mimetype=mime, headers={"Content-Encoding": "gzip"})
+    return _kept(response, of)
+
+
+def _kept(response: Response, of: str) -> Response:
+    """Let browsers keep what is asked for by the present version; under an old one it may have changed."""
+    response.vary.add("Accept-Encoding")
+    response.headers["Cache-Control"] = _IMMUTABLE if of == version() else "no-cache"
+    return response
+
+
+@dataclass(frozen=True, slots=True)
+class _Present:
+    """The files as they are now; name, size and time of each say whether the content has to be read again."""
+
+    folder: Path
+    facts: tuple[tuple[str, int, int], ...]
+    version: str
+
+
+def _present() -> _Present:
+    """Look once for each request."""
+    if "static_files" not in g:
+        assert current_app.static_folder is not None, "make_app always gives one"
+        folder = Path(current_app.static_folder)
+        facts = _facts(folder)
+        g.static_files = _Present(folder, facts, _hashed(folder, facts))
+    return cast(_Present, g.static_files)
+
+
+def _facts(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    found = []
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.suffix in _SUFFIXES and name not in _LEFT_OUT:
+            stat = path.stat()
+            found.append((name, stat.st_size, stat.st_mtime_ns))
+    return tuple(found)
+
+
+@lru_cache(maxsize=4)
+def _hashed(folder: Path, facts: tuple[tuple[str, int, int], ...]) -> str:
+    total = hashlib.sha256()
+    for name, _size, _time in facts:
+        total.update(name.encode() + b"\0" + hashlib.sha256((folder / name).read_bytes()).digest())
+    return total.hexdigest()[:16]
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _compressed_file(present: _Present, name: str) -> bytes:
+    return gzip.compress((present.folder / name).read_bytes(), mtime=0)
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _compressed_bundle(present: _Present, names: tuple[str, ...], *, base: str) -> bytes:
+    return gzip.compress(_made_bundle(present, names, base=base).encode(), mtime=0)
+
+
+def _made_bundle(present: _Present, names: tuple[str, ...], *, base: str) -> str:
+    if names[0].endswith(".js"):
+        return bundles.bundle_scripts(present.folder, names)
+    return bundles.bundle_sheets(present.folder, names, base=base)
