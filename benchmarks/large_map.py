@@ -21,7 +21,7 @@ from typing import Any
 import cv2
 import numpy as np
 import requests
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 from sqlalchemy import insert
 
 from benchmarks.client import Client
@@ -39,6 +39,12 @@ CanvasRenderingContext2D.prototype.arc = function (...arc) {
   window.firstDot ??= performance.now();
   return draw.apply(this, arc);
 };
+"""
+_FRAMES = """
+window.frames_ms = [];
+let before = performance.now();
+const tick = (now) => { window.frames_ms.push(now - before); before = now; requestAnimationFrame(tick); };
+requestAnimationFrame(tick);
 """
 
 
@@ -188,11 +194,38 @@ def _in_browser(client: Client, slug: str, arguments: argparse.Namespace) -> dic
             )
             times = [_first_dot(browser, address, client) for _ in range(arguments.repeat)]
             figures[f"{name}, first dot, s"] = round(statistics.median(times) / 1000, 3)
+        figures["editor, frame of a drag, ms"] = _frame_ms(browser, pages["editor"], client)
         browser.close()
     return figures
 
 
 def _first_dot(browser: Browser, address: str, client: Client) -> float:
+    page, first = _open(browser, address, client)
+    page.context.close()
+    return first
+
+
+def _frame_ms(browser: Browser, address: str, client: Client) -> float:
+    """Drag the image about; the median frame, of which there would be 60 in a second."""
+    page, _first = _open(browser, address, client)
+    page.wait_for_timeout(5000)
+    box = page.locator("#map-canvas").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.keyboard.press("Escape")
+    page.mouse.move(x, y)
+    page.mouse.down(button="left")
+    page.evaluate(_FRAMES)
+    for step in range(60):
+        page.mouse.move(x + 4 * (step % 30), y + 2 * (step % 30))
+    page.mouse.up()
+    frames = page.evaluate("window.frames_ms")
+    page.context.close()
+    return round(statistics.median(frames), 1)
+
+
+def _open(browser: Browser, address: str, client: Client) -> tuple[Page, float]:
+    """Open a page, and wait for its first dot; gives when that was, in milliseconds."""
     context = browser.new_context(viewport={"width": 1366, "height": 768}, service_workers="block")
     context.add_cookies(
         [{"name": c.name, "value": c.value or "", "url": client.url} for c in client.session.cookies]
@@ -205,8 +238,7 @@ def _first_dot(browser: Browser, address: str, client: Client) -> float:
         if time.monotonic() > until:
             raise SystemExit(f"{address}: no photo is drawn")
         time.sleep(0.02)
-    context.close()
-    return float(first)
+    return page, float(first)
 
 
 if __name__ == "__main__":

@@ -55,3 +55,33 @@ test("a placement that was deleted is not shown any more", () => {
   store.merge({ placements: [] });
   assert.equal(store.placement, null);
 });
+
+const dotsOf = (ids) => ({ id: ids, x_px: ids.map((id) => id), y_px: ids.map(() => 2), heading_deg: ids.map(() => null), fov_deg: ids.map(() => 65) });
+
+test("photos of which the page has only the dots are there, after those that it knows", () => {
+  const store = new MapStore({ photos: [photo(7)], dots: dotsOf([3, 5]), placements: [], satellite: null });
+  assert.deepEqual(store.order, [7, 3, 5]);
+  assert.deepEqual(store.position(5), [5, 2]);
+  assert.deepEqual([7, 3].map((id) => store.isKnown(id)), [true, false]);
+});
+
+test("details come in order, never over what is newer, and never for what is gone", () => {
+  const store = new MapStore({ photos: [], dots: dotsOf([1, 2, 3]), placements: [], satellite: null });
+  store.merge({ photos: [photo(2, { revision: 9, x_px: 90, y_px: 0 }), { id: 3, removed: true, revision: 9 }] });
+  store.addDetails([photo(1, { taken_at: "2026-01-02" }), photo(2, { revision: 4, x_px: 4, y_px: 0 }), photo(3)]);
+  assert.deepEqual(store.order, [1, 2]);
+  assert.deepEqual(store.position(2), [90, 0]);
+  assert.equal(store.isKnown(1), true);
+});
+
+test("the tray follows edits on their way and what others do", () => {
+  const store = make([photo(1), photo(2)]);
+  assert.deepEqual(store.unplaced(), [1, 2]);
+  store.setPending(new Map([[pendingKey(null, 1), { x_px: 2, y_px: 2 }]]));
+  assert.deepEqual(store.unplaced(), [2]);
+  store.setPending(new Map());
+  store.merge({ photos: [photo(2, { revision: 2, x_px: 1, y_px: 1 })] });
+  assert.deepEqual(store.unplaced(), [1]);
+  store.setPreview(new Map([[1, { x_px: 3, y_px: 3 }]]));
+  assert.deepEqual(store.unplaced(), []);
+});

@@ -13,7 +13,14 @@ from webapp.web import language, static_files
 from webapp.web.context import public
 from webapp.web.localize.answers import answer_colours
 
-_OFFLINE = ("maps/index.html", "maps/editor.html", "localize/localize.html", "localize/field.html")
+_OFFLINE = (
+    "maps/index.html",
+    "maps/editor.html",
+    "localize/localize.html",
+    "localize/field.html",
+    "missions/index.html",
+    "operate/offline.html",
+)
 """Templates of the pages that open without a network: `KEPT_PAGES` of the service worker."""
 
 blueprint = Blueprint("installable", __name__)

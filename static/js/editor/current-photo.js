@@ -88,9 +88,11 @@ export class CurrentPhoto {
 
   /** The small picture is there at once; the large one takes its place when it has arrived. */
   _picture(photo) {
-    const address = photo.preview;
+    const address = photo.preview ?? null; // not known yet
     if (this._shown === address) return;
     this._shown = address;
+    this.image.removeAttribute("src");
+    if (!address) return;
     this.image.alt = photo.name;
     this.image.src = photo.thumb;
     const large = new Image();
@@ -106,7 +108,7 @@ export class CurrentPhoto {
   _ahead() {
     const waiting = this.store.unplaced();
     const next = waiting[waiting.indexOf(this.store.currentId) + 1];
-    if (next !== undefined) new Image().src = this.store.photos.get(next).preview;
+    if (next !== undefined && this.store.isKnown(next)) new Image().src = this.store.photos.get(next).preview;
   }
 
   _facts(photo, position) {

@@ -14,6 +14,7 @@ export function endpointsOf(slug) {
     return made;
   };
   return {
+    photosAfter: (id, most) => get(`${map}/photos?after=${id}&limit=${most}`),
     changes: (since) => get(`${map}/changes?since=${since}`, { patient: false }),
     edit: (edits) => patch(`${map}/experiences`, edits),
     remove: (photos) => del(`${map}/experiences`, { json: photos }),

@@ -6,7 +6,9 @@ import { Crosshair } from "../shared/map/crosshair.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
+import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
+import { toastError } from "../shared/toast.js";
 import { Activity } from "./activity.js";
 import { bulkPlacing } from "./bulk-placing.js";
 import { ChecksPanel } from "./checks.js";
@@ -52,6 +54,7 @@ takeFiles();
 zoomButtons();
 byId("help").addEventListener("click", showHelp);
 live.start();
+loadDetails(store, server.photosAfter).catch(toastError);
 
 /** Announce to a screen reader. */
 function say(text) {

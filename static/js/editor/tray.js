@@ -142,7 +142,7 @@ export class Tray {
     const photo = store.photos.get(id);
     if (!photo) return;
     const [, image, text, state] = row.children;
-    if (image.getAttribute("src") !== photo.thumb) image.setAttribute("src", photo.thumb);
+    if (photo.thumb && image.getAttribute("src") !== photo.thumb) image.setAttribute("src", photo.thumb);
     const placed = store.isPlaced(id);
     text.children[0].textContent = photo.name;
     text.children[1].textContent = photo.taken_at ? clockText(photo.taken_at) : t("no time");

@@ -9,6 +9,7 @@ import { api, del, file, get, post, upload } from "../shared/api.js";
 export function endpointsOf(slug) {
   const map = `/maps/${encodeURIComponent(slug)}`;
   return {
+    photosAfter: (id, most) => get(`${map}/photos?after=${id}&limit=${most}`),
     changes: (since) => get(`${map}/changes?since=${since}`),
     ask: (files, options, onProgress, signal) =>
       upload(`${map}/localize`, { body: form(files, options), onProgress, signal }),

@@ -9,7 +9,9 @@ import { t } from "../shared/i18n.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
+import { loadDetails } from "../shared/map/photo-details.js";
 import { connectTabs } from "../shared/tabs.js";
+import { toastError } from "../shared/toast.js";
 import { endpointsOf } from "./endpoints.js";
 import { showExplanation } from "./explanation.js";
 import { AnswerGestures, instructions } from "./gestures.js";
@@ -62,6 +64,7 @@ zoomButtons();
 legend();
 whetherItCanAnswer();
 live.start();
+loadDetails(store, server.photosAfter).catch(toastError);
 openLinked();
 
 /** Announce to a screen reader. */

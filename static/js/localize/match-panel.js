@@ -19,6 +19,7 @@ export class MatchPanel {
     this.select = byId("matches-photo", HTMLSelectElement);
     session.on("answer query", () => this._load());
     session.on("chosen", () => this._choices());
+    store.on("photos", () => this._incomplete && this._choices());
     this.select.addEventListener("change", () => this._show());
     byId("matches-all", HTMLInputElement).addEventListener("change", () => this._show());
     byId("matches-large").addEventListener("click", () => this._large());
@@ -47,7 +48,9 @@ export class MatchPanel {
   /** Photos that speak for the chosen place and whose matches are known. */
   _choices() {
     const speaking = new Set(this.session.hypothesis?.experiences || []);
-    const some = this.known.filter(({ experience }) => speaking.has(experience) && this.store.photos.has(experience));
+    const there = this.known.filter(({ experience }) => speaking.has(experience) && this.store.photos.has(experience));
+    const some = there.filter(({ experience }) => this.store.isKnown(experience));
+    this._incomplete = some.length < there.length;
     byId("matches").hidden = !some.length;
     const name = ({ experience }) => this.store.photos.get(experience).name;
     this.select.replaceChildren(...some.map((match) => h("option", { value: match.experience }, name(match))));

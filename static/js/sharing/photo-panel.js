@@ -17,7 +17,8 @@ export class PhotoPanel {
     this.view = view;
     byId("photo-previous").addEventListener("click", () => this._step(-1));
     byId("photo-next").addEventListener("click", () => this._step(1));
-    store.on("current", () => this._show());
+    store.on("current photos", () => this._show());
+    store.on("current", () => store.current && view.reveal([store.current.x_px, store.current.y_px]));
   }
 
   _step(by) {
@@ -37,7 +38,6 @@ export class PhotoPanel {
     image.alt = name;
     byId("photo-name").textContent = name;
     byId("photo-facts").replaceChildren(...this._facts(photo).flatMap(([label, value]) => [h("dt", {}, label), h("dd", {}, value)]));
-    this.view.reveal([photo.x_px, photo.y_px]);
   }
 
   _facts(photo) {

@@ -3,11 +3,12 @@
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
-import { upload } from "../shared/api.js";
+import { get, upload } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
+import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
 import { toastError } from "../shared/toast.js";
 import { PhotoPanel } from "./photo-panel.js";
@@ -15,16 +16,18 @@ import { PhotoPanel } from "./photo-panel.js";
 const PAN = { ArrowLeft: [-80, 0], ArrowRight: [80, 0], ArrowUp: [0, -80], ArrowDown: [0, 80] };
 
 const state = JSON.parse(byId("state").textContent);
+const shared = `/shared/${encodeURIComponent(state.token)}`;
 const store = new MapStore(state);
 const session = new QuerySession();
 const view = new MapView(byId("map-canvas"), store);
 const dots = new PhotoDots(store).addTo(view.map);
 const marks = new AnswerLayer(store, session);
 
-byId("about").textContent = tn("{n} photo", "{n} photos", state.photos.length);
+byId("about").textContent = tn("{n} photo", "{n} photos", store.photos.size);
 new PhotoPanel(store, view);
 listen();
 zoomButtons();
+loadDetails(store, (id, most) => get(`${shared}/photos?after=${id}&limit=${most}`)).catch(toastError);
 if (state.answer) showShared(state.answer);
 if (document.getElementById("query-input")) takePhotos(byId("query-input"));
 
@@ -103,7 +106,7 @@ function takePhotos(input) {
     const body = new FormData();
     body.append("file", file, file.name || "photo.jpg");
     try {
-      show(await upload(`/shared/${encodeURIComponent(state.token)}/localize`, { body }));
+      show(await upload(`${shared}/localize`, { body }));
     } catch (error) {
       toastError(error);
     }

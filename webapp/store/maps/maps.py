@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Collection
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotAllowed, NotFound, UsageError
@@ -122,6 +122,49 @@ def photos(session: Session, record: MapRecord, *, since: int = -1) -> list[Phot
     """List the photos that changed after a revision, removed ones included, by id."""
     found = select(Photo).where(Photo.map_id == record.id, Photo.revision > since)
     return list(session.scalars(found.order_by(Photo.id)))
+
+
+class Dot(NamedTuple):
+    """What is drawn of a photo on the image; x and y are None for one in the tray."""
+
+    id: int
+    x_px: float | None
+    y_px: float | None
+    heading_deg: float | None
+    fov_deg: float | None
+
+
+def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool = False) -> list[Photo]:
+    """List the photos that a page shows first: by time, and those in the tray before others.
+
+    Parameters
+    ----------
+    placed : bool
+        Only those that have a place.
+    """
+    found = select(Photo).where(*_present(record, placed=placed))
+    order = (Photo.x_px.is_not(None), Photo.taken_at.is_(None), Photo.taken_at, Photo.name, Photo.id)
+    return list(session.scalars(found.order_by(*order).limit(most)))
+
+
+def photos_after(
+    session: Session, record: MapRecord, id: int, *, most: int, placed: bool = False
+) -> list[Photo]:
+    """List the photos after an id that are not removed, by id; `placed` as for `first_photos`."""
+    found = select(Photo).where(*_present(record, placed=placed), Photo.id > id)
+    return list(session.scalars(found.order_by(Photo.id).limit(most)))
+
+
+def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[Dot]:
+    """List what is drawn of all photos that are not removed, by id; `placed` as for `first_photos`."""
+    columns = select(Photo.id, Photo.x_px, Photo.y_px, Photo.heading_deg, Photo.fov_deg)
+    rows = session.execute(columns.where(*_present(record, placed=placed)).order_by(Photo.id))
+    return [Dot._make(row) for row in rows]
+
+
+def _present(record: MapRecord, *, placed: bool) -> list[ColumnElement[bool]]:
+    there = [Photo.map_id == record.id, ~Photo.removed]
+    return [*there, Photo.x_px.is_not(None)] if placed else there
 
 
 def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:

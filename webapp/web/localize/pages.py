@@ -35,7 +35,7 @@ def localize(slug: str) -> str:
     """Show the page; `?query=ID` opens an earlier answer."""
     record, who = open_map(slug), account()
     with library().database.read() as session:
-        state = map_state.whole(session, session.get_one(MapRecord, record.id), account=who)
+        state = map_state.of_page(session, session.get_one(MapRecord, record.id), account=who)
     return render_template(
         "localize/localize.html",
         map=record,

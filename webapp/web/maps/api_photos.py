@@ -28,8 +28,8 @@ from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
-from webapp.web.maps.schemas import BoxOut, EditAnswer
-from webapp.web.openapi import file_answer
+from webapp.web.maps.schemas import BoxOut, EditAnswer, PageQuery, PhotoPage
+from webapp.web.openapi import file_answer, json_answer
 from webapp.web.sending import as_attachment, send_immutable
 
 photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
@@ -92,6 +92,17 @@ def intake_json(intake: Intake) -> dict[str, Any]:
 def limit_parts() -> None:
     """Refuse requests of very many parts while they are read."""
     request.max_form_parts = settings().upload.files_per_request + _OTHER_PARTS
+
+
+@photos_api.get("")
+@photos_api.input(PageQuery, location="query", arg_name="query")
+@photos_api.doc(responses=json_answer("Some photos, by id.", PhotoPage))
+def list_photos(slug: str, query: dict[str, int]) -> dict[str, Any]:
+    """List photos, some at a time."""
+    record = open_map(slug, binned=True)
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.photos_after(session, row, query["after"], most=query["limit"])
 
 
 @photos_api.post("")

@@ -73,7 +73,7 @@ def editor(slug: str) -> str:
     """Show the editor, with the state of the map in the page; who may only look finds nothing to change."""
     record, who = open_map(slug), account()
     with library().database.read() as session:
-        state = map_state.whole(session, session.get_one(MapRecord, record.id), account=who)
+        state = map_state.of_page(session, session.get_one(MapRecord, record.id), account=who)
     return render_template("maps/editor.html", map=record, tab="edit", state=state)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from apiflask import Schema
 from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
+from apiflask.validators import Range
 
 _ROLES = ("owner", "editor", "viewer")
 
@@ -51,6 +52,22 @@ class PhotoOut(Schema):
     preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})
     removed = Boolean()
+
+
+class PageQuery(Schema):
+    """Which photos are listed."""
+
+    after = Integer(load_default=-1, validate=Range(-1, 2**63 - 1), metadata={"description": "An id."})
+    limit = Integer(load_default=1000, validate=Range(1, 5000))
+
+
+class PhotoPage(Schema):
+    """Some photos of a map."""
+
+    photos = List(Nested(PhotoOut))
+    next = Integer(
+        allow_none=True, metadata={"description": "Continue after this id; null: these were the last."}
+    )
 
 
 class PyramidOut(Schema):

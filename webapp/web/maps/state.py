@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
@@ -13,6 +14,7 @@ from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
+from webapp.store.maps.maps import Dot
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import georeference
@@ -20,6 +22,11 @@ from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
 from webapp.web.state import library
+
+FIRST_PHOTOS = 500
+"""That come with a page; the details of all others follow."""
+_DOT_DIGITS = 2
+"""Of pixels and degrees that are only drawn."""
 
 
 def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
@@ -31,8 +38,45 @@ def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str,
         `slug, name, role, can_edit, binned, revision, satellite, georeference, photos, placements, undo,
         redo`.
     """
-    role = maps.role_of(session, record, account=account)
     present = [p for p in maps.photos(session, record) if not p.removed]
+    return {**_about(session, record, account=account), "photos": _photos(record, present)}
+
+
+def of_page(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
+    """Return what a page of a map begins with; it asks for the other photos by and by.
+
+    Returns
+    -------
+    dict
+        As `whole`, with those `photos` that are shown first, and `dots` of all others.
+    """
+    first = maps.first_photos(session, record, most=FIRST_PHOTOS)
+    shown = {photo.id for photo in first}
+    return {
+        **_about(session, record, account=account),
+        "photos": _photos(record, first),
+        "dots": columns(dot for dot in maps.dots(session, record) if dot.id not in shown),
+    }
+
+
+def photos_after(session: Session, record: MapRecord, id: int, *, most: int) -> dict[str, Any]:
+    """Return the photos after an id: `photos`, and `next`, the id to continue after, or None at the end."""
+    found = maps.photos_after(session, record, id, most=most)
+    return {"photos": _photos(record, found), "next": found[-1].id if len(found) == most else None}
+
+
+def columns(dots: Iterable[Dot]) -> dict[str, list[float | None]]:
+    """Return what is drawn of photos as one list for each field, which takes a tenth of the space."""
+    found: dict[str, list[float | None]] = {name: [] for name in Dot._fields}
+    for dot in dots:
+        for values, value in zip(found.values(), dot, strict=True):
+            values.append(value if value is None else round(value, _DOT_DIGITS))
+    return found
+
+
+def _about(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
+    """Return everything about a map but its photos."""
+    role = maps.role_of(session, record, account=account)
     return {
         "slug": record.slug,
         "name": record.name,
@@ -41,7 +85,6 @@ def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str,
         "binned": record.binned_at is not None,
         "revision": record.revision,
         **image(record),
-        "photos": _photos(record, present),
         "placements": _placements(session, record),
         **_history(session, record, account=account),
     }

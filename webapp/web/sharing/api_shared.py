@@ -26,6 +26,7 @@ from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, public, settings
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
+from webapp.web.maps.schemas import PageQuery
 from webapp.web.openapi import file_answer
 from webapp.web.sending import as_attachment, send_revalidated
 from webapp.web.sharing import shared_state
@@ -62,6 +63,13 @@ class SharedOut(Schema):
     answer = Dict(allow_none=True, metadata={"description": "The shared answer; null for a shared map."})
 
 
+class SharedPhotoPage(Schema):
+    """Some photos of a share."""
+
+    photos = List(Dict())
+    next = Integer(allow_none=True, metadata={"description": "Continue after this id; null at the end."})
+
+
 class VisitIn(Schema):
     """A photo of a visitor."""
 
@@ -86,6 +94,19 @@ def show(token: str) -> dict[str, Any]:
     """Get everything about a shared map or answer."""
     with library().database.read() as session:
         return shared_state.whole(session, sharing.open_share(session, token), token=token)
+
+
+@blueprint.get("/photos")
+@public
+@blueprint.input(PageQuery, location="query", arg_name="query")
+@blueprint.output(SharedPhotoPage)
+def list_photos(token: str, query: dict[str, int]) -> dict[str, Any]:
+    """List the photos that have a place, some at a time."""
+    with library().database.read() as session:
+        opened = sharing.open_share(session, token)
+        return shared_state.photos_after(
+            session, opened, after=query["after"], most=query["limit"], token=token
+        )
 
 
 @blueprint.get("/satellite")

@@ -46,14 +46,14 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
     try:
         with library().database.read() as session:
             opened = sharing.open_share(session, token)
-            state = shared_state.whole(session, opened, token=token)
+            state = shared_state.of_page(session, opened, token=token)
     except NotFound as error:
         gone = render_template("sharing/gone.html", error=error, framed=framed)
         return gone, errors.status_of(error), _SECRET
     page = render_template(
         "sharing/shared_map.html",
         opened=opened,
-        state={**state, "token": token},
+        state=state,
         colours=answer_colours(),
         framed=framed,
     )

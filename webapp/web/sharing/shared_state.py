@@ -31,6 +31,39 @@ def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any
         `name, revision, allows, satellite, georeference, photos, answer`: photos that have a place, and the
         shared answer, or null.
     """
+    present = [photo for photo in maps.photos(session, opened.map) if _is_on(photo)]
+    return {**_about(opened, token), "photos": [_photo(opened, photo, token) for photo in present]}
+
+
+def of_page(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any]:
+    """Return what the page of a share begins with: see `webapp.web.maps.state.of_page`."""
+    first = maps.first_photos(session, opened.map, most=state.FIRST_PHOTOS, placed=True)
+    shown = {photo.id for photo in first}
+    others = (dot for dot in maps.dots(session, opened.map, placed=True) if dot.id not in shown)
+    dots = state.columns(others)
+    if not opened.share.originals:
+        dots["fov_deg"] = [None] * len(dots["id"])
+    return {
+        **_about(opened, token),
+        "token": token,
+        "photos": [_photo(opened, photo, token) for photo in first],
+        "dots": dots,
+    }
+
+
+def photos_after(
+    session: Session, opened: OpenedShare, *, after: int, most: int, token: str
+) -> dict[str, Any]:
+    """Return the photos after an id: `photos`, and `next`, the id to continue after, or None at the end."""
+    found = maps.photos_after(session, opened.map, after, most=most, placed=True)
+    return {
+        "photos": [_photo(opened, photo, token) for photo in found],
+        "next": found[-1].id if len(found) == most else None,
+    }
+
+
+def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
+    """Return everything about a share but the photos."""
     record, share = opened.map, opened.share
     found = state.image(record, base=f"/api/v1/shared/{token}/satellite")
     earth = found["georeference"]
@@ -40,7 +73,6 @@ def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any
         "allows": {name: getattr(share, name) for name in ("photos", "localize", "originals")},
         "satellite": found["satellite"],
         "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH},
-        "photos": [_photo(opened, photo, token) for photo in maps.photos(session, record) if _is_on(photo)],
         "answer": None if opened.query is None else _answer(opened, opened.query, token),
     }
 
@@ -94,7 +126,7 @@ def _named(query: QueryRecord) -> set[int]:
 def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
     exif, shown = opened.share.originals, _shows(opened, photo.id)
     file = shown and exif and not photo.blurred
-    place: dict[str, Any] = {"token": token, "id": photo.id}
+    address = f"/api/v1/shared/{token}/photos/{photo.id}"
     return {
         "id": photo.id,
         "x_px": photo.x_px,
@@ -105,9 +137,9 @@ def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
         "name": photo.name if exif else None,
         "fov_deg": photo.fov_deg if exif else None,
         "taken_at": photo.taken_at if exif else None,
-        "thumb": url_for("api_shared.photo_thumb", **place) if shown else None,
-        "preview": url_for("api_shared.photo_preview", **place) if shown else None,
-        "original": url_for("api_shared.photo_original", **place) if file else None,
+        "thumb": f"{address}/thumb" if shown else None,
+        "preview": f"{address}/preview" if shown else None,
+        "original": f"{address}/original" if file else None,
     }
 
 

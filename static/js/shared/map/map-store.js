@@ -10,17 +10,19 @@ import { Georeference } from "./coords.js";
 /** @typedef {{x_px: ?number, y_px: ?number, heading_deg: ?number, removed: boolean}} View */
 
 const NAMES = new Intl.Collator(undefined, { numeric: true });
+/** Of a photo of which nothing is known but its dot. */
+const DOT_REVISION = -1;
 
 /** The state of the page; fires an event named after what changed. */
 export class MapStore extends EventTarget {
-  /** @param {Object} state answer of `GET /api/v1/maps/SLUG` */
+  /** @param {Object} state answer of `GET /api/v1/maps/SLUG`; pages of large maps have `dots` for most of their photos */
   constructor(state) {
     super();
     this.slug = state.slug;
     this.name = state.name;
     this.canEdit = state.can_edit;
     this.revision = state.revision;
-    this.photos = new Map(state.photos.map((photo) => [photo.id, photo]));
+    this.photos = new Map(photosOf(state).map((photo) => [photo.id, photo]));
     this.placements = placementsOf(state.placements);
     this.history = { undo: state.undo, redo: state.redo };
     this.pending = new Map();
@@ -31,7 +33,8 @@ export class MapStore extends EventTarget {
     this.tool = "select";
     this.jobs = [];
     this.people = [];
-    this._order = null;
+    /** Ids in their order: all, those that are not about to be removed, and of these those without a place. */
+    this._sorted = this._order = this._unplaced = null;
     this._setSatellite(state.satellite, state.georeference);
   }
 
@@ -47,13 +50,8 @@ export class MapStore extends EventTarget {
 
   /** Ids of all photos by time, then by name. */
   get order() {
-    if (!this._order) {
-      const time = (photo) => photo.taken_at || "9999";
-      this._order = [...this.photos.values()]
-        .filter((photo) => !this.pending.get(pendingKey(null, photo.id))?.removed)
-        .sort((a, b) => (time(a) < time(b) ? -1 : time(a) > time(b) ? 1 : NAMES.compare(a.name, b.name) || a.id - b.id))
-        .map((photo) => photo.id);
-    }
+    this._sorted ??= sorted(this.photos);
+    this._order ??= this._sorted.filter((id) => !this.pending.get(pendingKey(null, id))?.removed);
     return this._order;
   }
 
@@ -85,10 +83,24 @@ export class MapStore extends EventTarget {
 
   /** Ids that wait in the tray, by time. */
   unplaced() {
-    return this.order.filter((id) => !this.isPlaced(id));
+    this._unplaced ??= this.order.filter((id) => !this.isPlaced(id));
+    return this._unplaced;
+  }
+
+  /** Whether more is known of a photo than what is drawn of it. */
+  isKnown(id) {
+    return (this.photos.get(id)?.revision ?? 0) !== DOT_REVISION;
+  }
+
+  /** Take what the page began without: details of photos that are still here, but for those that are newer. */
+  addDetails(photos) {
+    for (const photo of photos) if (this.photos.has(photo.id) && !this.isKnown(photo.id)) this.photos.set(photo.id, photo);
+    this._sorted = this._order = null;
+    this._photosChanged();
   }
 
   _over(id, field) {
+    if (!this.preview.size && !this.pending.size) return null;
     const previewed = this.preview.get(id);
     if (previewed && field in previewed) return previewed;
     const waiting = this.pending.get(pendingKey(field === "heading_deg" ? null : this.placement, id));
@@ -99,19 +111,20 @@ export class MapStore extends EventTarget {
   setPending(pending) {
     this.pending = pending;
     this._order = null;
-    this.emit("photos");
+    this._photosChanged();
   }
 
   /** Show what a hand is doing. @param {Map<number, Object>} preview by id */
   setPreview(preview) {
     this.preview = preview;
+    this._unplaced = null;
     this.emit("preview");
   }
 
   /** Take the answer to an edit, or other people's changes. */
   merge(changes) {
     for (const photo of changes.photos || []) this._mergePhoto(photo);
-    if (changes.photos?.length) this._order = null;
+    this._unplaced = null;
     if (changes.placements) this.placements = placementsOf(changes.placements);
     if (this.placement !== null && !this.placements.has(this.placement)) this.showPlacement(null); // it is gone
     if ("undo" in changes) this.history = { undo: changes.undo, redo: changes.redo };
@@ -119,7 +132,7 @@ export class MapStore extends EventTarget {
       this._setSatellite(changes.satellite, changes.georeference ?? null);
       this.emit("satellite");
     }
-    if (changes.photos?.length || changes.placements) this.emit("photos");
+    if (changes.photos?.length || changes.placements) this._photosChanged();
     this.emit("history");
   }
 
@@ -127,8 +140,10 @@ export class MapStore extends EventTarget {
     if (!photo.removed) {
       const known = this.photos.get(photo.id);
       if (!known || photo.revision >= known.revision) this.photos.set(photo.id, photo);
+      if (known?.name !== photo.name || known.taken_at !== photo.taken_at) this._sorted = this._order = null;
       return;
     }
+    this._sorted = this._order = null;
     this.photos.delete(photo.id);
     this.selection.delete(photo.id);
     if (this.currentId === photo.id) this.setCurrent(null);
@@ -168,7 +183,13 @@ export class MapStore extends EventTarget {
   /** @param {?string} name null for the exact positions */
   showPlacement(name) {
     this.placement = name;
+    this._unplaced = null;
     this.emit("placement");
+    this._photosChanged();
+  }
+
+  _photosChanged() {
+    this._unplaced = null;
     this.emit("photos");
   }
 
@@ -181,6 +202,29 @@ export class MapStore extends EventTarget {
     this.people = people;
     this.emit("people");
   }
+}
+
+/** The photos that come with a page, then those of which only the dots do. */
+function photosOf({ photos, dots }) {
+  const ids = dots?.id ?? [];
+  const drawn = ids.map((id, n) => ({
+    id,
+    x_px: dots.x_px[n],
+    y_px: dots.y_px[n],
+    heading_deg: dots.heading_deg[n],
+    fov_deg: dots.fov_deg[n],
+    name: "",
+    taken_at: null,
+    revision: DOT_REVISION,
+  }));
+  return [...photos, ...drawn];
+}
+
+function sorted(photos) {
+  const time = (photo) => photo.taken_at || "9999";
+  return [...photos.values()]
+    .sort((a, b) => (time(a) < time(b) ? -1 : time(a) > time(b) ? 1 : NAMES.compare(a.name, b.name) || a.id - b.id))
+    .map((photo) => photo.id);
 }
 
 /** Key of a photo's fields in `pending`: positions belong to a placement, headings to the photo. */

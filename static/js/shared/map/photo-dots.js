@@ -1,8 +1,9 @@
 /**
  * All photos of the image on one canvas: dots, where they look, the selection, the GPS circle of the current photo.
- * Redrawn at every move: some thousand dots take a few milliseconds.
+ * Redrawn at every move. Where thousands are in sight, near ones share a dot, which opens by zooming in.
  */
 
+import { h } from "../dom.js";
 import { CanvasLayer } from "./canvas-layer.js";
 import { latLngOf } from "./coords.js";
 
@@ -10,6 +11,10 @@ const RADIUS = 6;
 const WEDGE = 26;
 const HANDLE = 46;
 const GUESSED_FOV = 60;
+/** So many photos in sight are merged by squares of `CELL` pixels of the screen, and drawn without where they look. */
+const CROWD = 2000;
+const CELL = 14;
+const MOST_NAMED = 99;
 const NEAR = { mouse: 10, touch: 22 };
 
 /** A layer of Leaflet; `store` decides what it shows. */
@@ -20,6 +25,7 @@ export class PhotoDots extends CanvasLayer {
     this.colours = null;
     this.mark = null;
     this._spots = [];
+    this._stamps = new Map();
     store.on("photos preview current selection placement satellite", this._draw);
   }
 
@@ -78,35 +84,45 @@ export class PhotoDots extends CanvasLayer {
     if (this.store.satellite) this._all();
   }
 
-  /** Where the photos are on the screen; those of one position share a spot. */
+  /** Where the photos are on the screen; those of one position, or of one square in a crowd, share a spot. */
   _place(size) {
     const { store } = this;
-    const spots = new Map();
+    this._origin = this._map.latLngToContainerPoint(latLngOf([0, 0]));
+    this._scale = this._map.getZoomScale(this._map.getZoom(), 0);
+    const seen = [];
     for (const id of store.order) {
-      const position = store.position(id);
-      if (!position) continue;
-      const key = `${Math.round(position[0] * 2)};${Math.round(position[1] * 2)}`;
-      const known = spots.get(key);
-      if (known) {
-        known.ids.push(id);
-        continue;
-      }
-      const { x, y } = this._map.latLngToContainerPoint(latLngOf(position));
-      const seen = x > -WEDGE && y > -WEDGE && x < size.x + WEDGE && y < size.y + WEDGE;
-      spots.set(key, { x, y, ids: [id], position, seen });
+      const spot = this._spotOf(id);
+      if (spot && spot.x > -WEDGE && spot.y > -WEDGE && spot.x < size.x + WEDGE && spot.y < size.y + WEDGE) seen.push(spot);
     }
-    return [...spots.values()].filter(({ seen }) => seen);
+    this._crowded = seen.length > CROWD;
+    const step = this._crowded ? CELL / this._scale : 0.5;
+    const spots = new Map();
+    for (const spot of seen) {
+      const [column, row] = spot.position.map((value) => Math.round(value / step));
+      const key = column * 2 ** 26 + row;
+      const known = spots.get(key);
+      if (known) known.ids.push(...spot.ids);
+      else spots.set(key, spot);
+    }
+    return [...spots.values()];
+  }
+
+  /** Where a photo is on the screen, by itself; null for one in the tray. */
+  _spotOf(id) {
+    const position = this.store.position(id);
+    if (!position) return null;
+    return { x: this._origin.x + position[0] * this._scale, y: this._origin.y + position[1] * this._scale, ids: [id], position };
   }
 
   _all() {
     const { currentId, selection } = this.store;
     this._gpsCircle();
-    for (const spot of this._spots) for (const id of spot.ids) this._wedge(spot, id);
+    if (!this._crowded) for (const spot of this._spots) for (const id of spot.ids) this._wedge(spot, id);
     for (const spot of this._spots) {
       const chosen = spot.ids.some((id) => selection.has(id));
       this._dot(spot, this._colour(spot.ids[0], chosen), chosen);
     }
-    const current = this._spots.find(({ ids }) => ids.includes(currentId));
+    const current = this._spots.some(({ ids }) => ids.includes(currentId)) && this._spotOf(currentId);
     if (current) this._current(current, currentId);
     for (const pixel of this.mark || []) this._ring(this._map.latLngToContainerPoint(latLngOf(pixel)), 16, this._ink.mark);
   }
@@ -137,21 +153,37 @@ export class PhotoDots extends CanvasLayer {
   }
 
   _dot({ x, y, ids }, colour, chosen) {
-    const pen = this._pen;
-    const several = ids.length > 1;
+    const label = ids.length > MOST_NAMED ? `${MOST_NAMED}+` : ids.length > 1 ? String(ids.length) : "";
+    const stamp = this._stamp(label, colour, chosen);
+    const side = stamp.width / (devicePixelRatio || 1);
+    this._pen.drawImage(stamp, x - side / 2, y - side / 2, side, side);
+  }
+
+  /** The picture of a dot, drawn once: thousands are put on the canvas at each move. */
+  _stamp(label, colour, chosen) {
+    const ratio = devicePixelRatio || 1;
+    const key = [label, colour, chosen, this._ink.rim, ratio].join();
+    const known = this._stamps.get(key);
+    if (known) return known;
+    const radius = label ? RADIUS + 2 : RADIUS;
+    const stamp = h("canvas", { width: Math.ceil(2 * (radius + 3) * ratio), height: Math.ceil(2 * (radius + 3) * ratio) });
+    const pen = stamp.getContext("2d");
+    pen.scale(ratio, ratio);
+    const middle = stamp.width / ratio / 2;
     pen.beginPath();
-    pen.arc(x, y, several ? RADIUS + 2 : RADIUS, 0, 2 * Math.PI);
+    pen.arc(middle, middle, radius, 0, 2 * Math.PI);
     pen.fillStyle = colour;
     pen.fill();
     pen.lineWidth = chosen ? 3 : 2;
     pen.strokeStyle = this._ink.rim;
     pen.stroke();
-    if (!several) return;
     pen.fillStyle = this._ink.rim;
     pen.font = "600 10px system-ui, sans-serif";
     pen.textAlign = "center";
     pen.textBaseline = "middle";
-    pen.fillText(ids.length > 99 ? "99+" : String(ids.length), x, y + 0.5);
+    pen.fillText(label, middle, middle + 0.5);
+    this._stamps.set(key, stamp);
+    return stamp;
   }
 
   _current(spot, id) {
