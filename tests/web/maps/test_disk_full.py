@@ -3,6 +3,7 @@
 import errno
 import io
 import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -189,3 +190,36 @@ def test_a_bug_is_not_taken_for_a_full_disk(app, client, monkeypatch):
 
     monkeypatch.setattr("webapp.web.maps.api_maps.maps.list_maps", broken)
     assert client.get("/api/v1/maps").status_code == 500
+
+
+@pytest.fixture
+def read_only(library, monkeypatch):
+    """A library that turns read-only, as a disk does after an error, as long as one says so."""
+    real, refused = os.fsync, [True]
+
+    def fsync(handle):
+        if refused[0]:
+            raise OSError(errno.EROFS, "Read-only file system")
+        real(handle)
+
+    def refuse(connection, _record, _proxy):
+        connection.execute(f"PRAGMA query_only={int(refused[0])}")
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    event.listen(library.database.engine, "checkout", refuse)
+    return refused
+
+
+@pytest.mark.parametrize("change", [*WRITERS.values(), *CHANGES.values()], ids=[*WRITERS, *CHANGES])
+def test_a_library_that_turns_read_only_while_it_is_served(change, client, library, park, read_only):
+    read_only[0] = False
+    client.get("/")
+    before = state(library)
+    read_only[0] = True
+    error = error_of(change(client))
+    assert str(library.folder) not in str(error)
+    assert client.get("/api/v1/maps/park").status_code == 200, "what is there is shown"
+    assert state(library) == before
+    read_only[0] = False
+    again = change(client)
+    assert again.status_code != 507 and not re.search("read.?only", again.text, re.IGNORECASE)
