@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import apiflask.fields
-from webargs.multidictproxy import MultiDictProxy
 
 _TEXTS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -16,6 +15,7 @@ class Boolean(apiflask.fields.Boolean):
     def _deserialize(self, value: Any, attr: str | None, data: Any, **options: Any) -> bool:
         if isinstance(value, bool):
             return value
-        if isinstance(data, MultiDictProxy) and isinstance(value, str) and value.lower() in _TEXTS:
+        is_json = isinstance(data, dict)  # forms and addresses come as a view of many values
+        if not is_json and isinstance(value, str) and value.lower() in _TEXTS:
             return _TEXTS[value.lower()]
         raise self.make_error("invalid", input=value)
