@@ -126,6 +126,20 @@ def test_an_uncertain_answer_is_called_uncertain(probability, off_map, verdict):
     assert text.splitlines()[0] == f"q.jpg: {verdict}"
 
 
+def test_photo_and_map_in_the_wrong_order_are_explained(expmap, cfg, photos):
+    code, _, err = expmap("localize", photos / "1.jpg", cfg)
+    assert code == 3
+    assert "the file is an image and not a map (name the map's .cfg file)" in err
+
+
+def test_a_folder_is_no_photo(expmap, cfg, photos):
+    code, _, err = expmap("localize", cfg, photos, "--method", "vote")
+    assert code == 1
+    assert err.endswith(
+        f"expmap: {photos}: it is a folder, and not a photo (name its photos: {photos.name}/*.jpg)\n"
+    )
+
+
 def test_two_pictures_need_two_files(expmap, cfg, photos, tmp_path):
     same = tmp_path / "both.png"
     code, _, err = expmap("localize", cfg, photos / "1.jpg", "--picture", same, "--matches", same)

@@ -84,6 +84,14 @@ def test_it_runs_as_a_module(module, tmp_path):
         (["--quux"], "No such option '--quux' (see expmap --help)"),
         (["build"], "Missing argument 'MAP.cfg' (see expmap build --help)"),
         (["localize", "map.cfg", "a.jpg", "--top", "0"], "Invalid value for '--top': 0 is not in the range"),
+        (
+            ["localize", "map.cfg", "a.jpg", "--top", "x"],
+            "Invalid value for '--top': 'x' is not a whole number (",
+        ),
+        (
+            ["localize", "map.cfg", "a.jpg", "--budget", "x"],
+            "Invalid value for '--budget': 'x' is not a number (",
+        ),
         (["localize", "map.cfg", "a.jpg", "--method", "best"], "Invalid value for '--method'"),
         (["localize", "map.cfg", "a.jpg", "--features", "brief"], "--features: unknown features 'brief'"),
         (["localize", "map.cfg", "a.jpg", "--picture", "none/a.png"], "--picture: folder none not found"),

@@ -124,6 +124,9 @@ _LONGEST_LINE = 10_000
 
 BOM = b"\xef\xbb\xbf"
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
+_IMAGE_STARTS = ("\udcff\udcd8\udcff", "\udc89PNG")
+"""Of JPEG and PNG, decoded with bytes escaped."""
+
 _ESCAPED_BYTE = re.compile(r"[\udc80-\udcff]")
 _TWO_NUMBERS = re.compile(r"[0-9]+ *, *[0-9]+")
 _CONTROL_NAMES = {
@@ -239,6 +242,10 @@ def _character_fault(row: _Row, start: int) -> Finding | None:
     if escaped:
         offset = start + len(text[: escaped.start()].encode("utf-8"))
         message = f"the byte 0x{ord(escaped[0]) - 0xDC00:02X} at offset {offset} of the file is not UTF-8"
+        if start == 0 and text.startswith(_IMAGE_STARTS):
+            return row.finding(
+                Code.NOT_UTF8, 1, message="the file is an image and not a map", fix="name the map's .cfg file"
+            )
         utf16 = start == 0 and text.startswith(("\udcff\udcfe", "\udcfe\udcff"))
         fix = "save the file as UTF-8; it looks like " + ("UTF-16" if utf16 else "an older 8-bit encoding")
         return row.finding(Code.NOT_UTF8, escaped.start() + 1, message=message, fix=fix)
