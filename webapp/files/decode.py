@@ -140,7 +140,7 @@ def check_bytes(source: Path | bytes, limits: PhotoLimits) -> None:
     """
     if isinstance(source, Path) and not source.is_file():
         if source.is_dir():
-            raise PhotoError("it is a folder, and not a photo", hint=f"name its photos: {source.name}/*.jpg")
+            raise PhotoError("it is a folder and not a photo", hint="name photos, not their folder")
         missing = "it is not a file" if source.exists() else "file not found"
         raise PhotoError(missing, hint="check its path")
     size = source.stat().st_size if isinstance(source, Path) else len(source)

@@ -171,7 +171,7 @@ def test_unusable_photos_are_reported_and_the_others_built(tmp_path, make_map, b
     assert "file not found" in reason[0]
     assert "empty" in reason[1]
     assert "not an image" in reason[2]
-    assert "not a file" in reason[4]
+    assert "a folder and not a photo" in reason[4]
     assert "leads out of the map's folder" in reason[5]
     assert str(tmp_path) not in " ".join(reason.values())
     assert (report.photos, report.extracted, report.reused) == (9, 3, 0)

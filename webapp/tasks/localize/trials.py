@@ -32,8 +32,10 @@ _HIDDEN: tuple[Hidden, ...] = ("photo", "surroundings", "photo", "place")
 """What is hidden with a photo that plays a query, in turn: itself, as when somebody comes by again; what
 stands as near as the next place; and all around, so that it plays a photo from elsewhere."""
 
-_OFF_MAP_WEIGHT = 0.1
-"""Of a photo from elsewhere against one from the map; ten of eleven are taken to be from the map."""
+_OFF_MAP_WEIGHT = 0.2
+"""Of a photo from elsewhere against one from the map: by their numbers in `_HIDDEN`, 15 of 16 are taken to be
+from the map. With less, photos of look-alike streets are placed; with more, maps that look alike all over (a
+corridor, a campus) refuse their own."""
 
 _SAME_PLACE = 1.05
 """Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query: what is
