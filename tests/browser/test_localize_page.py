@@ -322,3 +322,25 @@ def test_an_unsure_answer_can_be_looked_at_thoroughly(page, sample_map, api, que
     expect(page.locator("#options-count")).to_have_text("1")
     expect(entries(page).first).to_be_visible()
     assert len(asked) == 1 and b"thorough" in asked[0]
+
+
+def test_several_photos_are_a_table_and_marks_on_the_map(page, api, sample_map, queries, truth):
+    open_page(page, sample_map, api)
+    names = ["query_01.jpg", QUERY]
+    page.get_by_test_id("query-input").set_input_files([queries / name for name in names])
+    page.get_by_role("button", name="Each separately").click()
+    rows = page.get_by_test_id("batch-row")
+    expect(rows).to_have_count(2)
+    expect(page.locator("#batch-count")).to_have_text("2 of 2 localized", timeout=PATIENCE_MS)
+    marks = page.locator("#map-canvas path.leaflet-interactive")
+    expect(marks).to_have_count(2)
+    with page.expect_download() as download:
+        page.get_by_test_id("batch-csv").click()
+    lines = list(csv.DictReader(download.value.path().read_text("utf-8").splitlines()))
+    assert [line["photo"] for line in lines] == names
+    for line in lines:
+        at = float(line["x_px"]), float(line["y_px"])
+        assert math.dist(at, truth[line["photo"]]) < RIGHT_WITHIN_PX
+    rows.first.get_by_role("button").click()
+    expect(page.locator("#query-name")).to_have_text(names[0])
+    expect(marks).to_have_count(0)

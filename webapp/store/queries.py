@@ -79,6 +79,31 @@ def list_queries(
     return list(session.scalars(found.order_by(QueryRecord.id.desc()).limit(limit)))
 
 
+def answers(
+    session: Session,
+    record: MapRecord,
+    *,
+    first: int | None = None,
+    last: int | None = None,
+    account_id: int | None = None,
+) -> list[QueryRecord]:
+    """List the answers of a map between two ids, both included, the oldest first; None leaves an end open.
+
+    Parameters
+    ----------
+    account_id : int or None
+        Only what this account asked.
+    """
+    found = select(QueryRecord).where(QueryRecord.map_id == record.id)
+    if first is not None:
+        found = found.where(QueryRecord.id >= first)
+    if last is not None:
+        found = found.where(QueryRecord.id <= last)
+    if account_id is not None:
+        found = found.where(QueryRecord.account_id == account_id)
+    return list(session.scalars(found.order_by(QueryRecord.id)))
+
+
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
     """Return the names of who asked, by account."""
     ids = {row.account_id for row in rows if row.account_id is not None}

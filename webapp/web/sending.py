@@ -7,6 +7,8 @@ from pathlib import Path, PurePosixPath
 
 from flask import Response, send_file
 
+from webapp.tasks.exchange.export_source import Download
+
 
 def send_immutable(path: Path, *, etag: str) -> Response:
     """Send a file that never changes under its address; browsers keep it."""
@@ -29,4 +31,12 @@ def _send(path: Path, *, etag: str, caching: str, media_type: str | None = None)
     media_type = media_type or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
     response = send_file(path, mimetype=media_type, etag=etag, conditional=True)
     response.headers["Cache-Control"] = caching
+    return response
+
+
+def send_pieces(download: Download) -> Response:
+    """Send a file piece by piece, to be saved under its own name."""
+    response = Response(download.pieces, content_type=download.media_type)
+    response.headers.set("Content-Disposition", "attachment", filename=download.name)
+    response.headers["Cache-Control"] = "private, no-store"
     return response

@@ -39,8 +39,7 @@ export class Localizer extends EventTarget {
       await this.ask(files);
       return;
     }
-    for (const file of files) if (!(await this.ask([file]))) break;
-    toast(tn("{n} photo has an answer in the history.", "{n} photos have their answers in the history.", files.length));
+    this.dispatchEvent(new CustomEvent("separately", { detail: files }));
   }
 
   /** @param {File[]} files of one spot @returns {Promise<boolean>} whether there is an answer */
@@ -213,9 +212,9 @@ export class Localizer extends EventTarget {
     return new Promise((resolve) => {
       let answer = null;
       const button = (label, value, kind) =>
-        h("button", { class: `button ${kind}`, type: "button", onclick: () => ((answer = value), dialog.close()) }, label);
-      const actions = [button(t("Each separately"), false, "")];
-      if (count <= MOST_OF_ONE_SPOT) actions.push(button(t("All from the same spot"), true, "button--primary"));
+        h("button", { class: `button ${kind}`, type: "button", autofocus: !value, onclick: () => ((answer = value), dialog.close()) }, label);
+      const actions = [button(t("Each separately"), false, "button--primary")];
+      if (count <= MOST_OF_ONE_SPOT) actions.unshift(button(t("All from the same spot"), true, ""));
       const text = t("Photos taken from one spot in several directions are localized together.");
       const dialog = openDialog(tn("{n} photo", "{n} photos", count), [h("p", { class: "soft" }, text)], { actions });
       dialog.addEventListener("close", () => resolve(answer));

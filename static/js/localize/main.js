@@ -12,6 +12,7 @@ import { MapView } from "../shared/map/map-view.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { connectTabs } from "../shared/tabs.js";
 import { toastError } from "../shared/toast.js";
+import { Batch } from "./batch.js";
 import { endpointsOf } from "./endpoints.js";
 import { showExplanation } from "./explanation.js";
 import { AnswerGestures, instructions } from "./gestures.js";
@@ -40,12 +41,17 @@ const options = new Options(session, store, () => askAgain());
 const asking = new Localizer({ session, store, server, options, say });
 const page = { session, store, server, options, asking, say, slug: store.slug, canEdit: state.can_edit, refresh: () => live.refresh() };
 
-const openTab = connectTabs(["answer", "history"], (name) => name === "history" && past.show());
-const past = new QueryHistory(page, (id) => {
+const openTab = connectTabs(["answer", "batch", "history"], (name) => {
+  if (name === "history") past.show();
+  batch.showMarks(name === "batch");
+});
+const open = (id) => {
   camera.stop();
   openTab("answer");
   asking.open(id);
-});
+};
+const past = new QueryHistory(page, open);
+const batch = new Batch(page, view, { show: () => openTab("batch"), open });
 const camera = new LiveCamera(page);
 showQuery(page, { forgotten: () => past.refresh() });
 answerList(session, () => look());
@@ -54,6 +60,12 @@ showExplanation(session, options, () => askAgain());
 new MatchPanel(page);
 connectSecondMap(page);
 asking.addEventListener("asked", () => past.refresh());
+asking.addEventListener("separately", async (event) => {
+  asking.cancel();
+  session.setAnswer(null);
+  await batch.run(/** @type {CustomEvent} */ (event).detail);
+  past.refresh();
+});
 session.on("answer", () => look());
 listenToSources((files) => {
   camera.stop();

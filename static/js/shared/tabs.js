@@ -25,9 +25,10 @@ export function connectTabs(names, shown = () => {}) {
     tab.addEventListener("click", () => show(names[n]));
     tab.addEventListener("keydown", (event) => {
       if (!STEPS[event.key]) return;
-      const other = (n + STEPS[event.key] + tabs.length) % tabs.length;
-      show(names[other]);
-      tabs[other].focus();
+      const seen = tabs.filter((one) => !one.hidden);
+      const other = seen[(seen.indexOf(tab) + STEPS[event.key] + seen.length) % seen.length];
+      show(names[tabs.indexOf(other)]);
+      other.focus();
       event.preventDefault();
     });
   });

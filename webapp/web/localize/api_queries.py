@@ -16,12 +16,15 @@ from webapp.files.photos.preview import Kind
 from webapp.store import queries
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, QueryRecord
+from webapp.tasks.exchange import export_answers
+from webapp.tasks.exchange.export_answers import AnswerFormat, AnswerRange
 from webapp.tasks.localize import adopt_query, show_query
 from webapp.tasks.localize.adopt_query import Spot
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.fields import Boolean
 from webapp.web.localize.answers import Located
 from webapp.web.openapi import file_answer
-from webapp.web.sending import as_attachment, send_immutable
+from webapp.web.sending import as_attachment, send_immutable, send_pieces
 
 blueprint = APIBlueprint(
     "api_queries", __name__, url_prefix="/api/v1/maps/<slug>/queries", tag="Localization"
@@ -36,6 +39,14 @@ class ListIn(Schema):
 
     before = Integer(load_default=None, metadata={"description": "Only older ones than this id."})
     limit = Integer(load_default=50, validate=Range(1, _MOST))
+
+
+class AnswersIn(Schema):
+    """Which answers."""
+
+    first = Integer(load_default=None, metadata={"description": "Id of the first one."})
+    last = Integer(load_default=None, metadata={"description": "Id of the last one."})
+    mine = Boolean(load_default=False, metadata={"description": "Only what you asked yourself."})
 
 
 class QueryOut(Schema):
@@ -102,6 +113,16 @@ def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
     record = open_map(slug)
     with library().database.read() as session:
         return {"queries": _queries_json(session, record, queries.list_queries(session, record, **query))}
+
+
+@blueprint.get("/answers.<any(csv,gpx,geojson):form>")
+@blueprint.input(AnswersIn, location="query", arg_name="query")
+@blueprint.doc(responses=file_answer("The answers, the oldest first.", "*/*"))
+def export(slug: str, form: AnswerFormat, *, query: dict[str, Any]) -> Response:
+    """Download answers as a table, as waypoints or as points: the most probable place of each photo."""
+    record, who = open_map(slug), account()
+    which = AnswerRange(query["first"], query["last"], who.id if query["mine"] else None)
+    return send_pieces(export_answers.export_answers(library(), record.id, form=form, which=which))
 
 
 @blueprint.get(f"/{_ID}")

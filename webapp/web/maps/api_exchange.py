@@ -22,12 +22,12 @@ from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange import duplicate_map, export_files, import_map
-from webapp.tasks.exchange.export_source import Download
 from webapp.tasks.exchange.import_map import MapRefused
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.openapi import file_answer, json_answer
+from webapp.web.sending import send_pieces
 
 blueprint = APIBlueprint("api_exchange", __name__, url_prefix="/api/v1/maps", tag="Import and export")
 
@@ -80,14 +80,14 @@ class JobOut(Schema):
 @blueprint.doc(responses=file_answer("The map file.", "*/*"))
 def cfg(slug: str) -> Response:
     """Take the map file away, as it is on the disk."""
-    return _sent(export_files.export_map_cfg(library(), open_map(slug).id))
+    return send_pieces(export_files.export_map_cfg(library(), open_map(slug).id))
 
 
 @blueprint.get("/<slug>/placements/<name>.cfg")
 @blueprint.doc(responses=file_answer("The map file of the placement.", "*/*"))
 def placement_cfg(slug: str, name: str) -> Response:
     """Take the map file of a further placement away."""
-    return _sent(export_files.export_map_cfg(library(), open_map(slug).id, placement=name))
+    return send_pieces(export_files.export_map_cfg(library(), open_map(slug).id, placement=name))
 
 
 @blueprint.get("/<slug>/export.<string(maxlength=8):form>")
@@ -96,7 +96,9 @@ def export(slug: str, form: str) -> Response:
     """Take a map away as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline."""
     if form not in FORMATS:
         raise NotFound(f"unknown export format {form!r}", hint=f"use one of {', '.join(FORMATS)}")
-    return _sent(export_file.export_map_file(library(), open_map(slug).id, form=form, settings=settings()))
+    return send_pieces(
+        export_file.export_map_file(library(), open_map(slug).id, form=form, settings=settings())
+    )
 
 
 @blueprint.post("/<slug>/exports")
@@ -206,11 +208,3 @@ def _findings_json(findings: Any) -> list[dict[str, str]]:
     return [
         {"code": str(f.code), "severity": f.severity, "message": f.message, "fix": f.fix} for f in findings
     ]
-
-
-def _sent(download: Download) -> Response:
-    """Send a file piece by piece, to be saved under its own name."""
-    response = Response(download.pieces, content_type=download.media_type)
-    response.headers.set("Content-Disposition", "attachment", filename=download.name)
-    response.headers["Cache-Control"] = "private, no-store"
-    return response

@@ -1,0 +1,145 @@
+/** Many photos, each localized by itself: a table of the answers, and all of them on the map. */
+
+import { lengthText, percentText, probabilityColours } from "../shared/answer/answer-format.js";
+import { isOffMap } from "../shared/answer/query-session.js";
+import { byId, h } from "../shared/dom.js";
+import { t } from "../shared/i18n.js";
+import { latLngOf } from "../shared/map/coords.js";
+import { sentence } from "../shared/toast.js";
+
+const INDEXING_MS = 3000;
+const RADIUS_PX = 9;
+
+/** The tab *Several*; hidden until several photos were asked about. */
+export class Batch {
+  /**
+   * @param {Object} page server, options, slug
+   * @param {import("../shared/map/map-view.js").MapView} view
+   * @param {{show: function(): void, open: function(number): void}} tab shows this tab; opens an answer
+   */
+  constructor({ server, options, slug }, view, { show, open }) {
+    this.server = server;
+    this.options = options;
+    this.base = `/api/v1/maps/${encodeURIComponent(slug)}/queries/answers`;
+    this.view = view;
+    this.show = show;
+    this.open = open;
+    this.marks = L.layerGroup();
+    this.ids = [];
+    /** Whether an answer is known as latitude and longitude, which all but a table needs. */
+    this.onEarth = false;
+    byId("batch-stop").addEventListener("click", () => this.stop());
+  }
+
+  /** Localize one photo after the other. @param {File[]} files */
+  async run(files) {
+    this.stop();
+    const abort = (this._abort = new AbortController());
+    this.ids = [];
+    this.marks.clearLayers();
+    byId("tab-batch").hidden = false;
+    byId("batch-stop").hidden = false;
+    this.show();
+    const rows = files.map((file) => new Row(file, this.open));
+    byId("batch-rows").replaceChildren(...rows.map(({ element }) => element));
+    for (const [n, file] of files.entries()) {
+      this._progress(n, files.length);
+      rows[n].say(t("..."));
+      await this._one(rows[n], file, abort.signal);
+      if (abort.signal.aborted) break;
+    }
+    if (this._abort !== abort) return;
+    this._progress(this.ids.length, files.length);
+    byId("batch-stop").hidden = true;
+  }
+
+  stop() {
+    this._abort?.abort();
+    byId("batch-stop").hidden = true;
+  }
+
+  /** All answers on the map, while their table is seen. @param {boolean} seen */
+  showMarks(seen) {
+    if (seen) this.marks.addTo(this.view.map);
+    else this.marks.remove();
+  }
+
+  async _one(row, file, signal) {
+    try {
+      const answer = await this._ask(row, file, signal);
+      this.ids.push(answer.id);
+      this.onEarth ||= answer.hypotheses.some(({ lat }) => lat !== null);
+      row.answer(answer);
+      this._mark(row, answer);
+      this._downloads();
+    } catch (error) {
+      row.say(error.name === "AbortError" ? t("not asked") : sentence(error.message));
+    }
+  }
+
+  /** A map that is being indexed is asked again until it answers. */
+  async _ask(row, file, signal) {
+    for (;;) {
+      try {
+        return await this.server.ask([file], this.options.values(), undefined, signal);
+      } catch (error) {
+        if (error.code !== "not_ready") throw error;
+        row.say(t("The map is being indexed."));
+        await new Promise((resolve) => setTimeout(resolve, INDEXING_MS));
+        signal.throwIfAborted();
+      }
+    }
+  }
+
+  _mark(row, answer) {
+    if (isOffMap(answer)) return;
+    const [{ x_px: x, y_px: y, probability }] = answer.hypotheses;
+    const { fill } = probabilityColours(probability);
+    const mark = L.circleMarker(latLngOf([x, y]), { radius: RADIUS_PX, color: "#fff", weight: 2, fillColor: fill, fillOpacity: 1 });
+    mark.bindTooltip(`${row.name}: ${percentText(probability)}`);
+    mark.on("click", () => this.open(answer.id));
+    this.marks.addLayer(mark);
+  }
+
+  _progress(done, all) {
+    byId("batch-count").textContent = t("{done} of {all} localized", { done, all });
+  }
+
+  _downloads() {
+    const range = new URLSearchParams({ first: String(Math.min(...this.ids)), last: String(Math.max(...this.ids)), mine: "true" });
+    byId("batch-downloads").hidden = false;
+    for (const link of byId("batch-downloads").querySelectorAll("a")) {
+      link.href = `${this.base}.${link.dataset.form}?${range}`;
+      link.hidden = link.dataset.form !== "csv" && !this.onEarth;
+    }
+  }
+}
+
+/** A line of the table. */
+class Row {
+  constructor(file, open) {
+    this.name = file.name;
+    this.open = open;
+    this.state = h("td", { colspan: 2, class: "soft" }, t("waiting"));
+    const image = h("img", { class: "ed-thumb", src: URL.createObjectURL(file), alt: "" });
+    this.element = h("tr", { "data-testid": "batch-row" }, h("td", {}, image), h("th", { scope: "row" }, file.name), this.state);
+  }
+
+  say(text) {
+    this.state.textContent = text;
+  }
+
+  answer(answer) {
+    const button = h("button", { class: "lo-batch__name", type: "button", onclick: () => this.open(answer.id) }, this.name);
+    this.element.children[1].replaceChildren(button);
+    this.state.replaceWith(...(isOffMap(answer) ? [h("td", { colspan: 2 }, h("span", { class: "badge" }, t("not here")))] : cells(answer.hypotheses[0])));
+  }
+}
+
+function cells({ probability, radius_m: m, radius_px: px, heading_deg: heading }) {
+  const { fill, text } = probabilityColours(probability);
+  const badge = h("span", { class: "badge" }, percentText(probability));
+  Object.assign(badge.style, { backgroundColor: fill, color: text });
+  const where = [px === null ? t("Area") : `± ${lengthText(m, px)}`, heading === null ? "" : `${Math.round(heading)}°`].filter(Boolean).join(" · ");
+  return [h("td", { class: "small" }, where), h("td", {}, badge)];
+}

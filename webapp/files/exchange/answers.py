@@ -1,0 +1,95 @@
+"""Answers about many photos as a table, GPX waypoints or GeoJSON: where each was most probably taken."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+
+from webapp.core.geo.types import LatLon
+from webapp.files.exchange.geojson import point_feature, write_collection
+from webapp.files.exchange.xml import DECLARATION, element
+from webapp.files.text_file import plain_cell
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerRow:
+    """The first hypothesis about a photo; None where there is none, or where it is not known.
+
+    Attributes
+    ----------
+    id : int
+        Of the answer.
+    photo : str
+        Name of the photo's file.
+    off_map_probability : float or None
+        That it was not taken on the map.
+    """
+
+    id: int
+    photo: str
+    probability: float | None
+    off_map_probability: float | None
+    x_px: float | None
+    y_px: float | None
+    lat: float | None
+    lon: float | None
+    radius_m: float | None
+    heading_deg: float | None
+
+    @property
+    def latlon(self) -> LatLon | None:
+        """Its position on the Earth."""
+        return None if self.lat is None or self.lon is None else LatLon(self.lat, self.lon)
+
+
+def format_answers_csv(rows: Sequence[AnswerRow]) -> Iterator[bytes]:
+    """Write a line for each photo, a header line first; what is unknown is empty.
+
+    Yields
+    ------
+    bytes
+        UTF-8, as RFC 4180 has it; no text is a formula.
+    """
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\r\n")
+    lines.writerow([field.name for field in fields(AnswerRow)])
+    lines.writerows([plain_cell(value) for value in asdict(row).values()] for row in rows)
+    yield text.getvalue().encode("utf-8", "replace")
+
+
+def format_answers_geojson(rows: Sequence[AnswerRow], *, title: str) -> Iterator[bytes]:
+    """Write a point for each photo; one whose position is unknown has no geometry.
+
+    Yields
+    ------
+    bytes
+        UTF-8.
+    """
+    return write_collection(
+        title, ([point_feature(row.id, row.latlon, properties=_properties(row))] for row in rows)
+    )
+
+
+def format_answers_gpx(rows: Sequence[AnswerRow], *, title: str) -> Iterator[bytes]:
+    """Write a waypoint, named like the photo, for each one whose position is known.
+
+    Yields
+    ------
+    bytes
+        UTF-8.
+    """
+    yield DECLARATION.encode()
+    yield b'<gpx version="1.1" creator="Experience Map" xmlns="http://www.topografix.com/GPX/1/1">\n'
+    yield f"<metadata>{element('name', title)}</metadata>\n".encode("utf-8", "replace")
+    for row in rows:
+        if row.lat is not None and row.lon is not None:
+            says = f"{row.probability:.0%}" if row.probability is not None else ""
+            inner = element("name", row.photo) + element("desc", says)
+            yield f'<wpt lat="{row.lat:.9f}" lon="{row.lon:.9f}">{inner}</wpt>\n'.encode("utf-8", "replace")
+    yield b"</gpx>\n"
+
+
+def _properties(row: AnswerRow) -> dict[str, object]:
+    return {name: value for name, value in asdict(row).items() if name not in ("id", "lat", "lon")}
