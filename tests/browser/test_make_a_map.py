@@ -71,9 +71,9 @@ def test_photos_without_gps_wait_and_say_why_and_a_list_places_them(
     edit.page.locator("#current-more summary").click()
     expect(edit.current).to_contain_text("no GPS position")
     page.locator("#place-menu summary").click()
-    with page.expect_file_chooser() as choosing:
-        page.locator("#place-by-file").click()
-    choosing.value.set_files(sample_folder / "map.cfg")
+    page.locator("#place-by-file").click()
+    page.get_by_test_id("list-file").set_input_files(sample_folder / "map.cfg")
+    page.get_by_test_id("list-place").click()
     expect(edit.placed).to_have_text("3")
     result = page.locator("dialog[open]")  # it can come after the photos are seen to be placed
     expect(result).to_be_visible()

@@ -220,8 +220,9 @@ function photosOf({ photos, dots }) {
   return [...photos, ...drawn];
 }
 
+/** Ids by time, then by name; mere dots, which have neither, at the end. */
 function sorted(photos) {
-  const time = (photo) => photo.taken_at || "9999";
+  const time = (photo) => photo.taken_at || (photo.revision === DOT_REVISION ? "9999z" : "9999");
   return [...photos.values()]
     .sort((a, b) => (time(a) < time(b) ? -1 : time(a) > time(b) ? 1 : NAMES.compare(a.name, b.name) || a.id - b.id))
     .map((photo) => photo.id);
