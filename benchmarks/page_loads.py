@@ -72,9 +72,16 @@ def _arguments() -> argparse.Namespace:
 
 
 def _wait_for_sample(client: Client) -> None:
-    until = time.monotonic() + 180
-    while client.call("GET", "/maps/sample").status_code != 200 and time.monotonic() < until:
-        time.sleep(0.3)
+    """Wait until the map is there, and until its index is, which keeps the processor busy."""
+    until = time.monotonic() + 300
+    while not _is_ready(client) and time.monotonic() < until:
+        time.sleep(0.5)
+
+
+def _is_ready(client: Client) -> bool:
+    answer = client.call("GET", "/maps/sample/changes?since=0")
+    jobs = answer.json()["jobs"] if answer.ok else []
+    return bool(jobs) and all(job["state"] not in ("queued", "running") for job in jobs)
 
 
 def _measure(client: Client, pages: dict[str, str], arguments: argparse.Namespace) -> list[dict[str, Any]]:
