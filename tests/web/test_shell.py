@@ -3,6 +3,8 @@
 import re
 import stat
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -13,6 +15,7 @@ from webapp.settings import WebSettings
 from webapp.store.library import open_library
 from webapp.store.maps import maps
 from webapp.web.accounts.security import secret_key
+from webapp.web.counting import CountingStorage
 from webapp.web.errors import status_of
 
 PAGES = ["/", "/bin", "/account", "/people", "/maps/park/jobs", "/maps/park/settings"]
@@ -255,3 +258,27 @@ def test_who_is_not_signed_in_sends_to_half_of_the_threads(app, client, stranger
     assert taken == 4, "of 8 threads"
     for _ in range(5):
         assert stranger.post("/sign-in", data={"name": "jana", "password": "guess"}).status_code == 401
+
+
+def test_requests_that_are_counted_at_the_same_time_start_no_timer_twice(monkeypatch):
+    class Timer(threading.Timer):
+        """One that has just ended, each time somebody looks."""
+
+        def is_alive(self):
+            return False
+
+        def start(self):
+            if getattr(self, "begun", False):
+                raise RuntimeError("threads can only be started once")
+            self.begun = True
+
+    monkeypatch.setattr("limits.storage.memory.threading.Timer", Timer)
+    storage = CountingStorage()
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            counted = list(pool.map(lambda _: storage.incr("eva", 60.0), range(8000)))
+    finally:
+        sys.setswitchinterval(usual)
+    assert sorted(counted) == list(range(1, 8001))

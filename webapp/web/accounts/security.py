@@ -15,6 +15,7 @@ from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
 from webapp.errors import StorageError
 from webapp.web import context
 from webapp.web.accounts.sessions import bearer, is_api
+from webapp.web.counting import ADDRESS
 from webapp.web.state import settings
 
 _NAME = "secret-key"
@@ -79,7 +80,7 @@ class _Sessions(SecureCookieSessionInterface):
 
 
 def _limit(app: Flask) -> None:
-    limiter = Limiter(_who, app=app, storage_uri="memory://", application_limits=[_requests_per_minute])
+    limiter = Limiter(_who, app=app, storage_uri=ADDRESS, application_limits=[_requests_per_minute])
     limiter.request_filter(lambda: not is_api())
 
 

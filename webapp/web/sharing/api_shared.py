@@ -10,7 +10,6 @@ from apiflask.fields import Boolean, Dict, File, Integer, List, Nested, String
 from flask import Response, current_app, request
 from flask.blueprints import BlueprintSetupState
 from limits import RateLimitItemPerMinute
-from limits.storage import MemoryStorage
 from limits.strategies import FixedWindowRateLimiter
 from werkzeug.datastructures import FileStorage
 
@@ -24,6 +23,7 @@ from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, public, settings
+from webapp.web.counting import CountingStorage
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.maps.schemas import PageQuery
@@ -78,7 +78,7 @@ class VisitIn(Schema):
 
 @blueprint.record_once
 def _make_limiter(state: BlueprintSetupState) -> None:
-    state.app.extensions[_LIMITER] = FixedWindowRateLimiter(MemoryStorage())
+    state.app.extensions[_LIMITER] = FixedWindowRateLimiter(CountingStorage())
 
 
 @blueprint.before_request
