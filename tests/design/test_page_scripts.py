@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from webapp.web.bundles import bundle_scripts
 from webapp.web.static_files import EVERY_SCRIPT
 
 IMPORT = re.compile(r'^(?:import|export)\s(?:[^;"]*?\sfrom\s)?"([^"]+)";', re.M)
@@ -72,6 +73,12 @@ def test_every_script_is_loaded_by_a_page(project, folder, imports):
         reached |= new
         new = {target for name in new for target in imports[name]} - reached
     assert set(imports) - reached == {"sw.js"}
+
+
+def test_every_script_can_be_a_part_of_a_bundle(folder, imports):
+    modules = sorted(set(imports) - {"sw.js"})
+    made = bundle_scripts(folder, modules)
+    assert sorted(re.findall(r"^// ([\w/-]+\.js)$", made, re.M)) == modules
 
 
 def test_script_names_are_lower_case_with_hyphens(imports):
