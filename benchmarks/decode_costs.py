@@ -26,10 +26,10 @@ from PIL import Image
 
 from tests.photo_files import progressive_jpeg
 from webapp.errors import PhotoError
-from webapp.files.photos.photo import read_gray
+from webapp.files.photos.photo import read_upright
 from webapp.settings import PhotoLimits
 
-_MAX_SIDE = 800
+_MAX_SIDE = 1600
 
 
 def main() -> None:
@@ -98,7 +98,7 @@ def _measure(data: bytes) -> dict[str, Any]:
     started = time.perf_counter()
     result: dict[str, Any] = {"file_mb": round(len(data) / 1e6, 1)}
     try:
-        read_gray(data, limits=PhotoLimits(), max_side=_MAX_SIDE)
+        read_upright(data, limits=PhotoLimits(), max_side=_MAX_SIDE)
     except PhotoError as error:
         result["refused"] = error.message
     after = resource.getrusage(resource.RUSAGE_SELF)

@@ -113,7 +113,17 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
     image.load()
     if image.mode.startswith("I;16") or image.mode in ("I", "F"):
         image = Image.fromarray(_eight_bits(np.asarray(image), sixteen=image.mode != "F"))
-    return np.asarray(image if image.mode == mode else image.convert(mode))
+    return _converted(image, mode)
+
+
+def _converted(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
+    """Convert an image, a few rows at a time: Pillow would make two more copies of it on the way."""
+    size = (image.height, image.width)
+    pixels = np.empty(size if mode == "L" else (*size, 3), dtype=np.uint8)
+    for top in range(0, image.height, _ROWS):
+        strip = image.crop((0, top, image.width, min(top + _ROWS, image.height)))
+        pixels[top : top + _ROWS] = np.asarray(strip if strip.mode == mode else strip.convert(mode))
+    return pixels
 
 
 def _eight_bits(values: NDArray[np.generic], *, sixteen: bool) -> Pixels:

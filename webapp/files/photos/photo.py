@@ -154,8 +154,8 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
     PhotoError
         As `read_facts`, or the pixels are damaged or cut off.
     """
-    pixels = _read(source, "RGB", limits=limits)
-    return _scaled(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), max_side)[0]
+    pixels, _ = _scaled(_read(source, "RGB", limits=limits), max_side)
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 
 def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> GrayPhoto:
