@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 from limits.storage import MemoryStorage
 
@@ -19,7 +20,7 @@ class CountingStorage(MemoryStorage):
         self._turn = threading.Lock()
         super().__init__(uri, wrap_exceptions=wrap_exceptions, **options)
 
-    def incr(self, key: str, expiry: float, amount: int = 1) -> int:
-        """Count a request; returns how many there were."""
+    def incr(self, *arguments: Any, **options: Any) -> int:
+        """Count a request, as `MemoryStorage` does; returns how many there were."""
         with self._turn:
-            return super().incr(key, expiry, amount)
+            return super().incr(*arguments, **options)
