@@ -375,6 +375,6 @@ def test_the_same_file_from_many_at_once_is_one_photo(app, sign_in, owner, park,
         thread.start()
     for thread in threads:
         thread.join()
-    assert [r["id"] for r in results] == [0, 0, 0]
+    assert len({r["id"] for r in results}) == 1, "that of the upload which came first"
     assert sorted(r["duplicate"] for r in results) == [False, True, True]
     assert photos() == ["a.jpg"]
