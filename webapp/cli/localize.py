@@ -69,11 +69,13 @@ def _verdict(answer: Answer) -> str:
         certain = off_map is None or off_map >= _SURE
         return "probably not on this map" if certain else "uncertain, perhaps not on this map"
     where = f"x {best.position.x:.0f}, y {best.position.y:.0f}"
-    place = {
-        "area": f"in the area at {where}",
-        "photo": f"near the photo with id {best.experiences[0]} at {where}",
-        "position": f"at {where}",
-    }[best.kind]
+    match best.kind:
+        case "area":
+            place = f"in the area at {where}"
+        case "photo":
+            place = f"near the photo with id {best.experiences[0]} at {where}"
+        case _:
+            place = f"at {where}"
     # The shares of `vote`, which knows no "not on this map", are no probabilities.
     return place if off_map is None or best.probability >= _SURE else f"uncertain, perhaps {place}"
 
@@ -114,10 +116,10 @@ _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
 
 _LOOK_CLOSER = (
-    "what is not sure can become surer with --method thorough: a second a photo; see expmap models list"
+    "uncertain answers can become more certain with --method thorough, a second a photo: expmap models list"
 )
 _LOOK_AGAIN = (
-    "what is not sure can become surer by a second look, once its models are here: expmap models fetch"
+    "uncertain answers can become more certain by a second look, which needs models: expmap models fetch"
 )
 
 

@@ -56,8 +56,9 @@ def _compress(response: Response) -> Response:
 def _gzipped(data: bytes) -> bytes:
     """Compress, to a length that varies.
 
-    Pages hold a secret, the CSRF token, beside what comes from an address; the name in the header of the
-    compressed data is of random length, so that the length of an answer does not tell which guess was right.
+    Pages hold a secret, the CSRF token, and parts of the address that was asked for; the name in the header
+    of the compressed data is of random length, so that the length of an answer does not reveal whether such
+    a part is also in the secret.
     """
     name = secrets.token_hex(_MOST_PADDING)[: secrets.randbelow(_MOST_PADDING)]
     into = io.BytesIO()

@@ -7,6 +7,7 @@ import { metresText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 import { debounce } from "../shared/timing.js";
 import { nameList } from "./name-list.js";
+import { offer, placeButton, placeOnClick } from "./place-button.js";
 
 export const LIST_TYPES = ".cfg,.csv,.tsv,.txt,.geojson,.json,.kml,.gpx";
 
@@ -33,7 +34,7 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
   const moveLine = h("label", { class: "row", hidden: true }, movePlaced, t("Move photos that have a place, too"));
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "list-outcome" });
   const error = errorLine();
-  const place = h("button", { class: "button button--primary", type: "button", disabled: true, "data-testid": "list-place" }, t("Place"));
+  const place = placeButton({ "data-testid": "list-place" });
   const about = t("A .cfg; a table with file names and latitude and longitude, or pixels; GeoJSON, KML, or GPX with waypoints named like the photos.");
   const dialog = openDialog(t("Place by a list of positions"), [
     given ? h("p", {}, given.name) : field(t("List"), file, about), outcome, moveLine, error, columns.element,
@@ -49,8 +50,7 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
     const wanted = movePlaced.checked ? [...fresh, ...moves] : fresh;
     dots.setMark(wanted.map(({ x_px: x, y_px: y }) => [x, y]));
     moveLine.hidden = !moves.length;
-    place.disabled = !wanted.length;
-    place.textContent = wanted.length ? tn("Place {n} photo", "Place {n} photos", wanted.length) : t("Place");
+    offer(place, wanted.length);
     const outside = seen.photos.filter(({ problem }) => problem !== null);
     const there = inside.length - fresh.length - moves.length;
     outcome.replaceChildren(...[
@@ -96,17 +96,14 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
   file.addEventListener("change", take);
   columns.element.addEventListener("change", debounce(look, 200));
   movePlaced.addEventListener("change", show);
-  place.addEventListener("click", async () => {
-    place.disabled = true;
-    try {
-      const result = await server.placeByList(fields(), { preview: false });
+  placeOnClick(place, {
+    place: () => server.placeByList(fields(), { preview: false }),
+    done: async (result) => {
       dialog.close();
       await refresh();
       report(result, t("Place by a list of positions"));
-    } catch (problem) {
-      error.show(problem);
-      place.disabled = false;
-    }
+    },
+    error,
   });
   dialog.addEventListener("close", () => {
     turn += 1;

@@ -5,6 +5,7 @@ import { h } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { debounce } from "../shared/timing.js";
 import { nameList } from "./name-list.js";
+import { offer, placeButton, placeOnClick } from "./place-button.js";
 
 /**
  * Open the dialog.
@@ -19,7 +20,7 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
   const gap = h("input", { class: "input", type: "number", min: 1, value: 60, inputmode: "numeric" });
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite" });
   const error = errorLine();
-  const place = h("button", { class: "button button--primary", type: "button", disabled: true }, t("Place"));
+  const place = placeButton();
   const dialog = openDialog(t("Place by a GPX track"), [
     h("p", { class: "soft" }, t("Each photo in the tray is placed where the track was when the photo was taken.")),
     given ? h("p", {}, given.name) : field(t("Track"), file),
@@ -51,8 +52,7 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
     const inside = seen.photos.filter(({ x_px: x }) => x !== null);
     dots.setMark(inside.map(({ x_px: x, y_px: y }) => [x, y]));
     if (inside.length) view.focus(inside.map(({ x_px: x, y_px: y }) => [x, y]));
-    place.disabled = !inside.length;
-    place.textContent = inside.length ? tn("Place {n} photo", "Place {n} photos", inside.length) : t("Place");
+    offer(place, inside.length);
     const outside = seen.photos.filter(({ problem }) => problem !== null);
     outcome.replaceChildren(...[
       h("p", {}, tn("{n} photo would be placed: see the rings on the image.", "{n} photos would be placed: see the rings on the image.", inside.length)),
@@ -74,17 +74,14 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
   };
   const later = debounce(look, 400);
   for (const input of [file, offset, zone, gap]) input.addEventListener("input", later);
-  place.addEventListener("click", async () => {
-    place.disabled = true;
-    try {
-      const result = await server.matchTrack(fields(), { preview: false });
+  placeOnClick(place, {
+    place: () => server.matchTrack(fields(), { preview: false }),
+    done: async (result) => {
       dialog.close();
       await refresh();
       report(result, t("Place by a GPX track"));
-    } catch (problem) {
-      error.show(problem);
-      place.disabled = false;
-    }
+    },
+    error,
   });
   dialog.addEventListener("close", () => {
     turn += 1;

@@ -46,7 +46,7 @@ class IndexedMap:
         The user says what kind it is.
     area : (p,) int64
         Number of each photo's area, -1 where it stands where it was taken; by default all are -1.
-    extrinsics : Orientations or None
+    extrinsics : MapExtrinsics or None
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
@@ -56,7 +56,7 @@ class IndexedMap:
         Photos are scaled down to this longer side before keypoints are detected.
     first_row : (e + 1,) int64
         Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
-    paths : Paths
+    paths : PathPrior
         Where the photos were taken; follows from their positions.
     """
 

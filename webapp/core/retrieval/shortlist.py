@@ -171,7 +171,7 @@ def rematch_with_network(
 
     Returns
     -------
-    list of Shortlisted
+    list of ShortlistedPhoto
         In the same order.
     """
     found = []

@@ -93,7 +93,7 @@ def read_map_json(cfg_path: Path) -> MapJson:
 
 
 def read_map(cfg_path: Path) -> Map:
-    """Read a map: the `.cfg`, and the ones drawn next to it.
+    """Read a map: the `.cfg`, and the files next to it.
 
     The `.cfg` is the truth. What `map.json` says about an id that is gone, about an id that now has another
     photo, or a sub-pixel position that does not round to the `.cfg`'s, does not count (an edit from outside;

@@ -53,9 +53,9 @@ _ALL = 100
 
 @dataclass(slots=True)
 class _Stopwatch:
-    """Seconds of each stage, and of all of them."""
+    """Seconds of each stage, and of all of them; the photo has been read before it starts."""
 
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float]
     _begun: float = field(default_factory=time.perf_counter)
 
     @contextmanager
@@ -65,7 +65,16 @@ class _Stopwatch:
         self.seconds[name] = time.perf_counter() - before
 
     def total(self) -> dict[str, float]:
-        return {**self.seconds, "total": time.perf_counter() - self._begun}
+        return {**self.seconds, "total": self.seconds["read"] + time.perf_counter() - self._begun}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _QueryPhoto:
+    """A query as it is read, once for all looks at it; `seconds` is what that took."""
+
+    gray: GrayPhoto
+    fov: FieldOfView | None
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,25 +145,24 @@ class LocalizationPipeline:
         ------
         PhotoError
         """
+        photo = self._read(photo_path)
         if self.second is None:
-            return self._look(photo_path, top=top, hide=hide, include=include)
-        first = self._look(photo_path, top=_ALL, hide=hide, include=include)
+            return self._look(photo, top=top, hide=hide, include=include)
+        first = self._look(photo, top=_ALL, hide=hide, include=include)
         if looks.is_sure(first):
             return truncate(first, top)
-        second = replace(self.second, fov_deg=self.fov_deg)
-        further = second._look(photo_path, top=_ALL, hide=hide, include=include)
+        photo = replace(photo, seconds=0.0)
+        further = self.second._look(photo, top=_ALL, hide=hide, include=include)
         return looks.combine_looks(
             (first, further), calibration=self.both, place_radius_px=self.place_radius_px, top=top
         )
 
-    def _look(self, photo_path: Path, *, top: int, hide: frozenset[int], include: frozenset[int]) -> Answer:
+    def _look(self, photo: _QueryPhoto, *, top: int, hide: frozenset[int], include: frozenset[int]) -> Answer:
         """Localize by the pipeline's own features."""
-        watch = _Stopwatch()
-        with watch.stage("read"):
-            gray, fov = self._read(photo_path)
+        watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
-            features = self._extract(gray)
-        indexed = self.opened.indexed
+            features = self._extract(photo.gray)
+        indexed, fov = self.opened.indexed, photo.fov
         if fov is None:
             with watch.stage("retrieve"):
                 answer = vote.localize(indexed, features, top=top, hide=hide)
@@ -172,18 +180,23 @@ class LocalizationPipeline:
         seconds = {**found.answer.seconds, **watch.total()}
         return replace(answer, seconds=seconds, fov=fov, looks=(self.features,))
 
-    def _read(self, photo_path: Path) -> tuple[GrayPhoto, FieldOfView | None]:
-        """Read a photo and its field of view, which `vote` does not ask for."""
+    def _read(self, photo_path: Path) -> _QueryPhoto:
+        started = time.perf_counter()
         limits = self.settings.photo
         gray = read_gray(photo_path, limits=limits, max_side=self.settings.extract.max_side_px)
+        fov = self._fov(photo_path, gray)
+        return _QueryPhoto(gray, fov, time.perf_counter() - started)
+
+    def _fov(self, photo_path: Path, gray: GrayPhoto) -> FieldOfView | None:
+        """Find a photo's field of view, which `vote` does not ask for."""
         if self.opened.method == "vote":
-            return gray, None
+            return None
         if self.fov_deg is not None:
-            return gray, FieldOfView(self.fov_deg, "option")
-        exif = read_facts(photo_path, limits=limits).fov_deg
+            return FieldOfView(self.fov_deg, "option")
+        exif = read_facts(photo_path, limits=self.settings.photo).fov_deg
         if exif is not None:
-            return gray, FieldOfView(exif, "exif")
-        return gray, FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
+            return FieldOfView(exif, "exif")
+        return FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
 
     def _extract(self, gray: GrayPhoto) -> Features:
         choice = self.opened.choice
