@@ -5,10 +5,10 @@
 Requests of all of the API, photos, satellite images, zips, `.cfg` files, missions and coordinate systems are
 made by chance and sent by several clients to a server of its own, with a temporary library. Each request has
 a number, and follows from the seed and that number: `--only` sends one again. Printed are a JSON object with
-the answers by kind and status and the slowest of each kind, and on standard error each fault as it comes: a
-5xx other than "busy" (503 with `Retry-After`) and a full disk (507), no answer, an answer after more than a
-minute, a health check after more than ten seconds, an acknowledged photo that is gone or another one. With
-faults, the end of the server's log follows, and the exit code is 1.
+the answers by kind and status and the slowest request of each kind with its seconds, and on standard error
+each fault as it comes: a 5xx other than "busy" (503 with `Retry-After`) and a full disk (507), no answer, an
+answer after more than a minute, a health check after more than ten seconds, an acknowledged photo that is
+gone or another one. With faults, the end of the server's log follows, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ class Tally:
     """What was answered."""
 
     statuses: collections.Counter[str] = dataclasses.field(default_factory=collections.Counter)
-    slowest_s: dict[str, float] = dataclasses.field(default_factory=dict)
+    slowest: dict[str, tuple[float, str]] = dataclasses.field(default_factory=dict)
     faults: list[str] = dataclasses.field(default_factory=list)
 
-    def note(self, kind: str, status: object, *, seconds: float) -> None:
-        """Count an answer."""
+    def note(self, kind: str, status: object, *, seconds: float, request: str = "") -> None:
+        """Count an answer, and keep the slowest of a kind."""
         self.statuses[f"{kind} {status}"] += 1
-        self.slowest_s[kind] = max(self.slowest_s.get(kind, 0.0), round(seconds, 2))
+        self.slowest[kind] = max(self.slowest.get(kind, (0.0, "")), (round(seconds, 2), request))
 
     def fault(self, text: str) -> None:
         """Note what should not have happened."""
@@ -181,12 +181,12 @@ def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, in
         answer = client.call(request.method, request.path, **options)
     except (requests.RequestException, ValueError) as error:
         seconds = time.monotonic() - started
-        tally.note(kind, "none", seconds=seconds)
+        tally.note(kind, "none", seconds=seconds, request=where)
         if not isinstance(error, ValueError | requests.exceptions.InvalidURL):
             tally.fault(f"{where}: {error!r} after {seconds:.0f} s")
         return
     seconds = time.monotonic() - started
-    tally.note(kind, answer.status_code, seconds=seconds)
+    tally.note(kind, answer.status_code, seconds=seconds, request=where)
     if is_fault(answer.status_code, answer.headers):
         tally.fault(f"{where}: {answer.status_code} {answer.text[:200]}")
     elif seconds > _LONGEST_S:
@@ -231,7 +231,7 @@ def _noise(kind: str, seed: int) -> bytes:
 def _sorted(tally: Tally) -> dict[str, Any]:
     return {
         "answers": dict(sorted(tally.statuses.items())),
-        "slowest_s": dict(sorted(tally.slowest_s.items())),
+        "slowest": {kind: [seconds, request] for kind, (seconds, request) in sorted(tally.slowest.items())},
     }
 
 

@@ -59,3 +59,15 @@ def test_some_zips_can_be_opened_and_some_cannot():
 )  # fmt: skip
 def test_a_fault_is_what_only_the_server_can_be_blamed_for(status, headers, fault):
     assert hostile.is_fault(status, headers) is fault
+
+
+def test_the_slowest_request_of_a_kind_is_named():
+    tally = hostile.Tally()
+    for seconds, request in [
+        (0.2, "api 1: GET /maps"),
+        (3.0, "api 2: POST /maps"),
+        (0.1, "api 3: GET /jobs"),
+    ]:
+        tally.note("api", 200, seconds=seconds, request=request)
+    assert tally.slowest == {"api": (3.0, "api 2: POST /maps")}
+    assert tally.statuses == {"api 200": 3}
