@@ -26,13 +26,19 @@ def test_progress_and_cancel_in_two_pages(make_page, context, api):
     expect(listed.get_by_text("done", exact=True)).to_be_visible(timeout=180_000)
 
 
-def test_the_card_of_jobs_leaves_the_image_free_on_a_wide_screen(make_page):
+def test_the_card_of_jobs_leaves_image_and_photos_free_on_a_wide_screen(make_page):
     edit = make_page(30, placed=True)
     card = edit.page.locator("#activity")
     expect(card).to_be_visible()
-    image, result = edit.canvas.bounding_box(), card.bounding_box()
-    assert result["x"] + result["width"] <= image["x"] + 1
-    assert result["y"] + result["height"] <= edit.page.viewport_size["height"]
+    for view in ("side", "strip", "grid"):
+        edit.page.locator(f"[data-view={view}]:is(button)").click()
+        result = card.bounding_box()
+        for part in ("#map-canvas", "#side"):
+            box = edit.page.locator(part).bounding_box()
+            assert (
+                result["x"] >= box["x"] + box["width"] - 1 or result["y"] + result["height"] <= box["y"] + 1
+            )
+        assert result["y"] + result["height"] <= edit.page.viewport_size["height"]
 
 
 def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_map):

@@ -68,7 +68,6 @@ def test_photos_without_gps_wait_and_say_why_and_a_list_places_them(
     edit.choose_photos(small_photos[:3])
     edit.uploaded()
     expect(edit.unplaced).to_have_text("3")
-    edit.page.locator("#current-more summary").click()
     expect(edit.current).to_contain_text("no GPS position")
     page.locator("#place-menu summary").click()
     page.locator("#place-by-file").click()

@@ -10,11 +10,13 @@ export class Commands {
   /**
    * @param {import("../shared/map/map-store.js").MapStore} store
    * @param {import("./edit-queue.js").EditQueue} edits
+   * @param {import("./photos/photo-order.js").PhotoOrder} order in which the photos are gone through
    * @param {function(string): void} say announces to a screen reader
    */
-  constructor(store, edits, say) {
+  constructor(store, edits, order, say) {
     this.store = store;
     this.edits = edits;
+    this.order = order;
     this.say = say;
     /** @type {?function(): void} takes the last message away */
     this._toast = null;
@@ -47,6 +49,20 @@ export class Commands {
     );
   }
 
+  /** Put photos on one spot, as when they are dragged there from the grid. @param {number[]} ids */
+  placeAt(ids, pixel) {
+    const { store } = this;
+    const there = ids.filter((id) => store.photos.has(id));
+    if (there.length === 1) {
+      store.setCurrent(there[0]);
+      this.placeCurrent(pixel);
+    } else if (there.length) {
+      const [x_px, y_px] = clamped(pixel, store.satellite);
+      this._edit(there.some((id) => store.isPlaced(id)) ? "move" : "place", there.map((id) => ({ id, x_px, y_px })));
+      this.say(tn("{n} photo placed.", "{n} photos placed.", there.length));
+    }
+  }
+
   /** Put photos elsewhere. @param {Map<number, [number, number]>} positions */
   move(positions) {
     const { satellite } = this.store;
@@ -62,6 +78,14 @@ export class Commands {
     const heading_deg = degrees === null ? null : wholeTurn(degrees);
     this._edit("turn", [{ id, heading_deg }]);
     if (heading_deg !== null) this.say(t("Heading {degrees}°", { degrees: heading_deg }));
+  }
+
+  /** Set where several photos look. @param {Map<number, ?number>} headings degrees clockwise from north, by id */
+  turnAll(headings) {
+    const changes = [...headings].map(([id, degrees]) => ({ id, heading_deg: degrees === null ? null : wholeTurn(degrees) }));
+    if (!changes.length) return;
+    this._edit("turn", changes);
+    this.say(tn("{n} photo turned.", "{n} photos turned.", changes.length));
   }
 
   /** Turn the current photo by some degrees; one without a heading starts at north. */
@@ -97,12 +121,12 @@ export class Commands {
     return currentId === null ? [] : [currentId];
   }
 
-  /** Go to the next or previous photo: among those of the tray while placing, else among all. */
+  /** Go to the next or previous photo of those that pass the filters: of the tray while placing, else of all. */
   step(direction) {
-    const { store } = this;
+    const { order, store } = this;
     const placing = store.currentId === null || !store.isPlaced(store.currentId);
     const keep = placing && store.unplaced().length ? (id) => !store.isPlaced(id) : () => true;
-    const id = this._neighbour(direction, keep);
+    const id = this._neighbour(direction, (other) => keep(other) && order.passes(other));
     if (id === null || id === store.currentId) return;
     store.setCurrent(id);
     const announcement = store.isPlaced(id) ? t("{name}, placed", { name: store.current.name }) : store.current.name;
@@ -124,6 +148,11 @@ export class Commands {
     this._show(item.action === "undo" ? t("Undone: {what}", { what }) : t("Redone: {what}", { what }));
   }
 
+  /** Say that a photo is placed nowhere but on the image. */
+  warnOutside() {
+    this.warn(t("That is outside the image."), t("Click on the image where the photo was taken."));
+  }
+
   /** Say why something was not done. @param {string} message @param {string} hint */
   warn(message, hint) {
     this._show(message, { hint });
@@ -141,12 +170,12 @@ export class Commands {
   }
 
   _nextUnplaced(after) {
-    const id = this._neighbour(1, (other) => !this.store.isPlaced(other), after);
-    return id === after ? null : id;
+    const waits = (id) => id !== after && !this.store.isPlaced(id);
+    return this._neighbour(1, (id) => waits(id) && this.order.passes(id), after) ?? this._neighbour(1, waits, after);
   }
 
   _neighbour(direction, keep, from = this.store.currentId) {
-    const { order } = this.store;
+    const order = this.order.sorted();
     const start = order.indexOf(from);
     for (let n = 1; n <= order.length; n += 1) {
       const at = start < 0 && direction < 0 ? order.length - n : start + direction * n;

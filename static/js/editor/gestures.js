@@ -1,7 +1,6 @@
 /** Mouse, pen and fingers on the image: place, choose, drag, turn, box; Leaflet keeps pan, wheel and pinch. */
 
 import { h } from "../shared/dom.js";
-import { t } from "../shared/i18n.js";
 import { clamped, imageAngle, isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 
@@ -31,7 +30,6 @@ export class EditGestures {
     addEventListener("pointermove", (event) => this._move(event));
     addEventListener("pointerup", (event) => this._up(event));
     addEventListener("pointercancel", () => this.cancel());
-    element.addEventListener("contextmenu", (event) => event.pointerType === "touch" && event.preventDefault());
     const hover = rafThrottle(() => this._hover());
     element.addEventListener("pointermove", (event) => {
       this._last = event;
@@ -167,7 +165,7 @@ export class EditGestures {
   _place(event) {
     const pixel = this.view.pixelAt(event);
     if (!isInside(pixel, this.store.satellite)) {
-      this.commands.warn(t("That is outside the image."), t("Click on the image where the photo was taken."));
+      this.commands.warnOutside();
       return;
     }
     const { clientX: x, clientY: y, timeStamp } = event;

@@ -17,6 +17,7 @@ export function showHelp() {
       ["+, −, 0", t("zoom in, zoom out, whole image")],
       ["C", t("show the current photo on the image")],
       ["M", t("go to the image")],
+      ["F", t("the photo on the whole screen; arrow keys go on from there")],
       ["Delete", t("remove from the map")],
       ["Backspace", t("back to the tray")],
       ["Ctrl + Z", t("undo")],
@@ -30,11 +31,12 @@ export function showHelp() {
       [t("Shift + click, Shift + drag"), t("select one, select a box")],
       [t("Long press"), t("select, on a touch screen")],
     ]),
-    group(t("In the list"), [
-      ["↑ ↓", t("go through the photos")],
+    group(t("In the grid"), [
+      ["← ↑ → ↓", t("go through the photos")],
       ["Enter", t("make it the current photo")],
       [t("Space"), t("select it")],
       ["Ctrl + A", t("select all")],
+      ["Shift + F10", t("the menu of the photo, as by a right click")],
     ]),
     h("label", { class: "check" }, single, t("Single-letter shortcuts")),
   ]);

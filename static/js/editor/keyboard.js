@@ -1,6 +1,7 @@
 /** The keyboard: everything that a hand can do. */
 
 import { takesText } from "../shared/dom.js";
+import { openViewer } from "./photos/photo-viewer.js";
 
 const STEP = 8;
 const FAST_STEP = 48;
@@ -93,6 +94,7 @@ function single(event, { commands, view, help }) {
     0: () => view.fit(),
     c: () => position && view.reveal(position, { margin: 120 }),
     m: () => view.element.focus(),
+    f: () => openViewer(commands),
     "?": help,
   };
   return actions[event.key.toLowerCase()] || null;

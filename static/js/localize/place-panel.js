@@ -1,12 +1,12 @@
 /** The place that is looked at: coordinates to copy, and the buttons that take the photo over into the map. */
 
 import { numberText } from "../shared/answer/answer-format.js";
+import { copy } from "../shared/clipboard.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { debounce } from "../shared/timing.js";
 import { toast, toastError } from "../shared/toast.js";
-import { copy } from "./query-view.js";
 
 const CALM_MS = 60;
 

@@ -1,11 +1,12 @@
 /** The photo that was asked about, large enough to be recognised, and what can be done with its answer. */
 
+import { copy } from "../shared/clipboard.js";
 import { confirmDialog } from "../shared/dialogs.js";
 import { byId } from "../shared/dom.js";
 import { moment, t, tn } from "../shared/i18n.js";
 import { PhotoZoom } from "../shared/photo-zoom.js";
 import { shareDialog } from "../shared/share-dialog.js";
-import { toast, toastError } from "../shared/toast.js";
+import { toastError } from "../shared/toast.js";
 
 /**
  * @param {{session: import("../shared/answer/query-session.js").QuerySession, server: Object, slug: string}} page
@@ -59,20 +60,6 @@ export function showQuery({ session, server, slug }, on) {
       toastError(error);
     }
   });
-}
-
-/**
- * Put text into the clipboard; without https the browser has none, and the text is shown instead.
- * @param {string} text
- * @param {string} confirmation
- */
-export async function copy(text, confirmation) {
-  try {
-    await navigator.clipboard.writeText(text);
-    toast(confirmation);
-  } catch {
-    toast(text);
-  }
 }
 
 function about({ at, who, options }) {

@@ -22,6 +22,11 @@ export function sizeText(bytes) {
   return bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`;
 }
 
+/** How far off a position may be. @param {number} metres */
+export function accuracyText(metres) {
+  return `${(metres < 10 ? Number(metres.toFixed(1)) : Math.round(metres)).toLocaleString(locale)} m`;
+}
+
 /** Metres for people: three digits, and not finer than a millimetre. */
 export function metresText(value) {
   return value < 0.001 ? "0" : Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });

@@ -33,8 +33,8 @@ export class MapStore extends EventTarget {
     this.tool = "select";
     this.jobs = [];
     this.people = [];
-    /** Ids in their order: all, those that are not about to be removed, and of these those without a place. */
-    this._sorted = this._order = this._unplaced = null;
+    this._unplaced = null;
+    this._reorder();
     this._setSatellite(state.satellite, state.georeference);
   }
 
@@ -51,8 +51,25 @@ export class MapStore extends EventTarget {
   /** Ids of all photos by time, then by name. */
   get order() {
     this._sorted ??= sorted(this.photos);
-    this._order ??= this._sorted.filter((id) => !this.pending.get(pendingKey(null, id))?.removed);
+    this._order ??= this._sorted.filter((id) => this._stays(id));
     return this._order;
+  }
+
+  /** Ids of all photos by name. */
+  get byName() {
+    this._named ??= [...this.photos.values()].sort(compareNames).map((photo) => photo.id);
+    return this._named.filter((id) => this._stays(id));
+  }
+
+  /** Whether a photo is not about to be removed. */
+  _stays(id) {
+    return !this.pending.get(pendingKey(null, id))?.removed;
+  }
+
+  /** Photos came, went, or have another time or name. */
+  _reorder() {
+    /** Ids by time and by name; `_order` without those that are about to be removed. */
+    this._sorted = this._named = this._order = null;
   }
 
   get current() {
@@ -95,7 +112,7 @@ export class MapStore extends EventTarget {
   /** Take what the page began without: details of photos that are still here, but for those that are newer. */
   addDetails(photos) {
     for (const photo of photos) if (this.photos.has(photo.id) && !this.isKnown(photo.id)) this.photos.set(photo.id, photo);
-    this._sorted = this._order = null;
+    this._reorder();
     this._photosChanged();
   }
 
@@ -140,10 +157,10 @@ export class MapStore extends EventTarget {
     if (!photo.removed) {
       const known = this.photos.get(photo.id);
       if (!known || photo.revision >= known.revision) this.photos.set(photo.id, photo);
-      if (known?.name !== photo.name || known.taken_at !== photo.taken_at) this._sorted = this._order = null;
+      if (known?.name !== photo.name || known.taken_at !== photo.taken_at) this._reorder();
       return;
     }
-    this._sorted = this._order = null;
+    this._reorder();
     this.photos.delete(photo.id);
     this.selection.delete(photo.id);
     if (this.currentId === photo.id) this.setCurrent(null);
@@ -224,8 +241,13 @@ function photosOf({ photos, dots }) {
 function sorted(photos) {
   const time = (photo) => photo.taken_at || (photo.revision === DOT_REVISION ? "9999z" : "9999");
   return [...photos.values()]
-    .sort((a, b) => (time(a) < time(b) ? -1 : time(a) > time(b) ? 1 : NAMES.compare(a.name, b.name) || a.id - b.id))
+    .sort((a, b) => (time(a) < time(b) ? -1 : time(a) > time(b) ? 1 : compareNames(a, b)))
     .map((photo) => photo.id);
+}
+
+/** By name, with numbers as numbers. */
+function compareNames(a, b) {
+  return NAMES.compare(a.name, b.name) || a.id - b.id;
 }
 
 /** Key of a photo's fields in `pending`: positions belong to a placement, headings to the photo. */

@@ -1,17 +1,19 @@
 /** The current photo: large, with what is known of it and what can be done with it. */
 
-import { byId, h, icon, targetOf } from "../shared/dom.js";
-import { clockText } from "../shared/format.js";
-import { t } from "../shared/i18n.js";
-import { latLonText } from "../shared/map/coords.js";
-import { PhotoZoom } from "../shared/photo-zoom.js";
-import { blurDialog } from "./blur-dialog.js";
+import { byId, h, icon, targetOf } from "../../shared/dom.js";
+import { accuracyText, clockText } from "../../shared/format.js";
+import { t } from "../../shared/i18n.js";
+import { latLonText } from "../../shared/map/coords.js";
+import { PhotoZoom } from "../../shared/photo-zoom.js";
+import { ProgressiveImage } from "../../shared/progressive-image.js";
+import { blurDialog } from "../blur-dialog.js";
+import { openViewer } from "./photo-viewer.js";
 
 /** The panel of the current photo. */
 export class CurrentPhoto {
   /**
-   * @param {import("./commands.js").Commands} commands
-   * @param {import("../shared/map/map-view.js").MapView} view
+   * @param {import("../commands.js").Commands} commands
+   * @param {import("../../shared/map/map-view.js").MapView} view
    * @param {Object} server endpoints
    */
   constructor(commands, view, server) {
@@ -20,6 +22,7 @@ export class CurrentPhoto {
     this.server = server;
     this.store = commands.store;
     this.image = byId("current-image", HTMLImageElement);
+    this.picture = new ProgressiveImage(byId("current-frame"), this.image);
     this.zoom = new PhotoZoom(byId("current-frame"), this.image);
     this._listen();
     this.store.on("current", () => {
@@ -37,14 +40,13 @@ export class CurrentPhoto {
     on("current-next", () => commands.step(1));
     on("current-closer", () => this.zoom.step(1));
     on("current-farther", () => this.zoom.step(-1));
+    on("current-whole", () => openViewer(commands));
     on("current-show", () => this.view.reveal(store.position(store.currentId), { margin: 120 }));
     on("current-tray", () => commands.toTray([store.currentId]));
     on("current-blur", () => this._blur(store.current));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
     byId("current-heading", HTMLInputElement).addEventListener("change", (event) => this._heading(targetOf(event, HTMLInputElement)));
-    this.image.addEventListener("error", () => byId("current-frame").classList.add("is-broken"));
-    this.image.addEventListener("load", () => byId("current-frame").classList.remove("is-broken"));
   }
 
   _blur(photo) {
@@ -71,12 +73,8 @@ export class CurrentPhoto {
     byId("current-none").hidden = Boolean(photo);
     byId("current-some").hidden = !photo;
     this._instruction(photo);
-    if (!photo) {
-      this.image.removeAttribute("src");
-      this._shown = null;
-      return;
-    }
-    this._picture(photo);
+    if (this.picture.show(photo)) this._ahead();
+    if (!photo) return;
     const position = store.position(photo.id);
     byId("current-name").textContent = photo.name;
     byId("current-name").title = photo.name;
@@ -84,24 +82,6 @@ export class CurrentPhoto {
     this._buttons(photo, position);
     const input = byId("current-heading", HTMLInputElement);
     if (document.activeElement !== input) input.value = this._headingText(photo.id);
-  }
-
-  /** The small picture is there at once; the large one takes its place when it has arrived. */
-  _picture(photo) {
-    const address = photo.preview ?? null; // not known yet
-    if (this._shown === address) return;
-    this._shown = address;
-    this.image.removeAttribute("src");
-    if (!address) return;
-    this.image.alt = photo.name;
-    this.image.src = photo.thumb;
-    const large = new Image();
-    large.src = address;
-    large.decode().then(
-      () => this._shown === address && (this.image.src = large.src),
-      () => this._shown === address && byId("current-frame").classList.toggle("is-broken", !this.image.naturalWidth),
-    );
-    this._ahead();
   }
 
   /** Fetch the next photo before it is asked for. */
@@ -122,7 +102,7 @@ export class CurrentPhoto {
 
   _gps({ gps, gps_problem: problem }) {
     if (!gps) return problem || t("none in this file");
-    const accuracy = gps.accuracy_m ? ` ± ${gps.accuracy_m < 10 ? gps.accuracy_m.toFixed(1) : Math.round(gps.accuracy_m)} m` : "";
+    const accuracy = gps.accuracy_m ? ` ± ${accuracyText(gps.accuracy_m)}` : "";
     const { satellite } = this.store;
     const known = satellite && Number.isFinite(gps.x_px);
     const outside = known && (gps.x_px < 0 || gps.y_px < 0 || gps.x_px > satellite.width || gps.y_px > satellite.height);

@@ -1,0 +1,216 @@
+/** The photos as a grid: one of them is current, some may be selected; they are dragged to the image from here. */
+
+import { byId, h, icon, queryAll, targetOf } from "../../shared/dom.js";
+import { accuracyText, clockText } from "../../shared/format.js";
+import { t, tn } from "../../shared/i18n.js";
+import { rafThrottle } from "../../shared/timing.js";
+import { PHOTOS_TYPE } from "./drop-photos.js";
+import { VirtualGrid } from "./virtual-grid.js";
+
+/** The grid, and the choice of those with or without a place. */
+export class PhotoGrid {
+  /**
+   * @param {import("../commands.js").Commands} commands
+   * @param {import("./photo-order.js").PhotoOrder} order
+   * @param {{open: function(): void, menu: function(number, {x: number, y: number}): void}} on a double click; a right click
+   */
+  constructor(commands, order, on) {
+    this.commands = commands;
+    this.order = order;
+    this.store = commands.store;
+    this.on = on;
+    this.box = byId("tray-list");
+    this.grid = new VirtualGrid(this.box, (id) => this._make(id), (tile, id) => this._update(tile, id));
+    this._listen();
+    const render = rafThrottle(() => this.render());
+    this.store.on("photos placement selection", render);
+    this.store.on("current", () => this._showCurrent());
+    order.addEventListener("change", () => {
+      this.box.scrollTo(0, 0);
+      this.render();
+      this._showCurrent();
+    });
+    this.render();
+    this._showCurrent();
+  }
+
+  render() {
+    const { store } = this;
+    const unplaced = store.unplaced().length;
+    const counts = { all: store.order.length, placed: store.order.length - unplaced, unplaced };
+    for (const button of queryAll("[data-filter]", HTMLButtonElement, byId("tray-filter"))) {
+      const { filter } = button.dataset;
+      button.setAttribute("aria-pressed", String(filter === this.order.place));
+      button.querySelector("[data-count]").textContent = String(counts[filter]);
+    }
+    this.grid.show(this.order.shown());
+    this._empty(counts);
+  }
+
+  _listen() {
+    byId("tray-filter").addEventListener("click", (event) => {
+      const button = /** @type {?HTMLElement} */ (targetOf(event).closest("[data-filter]"));
+      if (button) this.order.show(/** @type {*} */ (button.dataset.filter));
+    });
+    const { box } = this;
+    box.addEventListener("click", (event) => this._at(event, (id) => this._click(id, event)));
+    box.addEventListener("dblclick", (event) => this._at(event, () => this.on.open()));
+    box.addEventListener("contextmenu", (event) => this._menu(event));
+    box.addEventListener("dragstart", (event) => this._at(event, (id) => this._drag(id, event)));
+    box.addEventListener("keydown", (event) => this._key(event));
+    box.addEventListener("focus", () => this._activate(this._active ?? this.store.currentId ?? this.grid.ids[0]));
+  }
+
+  /** Do something with the photo that an event is about. */
+  _at(event, run) {
+    const tile = targetOf(event).closest("[data-id]");
+    if (tile) run(Number(tile.getAttribute("data-id")));
+  }
+
+  _click(id, event) {
+    this._activate(id);
+    if (event.shiftKey) this._range(id);
+    else if (event.ctrlKey || event.metaKey || event.target.closest(".ed-tile__check")) this.store.toggleSelected(id);
+    else this.store.setCurrent(id);
+    if (!event.shiftKey) this._anchor = id;
+  }
+
+  /** The menu of a photo, by the mouse or, of the active one, by the keyboard. */
+  _menu(event) {
+    event.preventDefault();
+    const byKey = !targetOf(event).closest("[data-id]");
+    if (!byKey) this._at(event, (id) => this.on.menu(id, { x: event.clientX, y: event.clientY }));
+    else if (this.grid.tiles.has(this._active)) {
+      const { left, bottom } = this.grid.tiles.get(this._active).getBoundingClientRect();
+      this.on.menu(this._active, { x: left, y: bottom });
+    }
+  }
+
+  /** A selected photo takes all that are selected with it. */
+  _drag(id, event) {
+    const { selection } = this.store;
+    event.dataTransfer.setData(PHOTOS_TYPE, JSON.stringify(selection.has(id) ? [...selection] : [id]));
+    event.dataTransfer.effectAllowed = "move";
+    const { width, height } = event.target.getBoundingClientRect();
+    event.dataTransfer.setDragImage(event.target.querySelector("img"), width / 2, height / 2);
+  }
+
+  /** Select all from the last chosen photo to this one. */
+  _range(id) {
+    const { ids } = this.grid;
+    const ends = [ids.indexOf(this._anchor ?? this.store.currentId), ids.indexOf(id)].sort((a, b) => a - b);
+    this.store.setSelection([...this.store.selection, ...ids.slice(Math.max(ends[0], 0), ends[1] + 1)]);
+  }
+
+  _key(event) {
+    const { ids, steps: { across, page } } = this.grid;
+    const at = ids.indexOf(this._active);
+    const to = {
+      ArrowRight: at + 1, ArrowLeft: at - 1, ArrowDown: at + across, ArrowUp: at - across,
+      PageDown: at + page, PageUp: at - page, Home: 0, End: ids.length - 1,
+    };
+    if (event.key in to) {
+      const id = ids[Math.min(Math.max(to[event.key], 0), ids.length - 1)];
+      if (event.shiftKey && id !== undefined) this.store.setSelection([...this.store.selection, this._active, id]);
+      this._activate(id);
+    } else if (event.key === "Enter" && at >= 0) this.store.setCurrent(this._active);
+    else if (event.key === " " && at >= 0) this.store.toggleSelected(this._active);
+    else if (event.key.toLowerCase() === "a" && (event.ctrlKey || event.metaKey)) this.store.setSelection(ids);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  /** The photo that keys act on. */
+  _activate(id) {
+    const tile = id === undefined || id === null ? null : this.grid.reveal(id);
+    const before = this._active;
+    this._active = tile ? id : null;
+    if (tile) this.box.setAttribute("aria-activedescendant", tile.id);
+    else this.box.removeAttribute("aria-activedescendant");
+    for (const changed of [before, id]) {
+      const shown = this.grid.tiles.get(changed);
+      if (shown) this._update(shown, changed);
+    }
+  }
+
+  _showCurrent() {
+    this.grid.render();
+    const { currentId } = this.store;
+    if (currentId !== null) this._activate(currentId);
+  }
+
+  _make(id) {
+    return h(
+      "div",
+      { class: "ed-tile", role: "option", id: `photo-${id}`, dataset: { id, testid: "tray-photo" }, draggable: String(this.store.canEdit) },
+      h("img", { class: "ed-thumb", alt: "", loading: "lazy", decoding: "async", draggable: "false" }),
+      h("span", { class: "ed-tile__check" }, icon("check")),
+      h("span", { class: "ed-tile__placed ed-badge" }, icon("pin")),
+      h("span", { class: "ed-tile__badges", "aria-hidden": "true" }),
+      h("span", { class: "ed-tile__name" }),
+      h("span", { class: "visually-hidden" }),
+    );
+  }
+
+  _update(tile, id) {
+    const { store } = this;
+    const photo = store.photos.get(id);
+    if (!photo) return;
+    const [image, , pin, badges, name, details] = tile.children;
+    if (photo.thumb && image.getAttribute("src") !== photo.thumb) image.setAttribute("src", photo.thumb);
+    name.textContent = photo.name;
+    const facts = factsOf(store, id);
+    const placed = store.isPlaced(id);
+    pin.toggleAttribute("hidden", !placed);
+    const signature = JSON.stringify(facts);
+    if (badges.dataset.facts !== signature) badges.replaceChildren(...facts.map(badge));
+    badges.dataset.facts = signature;
+    tile.setAttribute("aria-selected", String(store.selection.has(id)));
+    tile.setAttribute("aria-current", String(id === store.currentId));
+    const words = ["", photo.taken_at ? clockText(photo.taken_at) : t("no time"), placed ? t("placed") : t("not placed"), ...facts.map((fact) => fact.words)];
+    details.textContent = words.join(", ");
+    name.title = photo.name;
+    tile.classList.toggle("is-active", id === this._active);
+  }
+
+  _empty(counts) {
+    const empty = byId("tray-empty");
+    empty.hidden = this.grid.ids.length > 0;
+    if (!empty.hidden) empty.replaceChildren(...this._emptyWords(counts));
+  }
+
+  _emptyWords({ all, placed, unplaced }) {
+    const { filters, active, place } = this.order;
+    if (!all) return [h("p", {}, t("No photos yet. Drop a folder anywhere on this page, or choose files."))];
+    if (filters.text && !active) return [h("p", {}, t("No photo name matches “{search}”.", { search: filters.text }))];
+    if (active) return [h("p", {}, t("No photo passes the filters.")), this._button(t("Clear the filters"), () => this.order.clear())];
+    if (place === "placed") return [h("p", {}, t("No photo is placed yet. Click on the image where the current photo was taken."))];
+    if (unplaced) return [];
+    return [h("p", {}, tn("The {n} photo is placed.", "All {n} photos are placed.", placed)), this._button(t("Show them"), () => this.order.show("placed"))];
+  }
+
+  _button(words, onclick) {
+    return h("button", { type: "button", class: "button", onclick }, words);
+  }
+}
+
+/** @typedef {{icon: string, text: string, words: string, turn?: number}} Fact */
+
+/** What is known of a photo, for its badges and in words. @returns {Fact[]} */
+function factsOf(store, id) {
+  const { gps } = store.photos.get(id);
+  const accuracy = gps?.accuracy_m ? `±${accuracyText(gps.accuracy_m)}` : "";
+  const heading = store.heading(id);
+  return [
+    gps && { icon: "target", text: accuracy, words: ["GPS", accuracy].filter(Boolean).join(" ") },
+    heading !== null && { icon: "north", text: "", words: t("Heading {degrees}°", { degrees: Math.round(heading) }), turn: heading },
+  ].filter(Boolean);
+}
+
+/** @param {Fact} fact */
+function badge({ icon: name, text, turn }) {
+  const drawn = icon(name);
+  if (turn !== undefined) drawn.style.rotate = `${Math.round(turn)}deg`;
+  return h("span", { class: "ed-badge" }, drawn, text);
+}

@@ -1,0 +1,79 @@
+/** What a right click offers: on a photo of the grid, on a dot, and on the image. */
+
+import { copy } from "../../shared/clipboard.js";
+import { openContextMenu } from "../../shared/context-menu.js";
+import { t, tn } from "../../shared/i18n.js";
+import { isInside } from "../../shared/map/coords.js";
+import { headingDialog } from "./heading-dialog.js";
+import { openViewer } from "./photo-viewer.js";
+
+/** Menus of photos and of the image. */
+export class PhotoMenu {
+  /**
+   * @param {import("../commands.js").Commands} commands
+   * @param {import("./photo-order.js").PhotoOrder} order
+   * @param {{view: Object, dots: Object, crosshair: Object}} page
+   */
+  constructor(commands, order, { view, dots, crosshair }) {
+    this.commands = commands;
+    this.order = order;
+    this.store = commands.store;
+    this.view = view;
+    view.element.addEventListener("contextmenu", (event) => {
+      event.preventDefault();
+      if (event.pointerType === "touch" || !this.store.satellite) return; // a long press selects
+      const byKey = crosshair.visible && event.button !== 2;
+      const point = byKey ? crosshair.point : view.map.mouseEventToContainerPoint(event);
+      const { left, top } = view.element.getBoundingClientRect();
+      const at = { x: left + point.x, y: top + point.y };
+      const [hit] = dots.near(point);
+      if (hit === undefined) this._ofImage(byKey ? crosshair.pixel : view.pixelAt(event), at);
+      else this.ofPhoto(hit, at);
+    });
+  }
+
+  /** The menu of a photo, or of all that are selected where it is one of them. */
+  ofPhoto(id, at) {
+    const { commands, store } = this;
+    const ids = store.selection.has(id) ? store.order.filter((one) => store.selection.has(one)) : [id];
+    const one = ids.length === 1;
+    const position = store.position(id);
+    const { gps } = store.photos.get(id);
+    const byGps = one && gps && store.satellite && Number.isFinite(gps.x_px) && isInside([gps.x_px, gps.y_px], store.satellite);
+    if (one) store.setCurrent(id);
+    const { canEdit } = store;
+    openContextMenu(at, one ? store.photos.get(id).name : tn("{n} selected", "{n} selected", ids.length), [
+      one && { icon: "fit", label: t("Whole screen"), run: () => openViewer(commands) },
+      one && position && { icon: "search", label: t("Show on the image"), run: () => this.view.reveal(position, { margin: 120 }) },
+      ...(one && position ? this._placeItems(position) : []),
+      one && { icon: "sort", label: t("Sort by distance from it"), run: () => this.order.sortBy("distance", id) },
+      { icon: "check", label: store.selection.has(id) ? t("Unselect") : t("Select"), run: () => store.toggleSelected(id) },
+      canEdit && byGps && !position && { icon: "target", label: t("Place by GPS"), run: () => commands.placeAt([id], [gps.x_px, gps.y_px]) },
+      canEdit && !one && { icon: "compass", label: t("Heading …"), run: () => headingDialog(commands, ids) },
+      canEdit && ids.some((each) => store.isPlaced(each)) && { icon: "tray", label: t("Back to the tray"), run: () => commands.toTray(ids) },
+      canEdit && { icon: "trash", label: t("Remove"), danger: true, run: () => commands.remove(ids) },
+    ]);
+  }
+
+  _ofImage(pixel, at) {
+    const { commands, store } = this;
+    if (!isInside(pixel, store.satellite)) return;
+    const { current } = store;
+    const words = current && (store.isPlaced(current.id) ? t("Move {name} here", { name: current.name }) : t("Place {name} here", { name: current.name }));
+    openContextMenu(at, t("Satellite image"), [
+      store.canEdit && current && { icon: "pin", label: words, run: () => commands.placeCurrent(pixel) },
+      ...this._placeItems(pixel),
+    ]);
+  }
+
+  /** What can be done with a place. */
+  _placeItems(pixel) {
+    const latLon = this.store.georeference.latLon(pixel);
+    const [lat, lon] = latLon?.map((value) => value.toFixed(7)) ?? [];
+    const text = latLon ? `${lat}, ${lon}` : pixel.map(Math.round).join(", ");
+    return [
+      { icon: "copy", label: `${t("Copy the coordinates")} ${text}`, run: () => copy(text, t("Copied: {text}", { text })) },
+      latLon && { icon: "map", label: t("Open in OpenStreetMap"), href: `https://www.openstreetmap.org/?mlat=${lat}&mlon=${lon}#map=19/${lat}/${lon}` },
+    ].filter(Boolean);
+  }
+}

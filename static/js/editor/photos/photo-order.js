@@ -1,0 +1,97 @@
+/** Which photos the grid shows, and in which order; the keys that go through the photos follow it. */
+
+/** What no filter leaves out. */
+const EVERY = { gps: "any", heading: "any", from: "", to: "", text: "" };
+
+/** Sorting and filters; fires `change`. */
+export class PhotoOrder extends EventTarget {
+  /** @param {import("../../shared/map/map-store.js").MapStore} store */
+  constructor(store) {
+    super();
+    this.store = store;
+    /** @type {"unplaced"|"placed"|"all"} */
+    this.place = store.order.length && !store.unplaced().length ? "all" : "unplaced";
+    /** @type {"time"|"name"|"placed"|"distance"} */
+    this.sort = "time";
+    /** Distances are from this photo, which stays while others are looked at. */
+    this.reference = null;
+    this.filters = { ...EVERY };
+  }
+
+  /** @param {"unplaced"|"placed"|"all"} place */
+  show(place) {
+    this.place = place;
+    this._changed();
+  }
+
+  /** @param {"time"|"name"|"placed"|"distance"} sort @param {?number} [reference] photo that distances are from */
+  sortBy(sort, reference = this.store.currentId) {
+    this.sort = sort;
+    this.reference = reference;
+    this._changed();
+  }
+
+  /** @param {Partial<typeof EVERY>} changes */
+  filter(changes) {
+    Object.assign(this.filters, changes);
+    this._changed();
+  }
+
+  /** Show every photo again, but for those that the search leaves out. */
+  clear() {
+    this.filter({ ...EVERY, text: this.filters.text });
+  }
+
+  /** How many filters leave out photos, the search apart. */
+  get active() {
+    const { gps, heading, from, to } = this.filters;
+    return [gps !== "any", heading !== "any", from || to].filter(Boolean).length;
+  }
+
+  /** Ids of all photos in their order. */
+  sorted() {
+    const { store } = this;
+    if (this.sort === "name") return store.byName;
+    if (this.sort === "placed") return [...store.order.filter((id) => store.isPlaced(id)), ...store.unplaced()];
+    return this.sort === "distance" ? this._byDistance() : store.order;
+  }
+
+  /** Ids of those that are shown. */
+  shown() {
+    const { place, store } = this;
+    return this.sorted().filter((id) => (place === "all" || store.isPlaced(id) === (place === "placed")) && this.passes(id));
+  }
+
+  /** Whether search and filters keep a photo, placed or not. */
+  passes(id) {
+    const { gps, heading, from, to, text } = this.filters;
+    const photo = this.store.photos.get(id);
+    if (text && !photo.name.toLowerCase().includes(text.toLowerCase())) return false;
+    if (gps !== "any" && Boolean(photo.gps) !== (gps === "yes")) return false;
+    if (heading !== "any" && (this.store.heading(id) !== null) !== (heading === "yes")) return false;
+    if (!from && !to) return true;
+    const day = photo.taken_at?.slice(0, 10);
+    return Boolean(day) && (!from || day >= from) && (!to || day <= to);
+  }
+
+  /** Near ones first; those of which nobody knows where they are at the end, by time. */
+  _byDistance() {
+    const from = this.reference === null ? null : this._spot(this.reference);
+    if (!from) return this.store.order;
+    const away = new Map(this.store.order.map((id) => {
+      const spot = this._spot(id);
+      return [id, spot ? Math.hypot(spot[0] - from[0], spot[1] - from[1]) : Infinity];
+    }));
+    return this.store.order.toSorted((a, b) => (away.get(a) === away.get(b) ? 0 : away.get(a) - away.get(b)));
+  }
+
+  /** Where a photo is, else where its GPS says. */
+  _spot(id) {
+    const gps = this.store.photos.get(id)?.gps;
+    return this.store.position(id) ?? (Number.isFinite(gps?.x_px) ? [gps.x_px, gps.y_px] : null);
+  }
+
+  _changed() {
+    this.dispatchEvent(new Event("change"));
+  }
+}

@@ -1,0 +1,160 @@
+/** A grid of thousands of tiles of one size, of which only those in and near sight are elements. */
+
+import { h } from "../../shared/dom.js";
+import { rafThrottle } from "../../shared/timing.js";
+
+const EDGE = 8;
+const GAP = 6;
+/** A photo is shown in this shape, above its name. */
+const SHAPE = 4 / 3;
+/** Rows beyond the edges that are there before they are scrolled to. */
+const OVERSCAN = 2;
+
+/**
+ * Where tiles go: columns of at least some width, or one row that is as high as the box.
+ * @param {{width: number, height: number}} box
+ * @param {{count: number, least: number, label: number, strip: boolean}} tiles `least` width; `label`: height of the name
+ * @returns {{columns: number, tile: [number, number], step: [number, number], size: [number, number]}} pixels
+ */
+export function gridLayout(box, { count, least, label, strip }) {
+  if (strip) {
+    const high = Math.max(box.height - 2 * EDGE, label + 30);
+    const wide = Math.round((high - label) * SHAPE);
+    return { columns: Math.max(count, 1), tile: [wide, high], step: [wide + GAP, high + GAP], size: [2 * EDGE + count * (wide + GAP), box.height] };
+  }
+  const room = Math.max(box.width - 2 * EDGE, least);
+  const columns = Math.max(1, Math.floor((room + GAP) / (least + GAP)));
+  const wide = (room + GAP) / columns - GAP;
+  const high = Math.round(wide / SHAPE) + label;
+  const rows = Math.ceil(count / columns);
+  return { columns, tile: [wide, high], step: [wide + GAP, high + GAP], size: [box.width, 2 * EDGE + rows * (high + GAP)] };
+}
+
+/**
+ * Which tiles are in or near sight.
+ * @param {{columns: number, step: number[]}} layout
+ * @param {{left: number, top: number, width: number, height: number}} sight the part of the grid that the box shows
+ * @param {{count: number, strip: boolean}} tiles
+ * @returns {[number, number]} the first, and the one after the last
+ */
+export function inSight({ columns, step }, sight, { count, strip }) {
+  const [start, length, size] = strip ? [sight.left, sight.width, step[0]] : [sight.top, sight.height, step[1]];
+  const across = strip ? 1 : columns;
+  const first = Math.max(0, Math.floor(start / size) - OVERSCAN) * across;
+  return [first, Math.min(count, (Math.ceil((start + length) / size) + OVERSCAN) * across)];
+}
+
+/** Tiles of a listbox. */
+export class VirtualGrid {
+  /**
+   * @param {HTMLElement} box that scrolls; its class `is-strip` makes it one row, its `--tile` is the least width of a tile
+   * @param {function(number): HTMLElement} make a tile for an id
+   * @param {function(HTMLElement, number): void} update
+   */
+  constructor(box, make, update) {
+    this.box = box;
+    this.make = make;
+    this.update = update;
+    this.ids = [];
+    this.tiles = new Map();
+    this.space = box.appendChild(h("div", { class: "ed-tiles", role: "presentation" }));
+    this.render = rafThrottle(() => this._render());
+    box.addEventListener("scroll", this.render, { passive: true });
+    new ResizeObserver(() => this._resize()).observe(box);
+    this._measure();
+  }
+
+  /** @param {number[]} ids in their order */
+  show(ids) {
+    this.ids = ids;
+    this._measure();
+    this._render();
+  }
+
+  /** Scroll a tile into sight, and give its element. */
+  reveal(id) {
+    const at = this.ids.indexOf(id);
+    if (at < 0) return null;
+    const [x, y] = this._corner(at);
+    this._scroll("scrollLeft", x - EDGE, x + this.layout.step[0], this.box.clientWidth, this.strip);
+    this._scroll("scrollTop", y - EDGE, y + this.layout.step[1], this.box.clientHeight, !this.strip);
+    this._render();
+    return this.tiles.get(id) || null;
+  }
+
+  get strip() {
+    return this.box.classList.contains("is-strip");
+  }
+
+  /** How far a key of the keyboard goes: `across` by arrows, `page` by the page keys. */
+  get steps() {
+    const { columns, step } = this.layout;
+    const { clientWidth, clientHeight } = this.box;
+    if (this.strip) return { across: 1, page: Math.max(1, Math.floor(clientWidth / step[0])) };
+    return { across: columns, page: columns * Math.max(1, Math.floor(clientHeight / step[1])) };
+  }
+
+  _scroll(side, start, end, length, scrolls) {
+    if (!scrolls) return;
+    if (start < this.box[side]) this.box[side] = start;
+    else if (end > this.box[side] + length) this.box[side] = end - length;
+  }
+
+  _measure() {
+    const style = getComputedStyle(this.box);
+    const number = (name) => parseFloat(style.getPropertyValue(name));
+    const { clientWidth: width, clientHeight: height } = this.box;
+    const tiles = { count: this.ids.length, least: number("--tile"), label: number("--tile-label"), strip: this.strip };
+    this.layout = gridLayout({ width, height }, tiles);
+    const [wide, high] = this.layout.tile;
+    const [all, tall] = this.layout.size;
+    Object.assign(this.space.style, { width: `${all}px`, height: `${tall}px` });
+    this.space.style.setProperty("--wide", `${wide}px`);
+    this.space.style.setProperty("--high", `${high}px`);
+  }
+
+  /** What was at the top, or at the left, stays there. */
+  _resize() {
+    if (!this.box.clientWidth) return; // hidden
+    const { columns, step } = this.layout;
+    const first = this._wasStrip ? Math.round(this.box.scrollLeft / step[0]) : Math.round(this.box.scrollTop / step[1]) * columns;
+    this._measure();
+    this._wasStrip = this.strip;
+    const [x, y] = this._corner(Math.min(first, Math.max(this.ids.length - 1, 0)));
+    this.box.scrollLeft = this.strip ? x - EDGE : 0;
+    this.box.scrollTop = this.strip ? 0 : y - EDGE;
+    this._render();
+  }
+
+  _corner(at) {
+    const { columns, step } = this.layout;
+    return [EDGE + (at % columns) * step[0], EDGE + Math.floor(at / columns) * step[1]];
+  }
+
+  _render() {
+    const { scrollLeft: left, scrollTop: top, clientWidth: width, clientHeight: height } = this.box;
+    const [first, last] = inSight(this.layout, { left, top, width, height }, { count: this.ids.length, strip: this.strip });
+    const wanted = this.ids.slice(first, last);
+    const keep = new Set(wanted);
+    for (const [id, tile] of this.tiles) {
+      if (keep.has(id)) continue;
+      tile.remove();
+      this.tiles.delete(id);
+    }
+    wanted.forEach((id, n) => this._tile(id, first + n));
+  }
+
+  _tile(id, at) {
+    let tile = this.tiles.get(id);
+    if (!tile) {
+      tile = this.make(id);
+      this.tiles.set(id, tile);
+      this.space.append(tile);
+    }
+    const [x, y] = this._corner(at);
+    tile.style.transform = `translate(${x}px, ${y}px)`;
+    tile.setAttribute("aria-posinset", String(at + 1));
+    tile.setAttribute("aria-setsize", String(this.ids.length));
+    this.update(tile, id);
+  }
+}

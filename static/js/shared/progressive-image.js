@@ -1,0 +1,37 @@
+/** A photo whose small picture is there at once; the large one takes its place when it has arrived. */
+
+/** Shows one photo at a time in a frame, which has the class `is-broken` while it cannot be shown. */
+export class ProgressiveImage {
+  /**
+   * @param {HTMLElement} frame
+   * @param {HTMLImageElement} image
+   */
+  constructor(frame, image) {
+    this.frame = frame;
+    this.image = image;
+    this._shown = null;
+    image.addEventListener("error", () => frame.classList.add("is-broken"));
+    image.addEventListener("load", () => frame.classList.remove("is-broken"));
+  }
+
+  /**
+   * @param {?{name: string, thumb?: string, preview?: string}} photo null shows none; one without `preview` is not known yet
+   * @returns {boolean} whether it is another picture than before
+   */
+  show(photo) {
+    const address = photo?.preview ?? null;
+    if (this._shown === address) return false;
+    this._shown = address;
+    this.image.removeAttribute("src");
+    if (!address) return false;
+    this.image.alt = photo.name;
+    this.image.src = photo.thumb;
+    const large = new Image();
+    large.src = address;
+    large.decode().then(
+      () => this._shown === address && (this.image.src = large.src),
+      () => this._shown === address && this.frame.classList.toggle("is-broken", !this.image.naturalWidth),
+    );
+    return true;
+  }
+}
