@@ -45,3 +45,18 @@ def test_a_second_run_replaces_nothing_and_fails(cfg: Path, tmp_path: Path) -> N
     (photo,) = json.loads(second.stdout)["photos"]
     assert (photo["written"], photo["lat"]) == (False, None)
     assert "already" in photo["reason"]
+
+
+def test_photos_are_changed_in_place_and_kept(cfg: Path) -> None:
+    before = (cfg.parent / "a.jpg").read_bytes()
+    result = CliRunner().invoke(root, ["map", "write-exif", str(cfg), "--in-place"])
+    assert (result.exit_code, "1 of 1 photos written in place" in result.stderr) == (0, True)
+    assert read_facts(cfg.parent / "a.jpg", limits=PhotoLimits()).gps
+    assert (cfg.parent / "a.jpg_original").read_bytes() == before
+
+
+def test_one_of_copies_and_in_place_is_asked_for(cfg: Path, tmp_path: Path) -> None:
+    for words in ([], ["--in-place", "-o", str(tmp_path / "out")]):
+        result = CliRunner().invoke(root, ["map", "write-exif", str(cfg), *words])
+        assert result.exit_code == 2
+        assert "either" in result.stderr

@@ -98,17 +98,20 @@ def _as_json(report: check_map.CheckReport) -> dict[str, object]:
     }
 
 
-@click.command("write-exif", short_help="Copy photos with their positions in EXIF.")
+@click.command("write-exif", short_help="Write positions into the EXIF of photos, or of copies.")
 @click.argument("cfg", metavar="MAP.cfg", type=_FILE)
-@click.option("-o", "--out", type=_FILE, required=True, metavar="FOLDER", help="Where the copies go.")
+@click.option("-o", "--out", type=_FILE, metavar="FOLDER", help="Where the copies go.")
+@click.option("--in-place", is_flag=True, help="Change the photos; each stays beside as NAME_original.")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as one JSON object.")
 @click.pass_context
-def write_exif(ctx: click.Context, cfg: Path, out: Path, as_json: bool) -> None:
-    """Copy the photos of a map, with the positions and headings of the map in their EXIF.
+def write_exif(ctx: click.Context, cfg: Path, out: Path | None, in_place: bool, as_json: bool) -> None:
+    """Write the positions and headings of a map into the EXIF of its photos: of copies, or in place.
 
-    The map needs a georeference. Originals stay as they are, and no file in FOLDER is replaced. Exit code 1
-    when a photo could not be copied.
+    The map needs a georeference. Copies replace no file in FOLDER, and the originals stay as they are; in
+    place each photo is kept beside it, the first time. Exit code 1 when a photo could not be written.
     """
+    if (out is None) != in_place:
+        raise click.UsageError("give either --out FOLDER or --in-place")
     settings = load_settings()
     with terminal_progress("photos") as progress:
         copies = list(copy_photos(of_folder(cfg), out, limits=settings.photo, progress=progress))
@@ -120,7 +123,8 @@ def write_exif(ctx: click.Context, cfg: Path, out: Path, as_json: bool) -> None:
     else:
         for one in copies:
             click.echo(_copy_line(one))
-    click.echo(f"{out}: {written} of {len(copies)} photos copied", err=True)
+    done = "written in place" if in_place else "copied"
+    click.echo(f"{cfg.parent if in_place else out}: {written} of {len(copies)} photos {done}", err=True)
     if written < len(copies):
         ctx.exit(SOME_FAILED)
 
@@ -135,7 +139,7 @@ def _copy_as_json(one: PhotoCopy) -> dict[str, object]:
 def _copy_line(one: PhotoCopy) -> str:
     facts = []
     if one.position is None:
-        facts.append("not copied")
+        facts.append("not written")
     else:
         facts.append(f"{one.position.lat:.7f}, {one.position.lon:.7f}")
         if one.heading_deg is not None:

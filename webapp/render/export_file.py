@@ -14,10 +14,10 @@ from webapp.progress import Progress
 from webapp.render import folium_page
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.tasks.exchange import export_files
+from webapp.tasks.exchange import export_files, write_exif
 from webapp.tasks.exchange.export_source import Download, Source, of_library
 
-Format = Literal["zip", "geojson", "kml", "kmz", "html"]
+Format = Literal["zip", "geojson", "kml", "kmz", "html", "exif", "xmp", "csv"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 
 _KEEP_S = 7 * 86_400
@@ -46,6 +46,9 @@ def export_map_file(
         "kml": export_files.export_map_kml,
         "kmz": lambda source: export_files.export_map_kmz(source, settings=settings, progress=progress),
         "html": lambda source: folium_page.export_map_page(source, settings=settings, progress=progress),
+        "exif": lambda source: write_exif.export_geotagged(source, limits=settings.photo, progress=progress),
+        "xmp": lambda source: write_exif.export_sidecars(source, limits=settings.photo),
+        "csv": lambda source: write_exif.export_exiftool_csv(source, limits=settings.photo),
     }
     if form not in makers:
         raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")

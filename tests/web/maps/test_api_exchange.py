@@ -75,6 +75,7 @@ def bring(client, content, filename="Park.zip", **fields):
         ("export.kml", "application/vnd.google-earth.kml+xml", b"<?xml"),
         ("export.kmz", "application/vnd.google-earth.kmz", b"PK"),
         ("export.html", "text/html; charset=utf-8", b"<!DOCTYPE html>"),
+        ("export.csv", "text/csv; charset=utf-8", b"SourceFile,GPSLatitude"),
     ],
 )
 def test_every_export_is_a_file_to_save(client, park, what, media_type, begins):
@@ -83,6 +84,14 @@ def test_every_export_is_a_file_to_save(client, park, what, media_type, begins):
     assert answer.content_type == media_type
     ending = what.rsplit(".", 1)[-1]
     assert answer.headers["Content-Disposition"] == f"attachment; filename={park}.{ending}"
+
+
+@pytest.mark.parametrize(("form", "name"), [("exif", "photos"), ("xmp", "xmp")])
+def test_positions_leave_as_a_zip(client, park, form, name):
+    answer = client.get(f"/api/v1/maps/{park}/export.{form}")
+    assert answer.headers["Content-Disposition"] == f"attachment; filename={park}-{name}.zip"
+    with zipfile.ZipFile(io.BytesIO(answer.data)) as archive:
+        assert archive.testzip() is None and archive.namelist()
 
 
 def test_exports_that_are_none(client, park, new_map, owner):

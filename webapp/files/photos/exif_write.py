@@ -12,6 +12,7 @@ from webapp.core.geo.types import LatLon
 from webapp.errors import PhotoError
 from webapp.files.decode import DAMAGED, open_image
 from webapp.files.photos.exif import orientation, parse_block, read_exif
+from webapp.files.photos.geotags import Geotag
 from webapp.settings import PhotoLimits
 
 WRITABLE = ("JPEG", "MPO", "WEBP")
@@ -65,22 +66,18 @@ def exif_bytes(tags: CameraTags) -> bytes:
     return bytes(piexif.dump({"Exif": camera, "GPS": gps}))
 
 
-def with_position(
-    photo: bytes, position: LatLon, *, heading_deg: float | None, limits: PhotoLimits
-) -> tuple[bytes, str | None]:
+def with_position(photo: bytes, tag: Geotag, *, limits: PhotoLimits) -> tuple[bytes, str | None]:
     """Write a position from a map into the EXIF of a photo; its pixels stay as they are, bit by bit.
 
-    Tags that describe the replaced position (accuracy, satellites, status ...) are removed; altitude, time
-    and all other tags that piexif knows stay.
+    Where it replaces that of the GPS, tags that describe the old one (accuracy, satellites ...) are removed.
+    Altitude, time and all other tags that piexif knows stay.
 
     Parameters
     ----------
     photo : bytes
         A JPEG or WebP file.
-    position : LatLon
-        WGS 84.
-    heading_deg : float or None
-        Clockwise from true north; None keeps what the photo has.
+    tag : Geotag
+        Without a heading, that of the photo stays.
 
     Returns
     -------
@@ -105,8 +102,7 @@ def with_position(
     if tables is None:
         note = "its damaged EXIF was replaced" if raw else None
         tables = {"0th": {piexif.ImageIFD.Orientation: turn}, "Exif": {}, "GPS": {}}
-    kept = {tag: value for tag, value in tables["GPS"].items() if tag not in _OF_A_FIX}
-    tables["GPS"] = kept | _gps_tags(position, heading_deg) | {piexif.GPSIFD.GPSProcessingMethod: _MANUAL}
+    tables["GPS"] = _with_fix(tables["GPS"], tag) | _gps_tags(tag.position, tag.heading_deg)
     result = io.BytesIO()
     try:
         piexif.insert(piexif.dump(tables), photo, result)
@@ -114,6 +110,16 @@ def with_position(
         message = f"its EXIF cannot be extended: {error}"
         raise PhotoError(message, hint="save it again without EXIF") from error
     return result.getvalue(), note
+
+
+def _with_fix(gps: dict[int, object], tag: Geotag) -> dict[int, object]:
+    """Keep what describes the position: of the device's own all of it, else what does not depend on it."""
+    if not tag.by_gps:
+        kept = {key: value for key, value in gps.items() if key not in _OF_A_FIX}
+        return kept | {piexif.GPSIFD.GPSProcessingMethod: _MANUAL}
+    if tag.accuracy_m is None:
+        return gps
+    return gps | {piexif.GPSIFD.GPSHPositioningError: (round(tag.accuracy_m * 1000), 1000)}
 
 
 def _gps_tags(position: LatLon | None, heading_deg: float | None) -> dict[int, object]:

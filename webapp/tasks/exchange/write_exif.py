@@ -1,22 +1,35 @@
-"""Copies of a map's photos with the positions and headings of the map in their EXIF."""
+"""Positions and headings of a map for its photos: in the EXIF of copies or of the files, or beside them."""
 
 from __future__ import annotations
 
+import shutil
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Experience
 from webapp.errors import MapError, PhotoError, UsageError
 from webapp.files.atomic import storage_error, write_bytes
+from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.files.maps.folder import photo_path
+from webapp.files.photos.exif_gps import Gps, NoGps
 from webapp.files.photos.exif_write import with_position
-from webapp.files.photos.photo import read_file
+from webapp.files.photos.geotags import Geotag, format_exiftool_csv, format_xmp
+from webapp.files.photos.photo import read_facts, read_file
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-from webapp.tasks.exchange.export_source import Source
+from webapp.store.library import DATABASE
+from webapp.tasks.exchange.export_source import Download, Source
+
+BACKUP = "_original"
+"""Ending of the copy of a photo before it was changed, as exiftool names it."""
+
+_SAME_PX = 1.0
+"""So near to where its GPS says, a photo is placed by it: map files may hold whole pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +41,9 @@ class PhotoCopy:
     photo : str
         Path in the map's folder, and in that of the copies.
     position : LatLon or None
-        As written; None where the photo was not copied.
+        As written; None where nothing was written.
     reason : str or None
-        Why it was not copied, or what could not be kept in the copy.
+        Why nothing was written, or what could not be kept.
     """
 
     id: int
@@ -41,16 +54,16 @@ class PhotoCopy:
 
 
 def write_exif(
-    source: Source, out: Path, *, limits: PhotoLimits, progress: Progress | None = None
+    source: Source, out: Path | None, *, limits: PhotoLimits, progress: Progress | None = None
 ) -> Iterator[PhotoCopy]:
-    """Copy the photos of a map into another folder, with positions and headings; the originals stay.
-
-    A file that is there already is never replaced.
+    """Write positions and headings into copies of the photos of a map, or into the photos.
 
     Parameters
     ----------
-    out : Path
-        Made where it does not exist. Photos have the same paths below it as below the map's folder.
+    out : Path or None
+        Folder of the copies, made where it does not exist; photos have the same paths below it as below the
+        map's folder, and no file there is replaced. None: the photos themselves are changed, and each stays
+        beside as it was, `NAME_original`; one that is there already is kept.
     progress : Progress, optional
         One step a photo.
 
@@ -62,42 +75,163 @@ def write_exif(
     Raises
     ------
     UsageError
-        The map has no georeference, or `out` is its own folder.
+        The map has no georeference, `out` is its own folder, or the photos of a library would be changed.
     StorageError
-        A copy cannot be written.
+        A file cannot be written.
     Cancelled
     """
     georeference = source.georeference()
-    if out.resolve() == source.cfg.parent.resolve():
+    folder = source.cfg.parent.resolve()
+    if out is not None and out.resolve() == folder:
         raise UsageError(
             "the copies would be written among the originals", where=str(out), hint="name another folder"
         )
+    if out is None and (folder.parent / DATABASE).exists():
+        raise UsageError(
+            "photos of a library are not changed", where=str(folder), hint="write copies into another folder"
+        )
     progress = progress or Progress()
     progress.size(len(source.map.experiences))
-    return _copies(source, out, georeference, limits=limits, progress=progress)
+    return _written(source, out, georeference, limits=limits, progress=progress)
 
 
-def _copies(
-    source: Source, out: Path, georeference: Georeference, *, limits: PhotoLimits, progress: Progress
+def export_geotagged(source: Source, *, limits: PhotoLimits, progress: Progress | None = None) -> Download:
+    """Return a zip with copies of the photos that have their positions in EXIF, made while it is taken.
+
+    Photos of formats that cannot hold it have an XMP sidecar in it instead; `not-written.txt` lists what is
+    missing, with the reason.
+
+    Raises
+    ------
+    UsageError
+        The map has no georeference.
+    """
+    members = _members(source, source.georeference(), limits=limits, progress=progress or Progress())
+    return Download(f"{source.name}-photos.zip", "application/zip", stream_zip(members))
+
+
+def export_sidecars(source: Source, *, limits: PhotoLimits) -> Download:
+    """Return a zip with an XMP file for each photo, made while it is taken.
+
+    Raises
+    ------
+    UsageError
+        The map has no georeference.
+    """
+    tags = _tags(source, source.georeference(), limits=limits)
+    members = (ZipMember(f"{name}.xmp", format_xmp(tag)) for name, tag in tags)
+    return Download(f"{source.name}-xmp.zip", "application/zip", stream_zip(members))
+
+
+def export_exiftool_csv(source: Source, *, limits: PhotoLimits) -> Download:
+    """Return a table that exiftool writes into photos.
+
+    Raises
+    ------
+    UsageError
+        The map has no georeference.
+    """
+    tags = _tags(source, source.georeference(), limits=limits)
+    return Download(f"{source.name}.csv", "text/csv; charset=utf-8", format_exiftool_csv(tags))
+
+
+def _written(
+    source: Source, out: Path | None, georeference: Georeference, *, limits: PhotoLimits, progress: Progress
 ) -> Iterator[PhotoCopy]:
     for e in source.map.experiences:
         progress.check()
         try:
-            yield _copy(source.cfg, e, georeference, out=out, limits=limits)
+            path = photo_path(source.cfg, e.photo)
+            data, tag, note = _geotagged(path, e, georeference, limits=limits)
+            if out is None:
+                _replace(path, data)
+            else:
+                _add(out / e.photo, data)
+            yield PhotoCopy(e.id, e.photo, tag.position, e.heading_deg, note)
         except (MapError, PhotoError) as error:
             yield PhotoCopy(e.id, e.photo, reason=error.message)
         progress.advance()
 
 
-def _copy(
-    cfg: Path, e: Experience, georeference: Georeference, *, out: Path, limits: PhotoLimits
-) -> PhotoCopy:
+def _members(
+    source: Source, georeference: Georeference, *, limits: PhotoLimits, progress: Progress
+) -> Iterator[ZipMember]:
+    names = _names(source)
+    progress.size(len(names))
+    left: list[str] = []
+    for e in source.map.experiences:
+        progress.check()
+        name = names[e.id]
+        try:
+            path = photo_path(source.cfg, e.photo)
+            yield ZipMember(name, _geotagged(path, e, georeference, limits=limits)[0])
+        except (MapError, PhotoError) as error:
+            tag = _tag_of(source, e, georeference, limits=limits)
+            if tag is not None:
+                yield ZipMember(f"{name}.xmp", format_xmp(tag))
+            left.append(f"{name}: {error.message}\n")
+        progress.advance()
+    if left:
+        yield ZipMember("not-written.txt", "".join(left).encode("utf-8", "replace"))
+
+
+def _tags(source: Source, georeference: Georeference, *, limits: PhotoLimits) -> Iterator[tuple[str, Geotag]]:
+    """Yield the photos whose position on the Earth is known, by their names."""
+    names = _names(source)
+    for e in source.map.experiences:
+        tag = _tag_of(source, e, georeference, limits=limits)
+        if tag is not None:
+            yield names[e.id], tag
+
+
+def _tag_of(
+    source: Source, e: Experience, georeference: Georeference, *, limits: PhotoLimits
+) -> Geotag | None:
+    """Return where a photo was taken, also of one that cannot be read; None for nowhere on the Earth."""
+    gps: Gps | NoGps | None = None
+    with suppress(MapError, PhotoError):
+        gps = read_facts(photo_path(source.cfg, e.photo), limits=limits).gps
+    with suppress(PhotoError):
+        return _geotag(e, georeference, gps=gps)
+    return None
+
+
+def _geotagged(
+    path: Path, e: Experience, georeference: Georeference, *, limits: PhotoLimits
+) -> tuple[bytes, Geotag, str | None]:
+    photo = read_file(path, limits=limits)
+    tag = _geotag(e, georeference, gps=read_facts(photo, limits=limits).gps)
+    data, note = with_position(photo, tag, limits=limits)
+    return data, tag, note
+
+
+def _geotag(e: Experience, georeference: Georeference, *, gps: Gps | NoGps | None) -> Geotag:
+    """Say where a photo was taken, and whether that is what its GPS said.
+
+    Raises
+    ------
+    PhotoError
+        Its place on the map has no position on the Earth.
+    """
     at = georeference.latlon_of(e.position)
     if not (abs(at.lat) <= 90.0 and abs(at.lon) <= 180.0):  # also not NaN, beyond the horizon
         raise PhotoError("its position on the map has no coordinates on the Earth")
-    original = read_file(photo_path(cfg, e.photo), limits=limits)
-    data, note = with_position(original, at, heading_deg=e.heading_deg, limits=limits)
-    target = out / e.photo
+    if not isinstance(gps, Gps):
+        return Geotag(at, e.heading_deg)
+    x, y = georeference.pixel_of(LatLon(gps.lat, gps.lon))
+    if not max(abs(x - e.position.x), abs(y - e.position.y)) <= _SAME_PX:  # also not NaN
+        return Geotag(at, e.heading_deg)
+    return Geotag(at, e.heading_deg, by_gps=True, accuracy_m=e.gps_accuracy_m or gps.accuracy_m)
+
+
+def _names(source: Source) -> dict[int, str]:
+    """Name photos as their files were named, and those of which two had one name by their paths."""
+    own = {e.id: e.name or PurePosixPath(e.photo).name for e in source.map.experiences}
+    count = Counter(name.casefold() for name in own.values())
+    return {e.id: own[e.id] if count[own[e.id].casefold()] == 1 else e.photo for e in source.map.experiences}
+
+
+def _add(target: Path, data: bytes) -> None:
     if target.exists() or target.is_symlink():
         raise PhotoError("a file of that name already exists")
     try:
@@ -105,4 +239,16 @@ def _copy(
     except OSError as error:
         raise storage_error(error, where=str(target.parent)) from error
     write_bytes(target, data)
-    return PhotoCopy(e.id, e.photo, at, e.heading_deg, note)
+
+
+def _replace(path: Path, data: bytes) -> None:
+    """Keep the photo as it is beside it, once, and then put the new content in its place."""
+    backup = path.with_name(path.name + BACKUP)
+    part = path.with_name(f".{path.name}{BACKUP}.tmp")
+    try:
+        if not backup.exists():  # else this is not the first time, and the original is safe
+            shutil.copy2(path, part)
+            part.replace(backup)
+    except OSError as error:
+        raise storage_error(error, where=str(backup)) from error
+    write_bytes(path, data)

@@ -93,7 +93,11 @@ def placement_cfg(slug: str, name: str) -> Response:
 @blueprint.get("/<slug>/export.<string(maxlength=8):form>")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export(slug: str, form: str) -> Response:
-    """Take a map away as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline."""
+    """Take a map away as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline.
+
+    `exif` is a zip of its photos with their positions and headings in EXIF, `xmp` one of sidecars, `csv` the
+    table that `exiftool -csv` writes into photos.
+    """
     if form not in FORMATS:
         raise NotFound(f"unknown export format {form!r}", hint=f"use one of {', '.join(FORMATS)}")
     return send_pieces(
