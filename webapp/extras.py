@@ -15,7 +15,12 @@ from types import MappingProxyType
 from webapp.errors import MissingPart
 
 EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"learned": ("onnx", "onnxruntime"), "missions": ("rosbags", "pynmea2"), "geotiff": ("rasterio",)}
+    {
+        "learned": ("onnx", "onnxruntime"),
+        "missions": ("rosbags", "pynmea2"),
+        "geotiff": ("rasterio",),
+        "sfm": ("pycolmap",),
+    }
 )
 """Packages of each extra, as they are imported."""
 
@@ -23,6 +28,7 @@ _PURPOSE = {
     "learned": "features and matchers that are networks",
     "missions": "ROS bags and NMEA logs",
     "geotiff": "TIFF images",
+    "sfm": "reconstructions from photos",
 }
 
 

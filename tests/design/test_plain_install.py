@@ -118,6 +118,7 @@ def test_what_is_not_installed_is_named_with_the_command_that_installs_it(plain,
     run(plain / "expmap", "mission", "new", "Walk", "--library", library, cwd=library)
     command = [plain / "expmap", "mission", "import", 1, library / "walk.nmea", "--library", library]
     assert install_line("missions") in failed(*command, cwd=library)
+    assert install_line("sfm") in failed(plain / "expmap", "map", "place-rest", cfg, cwd=library)
     image = ["--satellite", library / "sample" / "image.tif", "--geotiff"]
     command = [plain / "expmap", "map", "from-photos", library / "sample" / "photos", *image]
     assert install_line("geotiff") in failed(

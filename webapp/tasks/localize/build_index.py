@@ -173,7 +173,7 @@ def _photos(
     described: dict[int, PhotoRecord] = {}
     extracted = 0
     progress.size(len(changed))
-    for done in _describe_all(changed, old, request=request, settings=settings, progress=progress):
+    for done in describe_all(changed, old, request=request, settings=settings, progress=progress):
         described[done.id] = PhotoRecord(
             path_of[done.id], done.bytes, done.mtime_ns, done.content, done.error
         )
@@ -190,7 +190,7 @@ def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) 
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 
 
-def _describe_all(
+def describe_all(
     changed: list[Experience],
     old: Manifest,
     *,

@@ -1,0 +1,123 @@
+"""Measures how many photos of a map place themselves, and how far off, when only a few are placed by hand.
+
+    python -m benchmarks.place_rest MAP.cfg --clicks 24 --unit 10
+    python -m benchmarks.place_rest MAP.cfg --share 0.05 --unit 10
+
+All photos of the map are taken off it. With `--clicks` they come back one after the other as the program
+proposes them, each to where it was; with `--share` such a share of them, evenly spread over the list. The
+others are suggested from those. Errors are in units of `--unit` pixels: of a metre, or of a frame. Prints one
+JSON object.
+The reconstruction is kept beside the map, or in the user's cache where that cannot be written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import time
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from webapp.configuration import load_settings
+from webapp.core.mapmodel.model import Map, UnplacedPhoto
+from webapp.files.maps.folder import read_map
+from webapp.progress import Progress
+from webapp.settings import let_threads_sleep
+from webapp.tasks.landmarks.place_rest import RestReport, suggest_from
+from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
+
+LIMITS = (1, 2, 4, 5, 10)
+"""Units within which a suggestion counts."""
+
+
+def with_placed(the_map: Map, ids: Collection[int]) -> Map:
+    """Take all photos but some off a map."""
+    return replace(
+        the_map,
+        experiences=tuple(e for e in the_map.experiences if e.id in ids),
+        unplaced=tuple(
+            UnplacedPhoto(e.id, e.photo, fov_deg=e.fov_deg, taken_at=e.taken_at, name=e.name)
+            for e in the_map.experiences
+            if e.id not in ids
+        ),
+    )
+
+
+def suggest(found: Reconstruction, the_map: Map, *, ids: Collection[int]) -> RestReport:
+    """Suggest the rest of a map of which some photos are placed."""
+    given = with_placed(the_map, ids)
+    now = {photo.id: photo for photo in (*given.experiences, *given.unplaced)}
+    return suggest_from(replace(found, photos=tuple(now[photo.id] for photo in found.photos)), given)
+
+
+def place_as_proposed(found: Reconstruction, the_map: Map, *, clicks: int) -> set[int]:
+    """Place the photos that are proposed, until so many are placed."""
+    placed: set[int] = set()
+    while len(placed) < clicks:
+        proposed = suggest(found, the_map, ids=placed).place_next[: clicks - len(placed)]
+        if not proposed:
+            break
+        placed |= set(proposed)
+    return placed
+
+
+def figures(report: RestReport, the_map: Map, *, placed: Collection[int], unit: float) -> dict[str, object]:
+    """Compare suggestions with where the photos were."""
+    truth = {e.id: e.position for e in the_map.experiences}
+    error = np.array([np.hypot(*np.subtract(one.position, truth[one.id])) / unit for one in report.suggested])
+    radius = np.array([one.radius_px / unit for one in report.suggested])
+    rest = len(truth) - len(placed)
+    return {
+        "photos": len(truth),
+        "clicks": len(placed),
+        "suggested": len(error),
+        "share_placed": round((len(error) + len(placed)) / len(truth), 3),
+        "share_of_rest": round(len(error) / rest, 3),
+        "median": round(float(np.median(error)), 3),
+        **{f"within_{limit}": round(float(np.mean(error <= limit)), 3) for limit in LIMITS},
+        "over_10": round(float(np.mean(error > 10.0)), 3),
+        "radius_coverage": round(float(np.mean(error <= radius)), 3),
+        "median_radius": round(float(np.median(radius)), 3),
+    }
+
+
+def main() -> None:
+    """Run as a command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("map", type=Path)
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("--clicks", type=int)
+    which.add_argument("--share", type=float)
+    parser.add_argument("--unit", type=float, default=1.0, help="pixels")
+    options = parser.parse_args()
+    let_threads_sleep()
+    the_map, started = read_map(options.map), time.perf_counter()
+    found = reconstruct(options.map, with_placed(the_map, ()), settings=load_settings(), progress=Progress())
+    seconds = time.perf_counter() - started
+    if options.clicks:
+        placed = place_as_proposed(found, the_map, clicks=options.clicks)
+    else:
+        ids = [e.id for e in the_map.experiences]
+        count = round(options.share * len(ids))
+        placed = {ids[round(i)] for i in np.linspace(0, len(ids) - 1, count)}
+    report = suggest(found, the_map, ids=placed)
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    print(
+        json.dumps(
+            {
+                "pieces": [len(piece) for piece in found.pieces],
+                **figures(report, the_map, placed=placed, unit=options.unit),
+                "seconds": round(seconds, 1),
+                "cpu_seconds": round(sum(u.ru_utime + u.ru_stime for u in (own, children)), 1),
+                "peak_mb": round(max(own.ru_maxrss, children.ru_maxrss) / 1000),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

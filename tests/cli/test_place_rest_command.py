@@ -1,0 +1,118 @@
+"""`expmap map place-rest` as a person and as a script see it; what it prints is of invented suggestions."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from webapp.cli import place_rest
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import UnplacedPhoto
+from webapp.files.maps.folder import read_map, write_map
+from webapp.store.library import open_library
+from webapp.store.maps import edits
+from webapp.store.schema import Account, Photo
+from webapp.tasks.landmarks.place_rest import CheckedPhoto, LeftPhoto, RestReport, SuggestedPlace
+from webapp.tasks.maps import adopt_map
+
+REPORT = RestReport(
+    suggested=(
+        SuggestedPlace(2, "photos/2.jpg", MapPixel(290.0, 110.5), 12.0, 45.0, (0, 1)),
+        SuggestedPlace(3, "photos/3.jpg", MapPixel(410.0, 90.0), 80.0, None, (1,)),
+    ),
+    left=(LeftPhoto(4, "photos/4.jpg", "too few photos show enough of the same", (0,)),),
+    checked=(CheckedPhoto(0, "photos/0.jpg", 3.5, False), CheckedPhoto(1, "photos/1.jpg", 250.0, True)),
+    place_next=(3, 4),
+)
+
+
+def take_off(cfg):
+    """Put all photos but the first two of a map into its tray."""
+    the_map = read_map(cfg)
+    tray = tuple(UnplacedPhoto(e.id, e.photo) for e in the_map.experiences[2:])
+    write_map(cfg, replace(the_map, experiences=the_map.experiences[:2], unplaced=tray))
+
+
+@pytest.fixture
+def cfg(tmp_path, make_map, monkeypatch):
+    """A map of two placed photos and three in the tray, for which there are suggestions."""
+    cfg = make_map(tmp_path / "library" / "park", 5)
+    take_off(cfg)
+    monkeypatch.setattr(place_rest, "suggest_rest", lambda *_, **__: REPORT)
+    return cfg
+
+
+def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):
+    before = cfg.read_bytes()
+    code, out, err = expmap("map", "place-rest", cfg)
+    assert code == 0
+    assert out.splitlines() == [
+        "photos/2.jpg  x 290.0, y 110.5, within 12.0 px, heading 45 degrees",
+        "photos/3.jpg  x 410.0, y 90.0, within 80.0 px",
+        "photos/4.jpg  too few photos show enough of the same",
+    ]
+    assert "photos/1.jpg (id 1) contradicts the other placed photos: they have it 250 px away" in err
+    assert "2 photos joined, 1 not" in err
+    assert "help most (ids): 3, 4" in err
+    assert cfg.read_bytes() == before
+
+
+def test_json_has_everything(expmap, cfg):
+    code, out, _ = expmap("map", "place-rest", cfg, "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["photos"][0] == {
+        "id": 2,
+        "photo": "photos/2.jpg",
+        "x_px": 290.0,
+        "y_px": 110.5,
+        "radius_px": 12.0,
+        "heading_deg": 45.0,
+        "placed_by": [0, 1],
+        "accepted": False,
+    }
+    assert told["photos"][2] == {
+        "id": 4,
+        "photo": "photos/4.jpg",
+        "error": "too few photos show enough of the same",
+        "place_first": [0],
+    }
+    assert [photo["contradicts"] for photo in told["checked"]] == [False, True]
+    assert told["place_next"] == [3, 4]
+
+
+def test_photos_within_a_radius_are_accepted_in_the_files(expmap, cfg):
+    code, out, err = expmap("map", "place-rest", cfg, "--accept", "--within", 20)
+    assert code == 0
+    assert "heading 45 degrees; placed" in out
+    assert "1 not, 1 placed" in err
+    the_map = read_map(cfg)
+    assert the_map.experiences[2].position == MapPixel(290.0, 110.5)
+    assert [photo.id for photo in the_map.unplaced] == [3, 4]
+
+
+def test_a_map_of_the_library_gets_one_edit(expmap, cfg, make_map, tmp_path):
+    library = open_library(tmp_path / "library")
+    with library.database.write() as session:
+        account = Account(name="ana", is_owner=True)
+        session.add(account)
+    make_map(library.map_folder("yard"), 5)
+    map_id = adopt_map.adopt_map(library, "yard", account_id=account.id)
+    nowhere = {f"photo/{id}": {"x_px": None, "y_px": None} for id in (2, 3, 4)}
+    with library.changing(map_id) as change:
+        edits.apply(change.session, change.record, changes=nowhere, kind="place", account_id=account.id)
+    code, *_ = expmap("map", "place-rest", library.cfg("yard"), "--accept")
+    assert code == 0
+    with library.changing(map_id) as change:
+        photos = [change.session.get(Photo, (map_id, id)) for id in (2, 3, 4)]
+        assert [photo.x_px for photo in photos] == [290.0, 410.0, None]
+        assert photos[0].heading_deg == 45.0
+        assert edits.undo(change.session, change.record, account_id=account.id)
+        assert [photo.x_px for photo in photos] == [None, None, None]
+    library.database.close()
+
+
+def test_a_limit_without_accepting_is_refused(expmap, cfg):
+    code, _, err = expmap("map", "place-rest", cfg, "--within", 20)
+    assert code == 2
+    assert "--within goes with --accept only" in err

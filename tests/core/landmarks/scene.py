@@ -1,0 +1,37 @@
+"""Pieces with a known truth."""
+
+import numpy as np
+
+from webapp.core.geometry import so3
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.placing import KnownPositions
+
+
+def random_rotation(rng):
+    return so3.retract(np.eye(3)[None], rng.normal(0.0, 2.0, (1, 3)))[0]
+
+
+def level_cameras(headings, *, tilt=0.0, rng=None):
+    """Rotations from the world (x east, y down, z north) to level cameras with these headings, radians."""
+    rotation = []
+    for heading in headings:
+        sine, cosine = np.sin(heading), np.cos(heading)
+        rotation.append([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+    rotation = np.array(rotation)
+    if tilt:
+        rotation = so3.retract(rotation, rng.normal(0.0, tilt, (len(rotation), 3)))
+    return rotation
+
+
+def piece_of(at, headings, *, rng, tilt=0.0, heights=0.0):
+    """A piece whose cameras are at map pixels `at` (complex), in a world of its own."""
+    world = np.stack([at.real, rng.normal(0.0, heights, len(at)) if heights else 0.0 * at.real, -at.imag], 1)
+    turn, scale, shift = random_rotation(rng), 0.037, rng.normal(0.0, 5.0, 3)
+    rotation = level_cameras(headings, tilt=tilt, rng=rng) @ turn.T
+    return RigidPiece(np.arange(len(at)), scale * world @ turn.T + shift, rotation)
+
+
+def known_at(at, which, *, sigma_px=1.0):
+    known = np.full(len(at), complex(np.nan, np.nan))
+    known[which] = at[which]
+    return KnownPositions(known, np.full(len(at), sigma_px))

@@ -1,0 +1,134 @@
+"""Pieces are laid on the map by some of their photos, and what cannot be is refused with the reason."""
+
+import numpy as np
+import pytest
+
+from tests.core.landmarks.scene import known_at, piece_of
+from webapp.core.landmarks.placing import KnownPositions, lay_piece
+from webapp.core.landmarks.proposals import propose_next
+
+
+@pytest.fixture
+def court(rng):
+    """Map pixels and headings of 40 photos around a court."""
+    return rng.uniform(100.0, 900.0, 40) + 1j * rng.uniform(100.0, 900.0, 40), rng.uniform(-3.0, 3.0, 40)
+
+
+@pytest.fixture
+def walk():
+    """Map pixels and headings of 40 photos along a straight path, all looking ahead."""
+    return 100.0 + 20.0 * np.arange(40) + 300j, np.full(40, np.pi / 2)
+
+
+def angles(result, headings):
+    """How far the angles are from the headings, degrees."""
+    return np.abs((result.angle_deg - np.degrees(headings) + 180.0) % 360.0 - 180.0)
+
+
+def test_two_photos_place_all_others_of_a_path_exactly(walk, rng):
+    at, headings = walk
+    result = lay_piece(piece_of(at, headings, rng=rng), known_at(at, [0, 39]))
+    assert np.abs(result.at - at).max() < 1e-9 * 1000
+    assert angles(result, headings).max() < 1e-6
+
+
+def test_cameras_that_are_tilted_and_not_equally_high_do_little_harm(court, rng):
+    at, headings = court
+    piece = piece_of(at, headings, rng=rng, tilt=0.05, heights=10.0)
+    result = lay_piece(piece, known_at(at, [0, 1, 2, 3]))
+    assert np.abs(result.at - at).max() < 20.0
+    assert np.median(angles(result, headings)) < 5.0
+
+
+def test_a_piece_that_bends_follows_the_placed_photos(rng):
+    at = 100.0 + 10.0 * np.arange(80) + 300j
+    step = np.cumsum(np.exp(0.8j * np.sin(np.arange(80) / 25.0)) * (1.0 + 0.3 * np.sin(np.arange(80) / 9.0)))
+    piece = piece_of(10.0 * step, np.full(80, np.pi / 2), rng=rng)
+    result = lay_piece(piece, known_at(at, np.arange(0, 80, 8)))
+    error = np.abs(result.at - at)
+    assert np.median(error) < 10.0
+    assert np.mean(error <= result.radius_px) > 0.5
+
+
+def test_the_radius_grows_with_the_distance_from_placed_photos(walk, rng):
+    at, headings = walk
+    result = lay_piece(piece_of(at, headings, rng=rng), known_at(at, [0, 1, 2]))
+    assert (np.diff(result.radius_px[2:]) > 0.0).all()
+
+
+def test_a_wrong_position_is_found_and_does_not_count(court, rng):
+    at, headings = court
+    known = known_at(at, np.arange(10))
+    known.at[4] += 400.0
+    result = lay_piece(piece_of(at, headings, rng=rng), known)
+    assert np.flatnonzero(result.contradicting).tolist() == [4]
+    assert result.residual_px[4] == pytest.approx(400.0, abs=1.0)
+    assert np.abs(result.at - at).max() < 1.0
+
+
+def test_less_exact_positions_count_less(court, rng):
+    at, headings = court
+    known = known_at(at, np.arange(8))
+    known.at[:4] += rng.normal(0.0, 30.0, 4) + 1j * rng.normal(0.0, 30.0, 4)
+    exact = lay_piece(piece_of(at, headings, rng=rng), known)
+    known.sigma_px[:4] = 30.0
+    weighted = lay_piece(piece_of(at, headings, rng=rng), known)
+    assert np.median(np.abs(weighted.at - at)) < 0.5 * np.median(np.abs(exact.at - at))
+
+
+@pytest.mark.parametrize(
+    ("placed", "reason"),
+    [([], "none of them is placed"), ([3], "only one of them is placed")],
+)
+def test_too_few_positions_are_said(walk, rng, placed, reason):
+    at, headings = walk
+    result = lay_piece(piece_of(at, headings, rng=rng), known_at(at, placed))
+    assert not result
+    assert result.reason == reason
+
+
+def test_positions_at_one_spot_are_said(walk, rng):
+    at, headings = walk
+    known = known_at(at, [1, 2])
+    known.at[2] = known.at[1]
+    result = lay_piece(piece_of(at, headings, rng=rng), known)
+    assert result.reason == "those that are placed are all at one spot"
+
+
+def test_mirrored_positions_are_refused(court, rng):
+    at, headings = court
+    known = known_at(at, np.arange(6))
+    known.at[:6] = np.conj(known.at[:6]) + 1000j
+    result = lay_piece(piece_of(at, headings, rng=rng), known)
+    assert result.reason == "the placed ones are a mirror image of what the photos show"
+    assert result.photos == (0, 1, 2, 3, 4, 5)
+
+
+def test_three_positions_that_fit_nothing_are_named(court, rng):
+    at, headings = court
+    known = known_at(at, [0, 1, 2])
+    known.at[:3] = [100 + 100j, 500 + 110j, 105 + 500j]
+    piece = piece_of(np.array([100 + 100j, 110 + 100j, 500 + 100j, *at[3:]]), headings, rng=rng)
+    result = lay_piece(piece, known)
+    assert result.reason == "the positions of the placed ones contradict each other"
+    assert result.photos == (0, 1, 2)
+
+
+def test_cameras_without_a_common_up_need_three_positions_that_are_not_in_a_line(court, rng):
+    at, headings = court
+    piece = piece_of(at, headings, rng=rng, tilt=3.0)
+    result = lay_piece(piece, known_at(at, [0, 1, 2]))
+    assert np.abs(result.at - at).max() < 1e-6
+    result = lay_piece(piece, known_at(at, [0, 1]))
+    assert "no common up" in result.reason
+
+
+def test_photos_that_bring_most_onto_the_map_are_proposed_first(walk, rng):
+    at, headings = walk
+    piece = piece_of(at, headings, rng=rng)
+    nothing = KnownPositions(np.full(40, complex(np.nan, np.nan)), np.ones(40))
+    assert sorted(propose_next([piece], [lay_piece(piece, nothing)], known=nothing, most=6)) == [0, 39]
+    one = known_at(at, [10])
+    assert propose_next([piece], [lay_piece(piece, one)], known=one, most=6) == [39]
+    two = known_at(at, [0, 10])
+    assert propose_next([piece], [lay_piece(piece, two)], known=two, most=6) == [39]

@@ -1,0 +1,142 @@
+"""Photos of a court that is rendered: those in the tray are placed by three that have a place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from webapp.core.geo.types import MapPixel
+from webapp.errors import Cancelled, MissingPart, UsageError
+from webapp.extras import install_line
+from webapp.files.maps.folder import read_map, write_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.landmarks import reconstruct
+from webapp.tasks.landmarks.accept import accept_in_folder
+from webapp.tasks.landmarks.place_rest import suggest_rest
+
+
+def suggest(cfg, progress=None):
+    return suggest_rest(cfg, settings=Settings(), progress=progress or Progress())
+
+
+def turned(one, other):
+    return abs((one - other + 180.0) % 360.0 - 180.0)
+
+
+def test_the_rest_is_placed_where_it_was_taken(court):
+    report = suggest(court.cfg)
+    assert [one.id for one in report.suggested] == [1, 2, 3, 5, 6, 7]
+    for one in report.suggested:
+        assert np.hypot(*(one.position - court.at[one.id])) < 1.0
+        assert turned(one.heading_deg, court.headings[one.id]) < 1.0
+        assert 0.5 < one.radius_px < 20.0
+        assert set(one.placed_by) == {0, 4, 8}
+    assert [(one.id, one.residual_px < 1.0, one.contradicts) for one in report.checked] == [
+        (0, True, False),
+        (4, True, False),
+        (8, True, False),
+    ]
+
+
+def test_a_photo_from_elsewhere_stays_with_the_reason(court):
+    (left,) = suggest(court.cfg).left
+    assert (left.id, left.reason) == (9, "too few photos show enough of the same")
+
+
+def test_nothing_is_computed_twice_and_only_what_is_new_is_added(court, counted, monkeypatch):
+    def no_mapping(*_, **__):
+        raise AssertionError("joined again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(reconstruct, "run_mapper", no_mapping)
+        again = counted()
+        before = suggest(court.cfg, again)
+    assert again.sizes == [10, 0]
+    the_map = read_map(court.cfg)
+    first = replace(the_map, unplaced=tuple(p for p in the_map.unplaced if p.id != 3))
+    write_map(court.cfg, first)
+    assert [one.id for one in suggest(court.cfg).suggested] == [1, 2, 5, 6, 7]
+    write_map(court.cfg, the_map)
+    more = counted()
+    after = suggest(court.cfg, more)
+    assert more.sizes == [10, 0]
+    assert [one.id for one in after.suggested] == [one.id for one in before.suggested]
+
+
+def test_stopped_it_goes_on_where_it_was(court, counted):
+    class Stopped(Progress):
+        steps = 0
+
+        def advance(self, steps=1):
+            self.steps += steps
+
+        def cancelled(self):
+            return self.steps > 15
+
+    (court.cfg.parent / "derived" / "map" / "landmarks" / "matches.db").unlink()
+    with pytest.raises(Cancelled):
+        suggest(court.cfg, Stopped())
+    rest = counted()
+    report = suggest(court.cfg, rest)
+    assert 0 < rest.sizes[1] < 45
+    assert len(report.suggested) == 6
+
+
+def test_a_damaged_database_is_made_anew(court):
+    folder = court.cfg.parent / "derived" / "map" / "landmarks"
+    (folder / "matches.db").write_bytes(b"SQLite format 3\0" + bytes(5000))
+    (folder / "pieces.arrays").write_bytes(b"?")
+    assert len(suggest(court.cfg).suggested) == 6
+
+
+def test_too_few_placed_photos_are_told_with_what_to_add(court):
+    the_map = read_map(court.cfg)
+    write_map(court.cfg, replace(the_map, experiences=the_map.experiences[:1]))
+    report = suggest(court.cfg)
+    assert report.suggested == ()
+    reasons = {one.id: one.reason for one in report.left}
+    assert reasons[1].endswith("other photos, but only one of them is placed")
+    assert next(one for one in report.left if one.id == 1).join == report.place_next
+    assert report.place_next == (7,)
+
+
+def test_a_photo_outside_the_image_is_told(court):
+    the_map = read_map(court.cfg)
+    moved = [
+        replace(e, position=MapPixel(e.position.x - 230.0, e.position.y)) for e in the_map.experiences[:2]
+    ]
+    write_map(court.cfg, replace(the_map, experiences=tuple(moved)))
+    outside = {one.id: one.reason for one in suggest(court.cfg).left}
+    assert outside[7].startswith("it would be outside the image, at x -")
+
+
+def test_a_damaged_photo_is_told_and_the_others_are_placed(court):
+    (court.cfg.parent / "photos" / "06.png").write_bytes(b"no photo")
+    report = suggest(court.cfg)
+    assert 6 in {one.id for one in report.left}
+    assert len(report.suggested) == 5
+
+
+def test_a_map_without_a_tray_is_told(court):
+    write_map(court.cfg, replace(read_map(court.cfg), unplaced=()))
+    with pytest.raises(UsageError, match="no photo without a place"):
+        suggest(court.cfg)
+
+
+def test_a_missing_extra_is_told(court, absent):
+    absent("sfm")
+    with pytest.raises(MissingPart, match="pycolmap is not installed") as missing:
+        suggest(court.cfg)
+    assert missing.value.hint == install_line("sfm")
+
+
+def test_accepted_photos_are_in_the_files(court):
+    report = suggest(court.cfg)
+    accept_in_folder(court.cfg, report.suggested[:2])
+    the_map = read_map(court.cfg)
+    assert [e.id for e in the_map.experiences] == [0, 1, 2, 4, 8]
+    assert [photo.id for photo in the_map.unplaced] == [3, 5, 6, 7, 9]
+    placed = the_map.experiences[1]
+    assert np.hypot(*(placed.position - court.at[1])) < 1.0
+    assert turned(placed.heading_deg, court.headings[1]) < 1.0

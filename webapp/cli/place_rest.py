@@ -1,0 +1,85 @@
+"""`expmap map place-rest`: photos without a place are placed by those that have one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from webapp.cli.options import MAP_FILE
+from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
+from webapp.settings import keep_freed_memory
+from webapp.tasks.landmarks.accept import accept_in_folder, accept_in_library, library_of, owner_of
+from webapp.tasks.landmarks.place_rest import RestReport, suggest_rest
+from webapp.tasks.landmarks.stored import as_json as report_as_json
+
+
+@click.command("place-rest", short_help="Place the photos in the tray by those that are placed.")
+@click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
+@click.option("--accept", is_flag=True, help="Place them, as one step that can be undone in the editor.")
+@click.option(
+    "--within",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="PX",
+    help="With --accept: only photos whose radius is at most so many pixels.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def place_rest(cfg: Path, accept: bool, within: float | None, as_json: bool) -> None:
+    """Suggest where the photos in the tray of a map were taken, by the photos that are placed.
+
+    All photos are joined by structure from motion, and laid on the map by those that have a place; a dozen
+    of those are often enough. What cannot be joined stays in the tray, with the reason. Nothing is changed
+    without --accept. It can be interrupted at any moment; the next time only new photos are computed.
+    """
+    if within is not None and not accept:
+        raise click.UsageError("--within goes with --accept only")
+    keep_freed_memory()
+    with library_of(cfg) as there:
+        with terminal_progress("photos") as progress:
+            report = suggest_rest(cfg, settings=load_settings(), progress=progress)
+        chosen = [one for one in report.suggested if within is None or one.radius_px <= within]
+        if accept and chosen:
+            if there is None:
+                accept_in_folder(cfg, chosen)
+            else:
+                library, map_id = there
+                accept_in_library(library, map_id, suggested=chosen, account_id=owner_of(library))
+    accepted = {one.id for one in chosen} if accept else set()
+    click.echo(
+        json.dumps(report_as_json(report, accepted=accepted), indent=1)
+        if as_json
+        else _table(report, accepted)
+    )
+    _tell(cfg, report, accepted)
+
+
+def _table(report: RestReport, accepted: set[int]) -> str:
+    width = max(map(len, [*(s.photo for s in report.suggested), *(p.photo for p in report.left)]), default=0)
+    lines = []
+    for one in report.suggested:
+        x, y = one.position
+        heading = "" if one.heading_deg is None else f", heading {one.heading_deg:.0f} degrees"
+        done = "; placed" if one.id in accepted else ""
+        lines.append(
+            f"{one.photo:{width}}  x {x:.1f}, y {y:.1f}, within {one.radius_px:.1f} px{heading}{done}"
+        )
+    lines += [f"{one.photo:{width}}  {one.reason}" for one in report.left]
+    return "\n".join(lines)
+
+
+def _tell(cfg: Path, report: RestReport, accepted: set[int]) -> None:
+    """Say on standard error what is not a result: contradictions, counts, which photos to place next."""
+    for one in report.checked:
+        if one.contradicts:
+            click.echo(
+                f"warning: {one.photo} (id {one.id}) contradicts the other placed photos: they have it "
+                f"{one.residual_px or 0.0:.0f} px away",
+                err=True,
+            )
+    done = f", {len(accepted)} placed" if accepted else ""
+    click.echo(f"{cfg}: {len(report.suggested)} photos joined, {len(report.left)} not{done}", err=True)
+    if report.place_next:
+        ids = ", ".join(str(id) for id in report.place_next)
+        click.echo(f"placing these photos by hand would help most (ids): {ids}", err=True)

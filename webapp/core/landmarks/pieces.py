@@ -1,0 +1,106 @@
+"""Pieces of a reconstruction, and how they look from above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geometry.robust import geman_mcclure
+from webapp.core.landmarks.similarity import Similarity, fit_similarity
+
+Array = NDArray[np.float64]
+Points = NDArray[np.complex128]
+
+_PITCH_COUNTS = 0.1
+"""Of a camera that is held level its right is level within a few degrees; its pitch is freer."""
+
+_TILT_SIGMA, _ROUNDS = 0.15, 10
+_MOST_TILT = 0.35
+"""Median sine between the rights of the cameras and the level plane above which they have no common up."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidPiece:
+    """Photos that structure from motion has joined; n of them.
+
+    Attributes
+    ----------
+    photo : (n,) int64
+        Numbers of the photos.
+    centre : (n, 3) float64
+        Of the cameras, in the world of the piece.
+    rotation : (n, 3, 3) float64
+        Camera from world.
+    """
+
+    photo: NDArray[np.int64]
+    centre: Array
+    rotation: Array
+
+    def __len__(self) -> int:
+        """Count the photos."""
+        return len(self.photo)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanView:
+    """A piece seen from above; positions are complex numbers, x to the right and y down as in an image.
+
+    Attributes
+    ----------
+    position : (n,) complex128
+        In a unit, position and direction of its own.
+    forward : (n,) complex128
+        Where each camera looks.
+    """
+
+    position: Points
+    forward: Points
+
+
+def view_by_level_cameras(piece: RigidPiece) -> PlanView | None:
+    """Look at a piece from above, by the cameras' own up; None where they do not agree on one.
+
+    The direction is that to which the rights of the cameras are most perpendicular, and which is least above
+    their downs: that is also determined where all of them look the same way.
+    """
+    right, down = piece.rotation[:, 0], piece.rotation[:, 1]
+    weight, lowest = np.ones(len(piece)), np.zeros(3)
+    for _ in range(_ROUNDS):
+        wanted = (weight[:, None] * right).T @ right - _PITCH_COUNTS * (weight[:, None] * down).T @ down
+        lowest = np.linalg.eigh(wanted)[1][:, 0]
+        lowest = lowest * np.sign((weight[:, None] * down).sum(0) @ lowest or 1.0)
+        upright = down @ lowest > 0.0
+        weight = np.where(upright, geman_mcclure((right @ lowest) ** 2, _TILT_SIGMA), 1e-6)
+    if np.median(np.where(down @ lowest > 0.0, np.abs(right @ lowest), 1.0)) > _MOST_TILT:
+        return None
+    return _seen_along(piece, lowest)
+
+
+def view_by_positions(piece: RigidPiece, *, known: NDArray[np.bool_], position: Points) -> PlanView | None:
+    """Look at a piece from above, by known positions; None where they are fewer than three, or in a line.
+
+    Parameters
+    ----------
+    known : (n,) bool
+    position : (n,) complex128
+        Map pixels, of those that are known.
+    """
+    at = np.stack([position.real, np.zeros(len(position)), -position.imag], 1)
+    fit = fit_similarity(piece.centre[known], at[known])
+    if not isinstance(fit, Similarity):
+        return None
+    return _seen_along(piece, fit.rotation[1])
+
+
+def _seen_along(piece: RigidPiece, down: Array) -> PlanView:
+    """Project a piece along a unit vector of its world that points down."""
+    any_other = np.eye(3)[np.abs(down).argmin()]
+    right = np.cross(down, any_other)
+    right /= np.linalg.norm(right)
+    # x to the right, y down in the image: seen from above, that image's down is to the right of its right
+    plane = np.stack([right, np.cross(down, right)])
+    position, forward = piece.centre @ plane.T, piece.rotation[:, 2] @ plane.T
+    return PlanView(position @ np.array([1, 1j]), forward @ np.array([1, 1j]))

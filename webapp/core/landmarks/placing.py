@@ -1,0 +1,256 @@
+"""Lays a piece on the map by those of its photos that are placed, and so places the others.
+
+A long piece bends, and on a plan that is not to scale it has to: so each photo has a similarity of its own,
+in which the placed photos count the more, the nearer they are (moving least squares: S. Schaefer, T. McPhail,
+J. Warren, "Image deformation using moving least squares", 2006). How much more is chosen by leaving out each
+placed photo in turn, which also says how far off a suggestion may be and which placed photo contradicts the
+others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.pieces import (
+    PlanView,
+    Points,
+    RigidPiece,
+    view_by_level_cameras,
+    view_by_positions,
+)
+
+Array = NDArray[np.float64]
+
+_EXPONENTS = (0.0, 1.0, 2.0, 3.0)
+"""Of the distance, by whose power the weight of a placed photo falls: at 0 all count the same."""
+
+_NEAREST = 0.02
+"""Distances are not taken to be shorter than this share of the extent of the placed photos."""
+
+_RELATIVE_ERROR, _AS_IF = 0.25, 3.0
+"""Error over the distance to the nearest placed photo, before anything is measured, and how many measurements
+that counts as."""
+
+_MOST_RELATIVE = 2.0
+_RADIUS_OVER_RMS = 1.07
+"""68 % radius over root mean square of errors that are normal in the plane."""
+
+_FEW = 4
+"""Placed photos from which on it can be told which of them contradicts the others."""
+
+_CONTRADICTS, _CONTRADICTS_RELATIVE = 5.0, 0.7
+"""Error over the median error, and over the distance to the nearest placed photo."""
+
+_MISFIT = 0.5
+"""Root mean square error of a similarity, over the extent of the points, that fits nothing."""
+
+_MIRRORED = 0.3
+"""So much less is the error of the mirror image where positions are mirrored."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownPositions:
+    """Where photos are known to be; p photos, in the order of their numbers.
+
+    Attributes
+    ----------
+    at : (p,) complex128
+        Map pixels, x + iy; NaN where unknown.
+    sigma_px : (p,) float64
+        Standard deviation of each.
+    """
+
+    at: Points
+    sigma_px: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaidPiece:
+    """A piece on the map; n photos.
+
+    Attributes
+    ----------
+    at : (n,) complex128
+        Map pixels, also of the photos that are placed.
+    radius_px : (n,) float64
+        68 % radius.
+    angle_deg : (n,) float64
+        Where each looks, clockwise from image-up.
+    residual_px : (n,) float64
+        Of placed photos, from where the others have them; NaN for all others and where there are too few.
+    contradicting : (n,) bool
+        Placed photos that were left out, because they contradict the others.
+    """
+
+    at: Points
+    radius_px: Array
+    angle_deg: Array
+    residual_px: Array
+    contradicting: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class NotLaid:
+    """A piece cannot be laid on the map, and the reason. Falsy.
+
+    Attributes
+    ----------
+    photos : tuple of int
+        Numbers of the placed photos that it is about.
+    """
+
+    reason: str
+    photos: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        """Return False: it is not on the map."""
+        return False
+
+
+def lay_piece(piece: RigidPiece, known: KnownPositions) -> LaidPiece | NotLaid:
+    """Lay a piece on the map."""
+    at = known.at[piece.photo]
+    placed = np.isfinite(at)
+    spots = len(np.unique(at[placed]))
+    if spots < 2:
+        which = "none of them is placed" if not placed.any() else "only one of them is placed"
+        return NotLaid(which if spots == placed.sum() else "those that are placed are all at one spot")
+    view = view_by_level_cameras(piece) or view_by_positions(piece, known=placed, position=at)
+    if view is None:
+        return NotLaid(
+            "their cameras have no common up, and the placed ones are fewer than three or in a line",
+            tuple(piece.photo[placed].tolist()),
+        )
+    problem = _misfit(view.position[placed], at[placed])
+    if problem:
+        return NotLaid(problem, tuple(piece.photo[placed].tolist()))
+    return _lay(view, _Known(np.flatnonzero(placed), at[placed], known.sigma_px[piece.photo[placed]]))
+
+
+class _Known(NamedTuple):
+    """Placed photos: which of a piece (k,), where on the map (k,), and how exactly (k,)."""
+
+    row: NDArray[np.int64]
+    at: Points
+    sigma_px: Array
+
+    def subset(self, kept: NDArray[np.bool_]) -> _Known:
+        return _Known(self.row[kept], self.at[kept], self.sigma_px[kept])
+
+
+def _misfit(plan: Points, at: Points) -> str | None:
+    """Say what is wrong where no similarity puts the points near their positions, or only a mirrored one."""
+    if len(plan) < 3:
+        return None
+    extent = np.sqrt(np.mean(np.abs(at - at.mean()) ** 2))
+    direct, mirrored = (_global_rms(points, at) for points in (plan, np.conj(plan)))
+    if direct > _MIRRORED * extent and mirrored < _MIRRORED * direct:
+        return "the placed ones are a mirror image of what the photos show"
+    if len(plan) < _FEW and direct > _MISFIT * extent:
+        return "the positions of the placed ones contradict each other"
+    return None
+
+
+def _global_rms(plan: Points, at: Points) -> float:
+    off, wanted = plan - plan.mean(), at - at.mean()
+    factor = np.vdot(off, wanted) / max(float(np.vdot(off, off).real), 1e-300)
+    return float(np.sqrt(np.mean(np.abs(wanted - factor * off) ** 2)))
+
+
+def _lay(view: PlanView, known: _Known) -> LaidPiece:
+    kept = np.ones(len(known.row), np.bool_)
+    exponent, error, relative = _leave_one_out(view.position, known)
+    while len(error) >= _FEW:
+        worst = int(np.argmax(error))
+        usual = max(float(np.median(error)), 1.0)
+        is_wrong = error[worst] > _CONTRADICTS * usual and relative[worst] > _CONTRADICTS_RELATIVE
+        if not is_wrong or kept.sum() * 3 <= 2 * len(kept):
+            break
+        kept[np.flatnonzero(kept)[worst]] = False
+        exponent, error, relative = _leave_one_out(view.position, known.subset(kept))
+    used = known.subset(kept)
+    at, factor = _moved(view.position, used, exponent=exponent, plan=view.position)
+    residual = np.full(len(view.position), np.nan)
+    residual[used.row] = error if len(used.row) > 2 else np.nan
+    wrong = known.row[~kept]
+    residual[wrong] = np.abs(known.at[~kept] - at[wrong])
+    contradicting = np.zeros(len(at), np.bool_)
+    contradicting[wrong] = True
+    return LaidPiece(
+        at,
+        _radius(view.position, used, factor=factor, relative=relative),
+        np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,
+        residual,
+        contradicting,
+    )
+
+
+def _radius(plan: Points, known: _Known, *, factor: Points, relative: Array) -> Array:
+    """How far off photos may be: by the distance to the nearest placed one, as it was measured."""
+    measured = np.minimum(relative, _MOST_RELATIVE)
+    rate = np.sqrt((_AS_IF * _RELATIVE_ERROR**2 + (measured**2).sum()) / (_AS_IF + len(measured)))
+    apart = np.abs(plan[:, None] - plan[known.row])
+    nearest = apart.argmin(1)
+    away = apart[np.arange(len(plan)), nearest] * np.abs(factor)
+    radius: Array = _RADIUS_OVER_RMS * np.hypot(np.sqrt(2.0) * known.sigma_px[nearest], rate * away)
+    return radius
+
+
+def _leave_one_out(plan: Points, known: _Known) -> tuple[float, Array, Array]:
+    """Choose the exponent by which placed photos place each other best.
+
+    Returns
+    -------
+    exponent : float
+    error : (k,) float64
+        Map pixels.
+    relative : (k,) float64
+        Over the distance to the nearest other placed photo; both are empty for two photos, which say nothing.
+    """
+    if len(known.row) < 3:
+        return 0.0, np.zeros(0), np.zeros(0)
+    best: tuple[float, Array, Array] | None = None
+    for exponent in _EXPONENTS:
+        moved, factor = _moved(plan[known.row], known, exponent=exponent, plan=plan, leave_out=True)
+        error = np.abs(moved - known.at)
+        if best is None or np.median(error) < np.median(best[1]):
+            apart = np.abs(plan[known.row][:, None] - plan[known.row])
+            np.fill_diagonal(apart, np.inf)
+            away = np.maximum(apart.min(1) * np.abs(factor), 1.0)
+            best = exponent, error, error / away
+    assert best is not None
+    return best
+
+
+def _moved(
+    targets: Points, known: _Known, *, exponent: float, plan: Points, leave_out: bool = False
+) -> tuple[Points, Points]:
+    """Map points by similarities of their own.
+
+    Parameters
+    ----------
+    targets : (t,) complex128
+    leave_out : bool
+        Target i is placed photo i, which is not used for it.
+
+    Returns
+    -------
+    at, factor : (t,) complex128
+        Where they come, and the rotation and scale there.
+    """
+    source = plan[known.row]
+    floor = _NEAREST * float(np.sqrt(np.mean(np.abs(source - source.mean()) ** 2)))
+    apart = np.abs(targets[:, None] - source) ** 2 + floor**2
+    weight = (apart / apart.min(1, keepdims=True)) ** -exponent / known.sigma_px**2
+    if leave_out:
+        np.fill_diagonal(weight, 0.0)
+    weight /= weight.sum(1, keepdims=True)
+    middle, goal = weight @ source, weight @ known.at
+    off, wanted = source - middle[:, None], known.at - goal[:, None]
+    spread = (weight * np.abs(off) ** 2).sum(1)
+    factor = (weight * np.conj(off) * wanted).sum(1) / np.maximum(spread, 1e-300)
+    return goal + factor * (targets - middle), factor

@@ -1,0 +1,107 @@
+"""Runs pycolmap's mappers in a process of its own: they can be stopped no other way, and take much memory."""
+
+from __future__ import annotations
+
+import multiprocessing
+import shutil
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from webapp.errors import ProcessLost
+from webapp.files.landmarks import Model, as_model, pycolmap
+from webapp.progress import Progress
+from webapp.tasks.localize.extract_photo import start_worker
+
+_LOOK_EVERY_S = 0.5
+_SEED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class MappingJob:
+    """What the process needs to know.
+
+    Attributes
+    ----------
+    database : Path
+    out : Path
+        Folder for the mapper's models, in COLMAP's format; what was in it goes.
+    contents : tuple of str
+        Photos that take part.
+    is_incremental : bool
+        Whether to begin with two photos and add one after the other; else all at once, by their rotations.
+    """
+
+    database: Path
+    out: Path
+    contents: tuple[str, ...]
+    is_incremental: bool = False
+
+
+def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
+    """Make models of photos.
+
+    Raises
+    ------
+    ProcessLost
+        The process was killed.
+    Cancelled
+    """
+    # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_map, args=(job, sender), daemon=True)
+    process.start()
+    sender.close()
+    try:
+        while not receiver.poll(_LOOK_EVERY_S):
+            progress.check()
+        found: list[Model] = receiver.recv()
+        return found
+    except EOFError as error:
+        raise ProcessLost(
+            "the process that reconstructs was killed",
+            hint="too little memory? In a script, call it below if __name__ == '__main__':",
+        ) from error
+    finally:
+        process.kill()
+        process.join()
+        receiver.close()
+
+
+def _map(job: MappingJob, sender: Connection) -> None:
+    start_worker()
+    sender.send(map_photos(job))
+    sender.close()
+
+
+def map_photos(job: MappingJob) -> list[Model]:
+    """Make models of photos, in this process."""
+    colmap = pycolmap()
+    shutil.rmtree(job.out, ignore_errors=True)
+    job.out.mkdir(parents=True)
+    run = _incremental if job.is_incremental else _global
+    return [as_model(model) for model in run(colmap, job).values()]
+
+
+def _global(colmap: Any, job: MappingJob) -> dict[int, Any]:
+    options = colmap.GlobalPipelineOptions()
+    options.image_names = list(job.contents)
+    options.random_seed = _SEED
+    models: dict[int, Any] = colmap.global_mapping(job.database, job.out, job.out, options)
+    return models
+
+
+def _incremental(colmap: Any, job: MappingJob) -> dict[int, Any]:
+    options = colmap.IncrementalPipelineOptions()
+    options.image_names = list(job.contents)
+    options.random_seed = _SEED
+    options.min_model_size = 3
+    options.extract_colors = False
+    # Photos of a walk look ahead, where the views of two of them differ little.
+    options.mapper.init_max_forward_motion = 1.0
+    options.mapper.init_min_tri_angle = 4.0
+    options.mapper.init_min_num_inliers = 50
+    models: dict[int, Any] = colmap.incremental_mapping(job.database, job.out, job.out, options)
+    return models

@@ -1,0 +1,216 @@
+"""Suggests where photos that are not placed were taken, from those that are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from webapp.core.geo.types import MapPixel, inside
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, lay_piece
+from webapp.core.landmarks.proposals import propose_next
+from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
+from webapp.errors import UsageError
+from webapp.files.landmarks import pycolmap
+from webapp.files.maps.folder import read_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
+
+_CLICK_PX = 1.0
+"""Standard deviation of a position that somebody clicked."""
+
+_RADIUS_OVER_SIGMA = 1.515
+"""68 % radius of an error that is normal in the plane, over its standard deviation in each direction."""
+
+_PROPOSED = 6
+_NAMED = 3
+"""Photos to place next, and placed photos nearest to a suggestion, that are named."""
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestedPlace:
+    """Where a photo was probably taken.
+
+    Attributes
+    ----------
+    radius_px : float
+        68 % radius.
+    heading_deg : float or None
+        Degrees clockwise from north; None where the map does not say where north is.
+    placed_by : tuple of int
+        Ids of the placed photos nearest to it, of those that it was placed by.
+    """
+
+    id: int
+    photo: str
+    position: MapPixel
+    radius_px: float
+    heading_deg: float | None
+    placed_by: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LeftPhoto:
+    """A photo that stays without a place, and why; `join` are ids of photos that would help if placed."""
+
+    id: int
+    photo: str
+    reason: str
+    join: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedPhoto:
+    """A placed photo that is joined with others.
+
+    Attributes
+    ----------
+    residual_px : float or None
+        Distance from where the other placed photos have it; None where they are too few.
+    contradicts : bool
+        It was left out: the others agree on another place.
+    """
+
+    id: int
+    photo: str
+    residual_px: float | None
+    contradicts: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RestReport:
+    """Where the photos without a place come.
+
+    Attributes
+    ----------
+    place_next : tuple of int
+        Ids of the photos that help most if they are placed by hand next.
+    """
+
+    suggested: tuple[SuggestedPlace, ...]
+    left: tuple[LeftPhoto, ...]
+    checked: tuple[CheckedPhoto, ...]
+    place_next: tuple[int, ...]
+
+
+def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress) -> RestReport:
+    """Suggest places for the photos in the tray of a map; nothing is changed.
+
+    Raises
+    ------
+    MapError
+        The map cannot be read.
+    UsageError
+        No photo is left to be placed.
+    MissingPart
+        The extra `sfm` is not installed.
+    StorageError, ProcessLost, Cancelled
+    """
+    pycolmap()  # what is missing is said before anything is read
+    the_map = read_map(cfg)
+    if not the_map.unplaced:
+        raise UsageError("the map has no photo without a place", where=str(cfg))
+    found = reconstruct(cfg, the_map, settings=settings, progress=progress)
+    return suggest_from(found, the_map)
+
+
+def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
+    """Suggest places by a reconstruction of the map's photos."""
+    known = _known_positions(found, the_map)
+    laid = [lay_piece(piece, known) for piece in found.pieces]
+    proposed = propose_next(found.pieces, laid, known=known, most=_PROPOSED)
+    suggested: list[SuggestedPlace] = []
+    left: list[LeftPhoto] = []
+    for piece, result in zip(found.pieces, laid, strict=True):
+        for one in _of_piece(piece, result, found=found, the_map=the_map, known=known):
+            (suggested if isinstance(one, SuggestedPlace) else left).append(one)  # type: ignore[arg-type]
+    left += _unjoined(found)
+    checked = [
+        one
+        for piece, result in zip(found.pieces, laid, strict=True)
+        if isinstance(result, LaidPiece)
+        for one in _checked(piece, result, photos=found.photos)
+    ]
+    return RestReport(
+        tuple(sorted(suggested, key=lambda one: one.id)),
+        tuple(sorted(left, key=lambda one: one.id)),
+        tuple(sorted(checked, key=lambda one: one.id)),
+        tuple(found.photos[number].id for number in proposed),
+    )
+
+
+def _known_positions(found: Reconstruction, the_map: Map) -> KnownPositions:
+    at = np.full(len(found.photos), complex(math.nan, math.nan))
+    sigma = np.full(len(found.photos), _CLICK_PX)
+    for number, photo in enumerate(found.photos):
+        if isinstance(photo, Experience):
+            at[number] = complex(*photo.position)
+            if photo.gps_accuracy_m is not None and the_map.georeference is not None:
+                accuracy_px = photo.gps_accuracy_m / the_map.georeference.metres_per_pixel(photo.position)
+                sigma[number] = max(accuracy_px / _RADIUS_OVER_SIGMA, _CLICK_PX)
+    return KnownPositions(at, sigma)
+
+
+def _of_piece(
+    piece: RigidPiece,
+    laid: LaidPiece | NotLaid,
+    *,
+    found: Reconstruction,
+    the_map: Map,
+    known: KnownPositions,
+) -> Iterator[SuggestedPlace | LeftPhoto]:
+    photos = [found.photos[number] for number in piece.photo.tolist()]
+    free = [row for row, photo in enumerate(photos) if isinstance(photo, UnplacedPhoto)]
+    if isinstance(laid, NotLaid):
+        help_ = tuple(found.photos[n].id for n in propose_next([piece], [laid], known=known, most=2))
+        reason = f"it is joined with {len(piece) - 1} other photos, but {laid.reason}"
+        yield from (LeftPhoto(photos[row].id, photos[row].photo, reason, help_) for row in free)
+        return
+    used = np.flatnonzero(np.isfinite(known.at[piece.photo]) & ~laid.contradicting)
+    for row in free:
+        photo, at = photos[row], MapPixel(float(laid.at[row].real), float(laid.at[row].imag))
+        image = the_map.satellite
+        if not inside(at, width=image.width, height=image.height):
+            reason = f"it would be outside the image, at x {at.x:.0f}, y {at.y:.0f}"
+            yield LeftPhoto(photo.id, photo.photo, reason)
+            continue
+        nearest = used[np.argsort(np.abs(laid.at[used] - laid.at[row]), kind="stable")[:_NAMED]]
+        yield SuggestedPlace(
+            photo.id,
+            photo.photo,
+            at,
+            float(laid.radius_px[row]),
+            _heading(float(laid.angle_deg[row]), at, the_map),
+            tuple(photos[other].id for other in nearest.tolist()),
+        )
+
+
+def _heading(angle_deg: float, at: MapPixel, the_map: Map) -> float | None:
+    """Turn an angle from image-up into a heading; up is north on a map without a georeference."""
+    north = 0.0 if the_map.georeference is None else the_map.georeference.north_deg(at)
+    return None if math.isnan(north) else (angle_deg - north) % 360.0
+
+
+def _unjoined(found: Reconstruction) -> Iterator[LeftPhoto]:
+    joined = {number for piece in found.pieces for number in piece.photo.tolist()}
+    for number, photo in enumerate(found.photos):
+        if number in joined or isinstance(photo, Experience):
+            continue
+        problem = found.problems.get(number)
+        reason = "too few photos show enough of the same" if problem is None else problem
+        yield LeftPhoto(photo.id, photo.photo, reason)
+
+
+def _checked(
+    piece: RigidPiece, laid: LaidPiece, *, photos: Sequence[Experience | UnplacedPhoto]
+) -> Iterator[CheckedPhoto]:
+    for row, number in enumerate(piece.photo.tolist()):
+        photo, residual = photos[number], float(laid.residual_px[row])
+        if isinstance(photo, Experience):
+            known = None if math.isnan(residual) else residual
+            yield CheckedPhoto(photo.id, photo.photo, known, bool(laid.contradicting[row]))

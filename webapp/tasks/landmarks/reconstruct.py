@@ -1,0 +1,232 @@
+"""Structure from motion of a map's photos, placed or not: kept beside the index, and only added to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.table import FeatureChoice
+from webapp.core.geo.types import MapPixel
+from webapp.core.landmarks.joints import LEAST_PHOTOS, rigid_parts
+from webapp.core.landmarks.matching import choose_pairs, match_mutually
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
+from webapp.core.retrieval.engines.segment import PhotoEntry
+from webapp.errors import IndexDamaged, MapError
+from webapp.files.landmarks import (
+    MatchDatabase,
+    StoredPhoto,
+    StoredPieces,
+    read_pieces,
+    write_pieces,
+)
+from webapp.files.listing import natural_key
+from webapp.files.localize.features import read_segment
+from webapp.files.localize.index_store import IndexFolder, Manifest
+from webapp.files.lock import writer_lock
+from webapp.files.maps.folder import photo_path
+from webapp.progress import Progress
+from webapp.settings import ExtractSettings, Settings
+from webapp.tasks.landmarks.mapping import MappingJob, run_mapper
+from webapp.tasks.localize.build_index import BuildRequest, describe_all
+from webapp.tasks.localize.index_location import index_bases
+from webapp.tasks.localize.open_map import guessed_fov_deg
+from webapp.tasks.maps.photo_files import sha256_of
+from webapp.threads import cores, in_threads
+
+_CHOICE = FeatureChoice("sift", "sift", "l2")
+_EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
+"""More than an index has: joining photos needs more of them than recognising one, and is done once."""
+
+_FOLDER = "landmarks"
+
+AnyPhoto = Experience | UnplacedPhoto
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reconstruction:
+    """What the photos of a map show together.
+
+    Attributes
+    ----------
+    photos : tuple of Experience or UnplacedPhoto
+        All of the map; the pieces have their numbers here.
+    pieces : tuple of RigidPiece
+        The largest first.
+    problems : mapping of int to str
+        Why photos cannot take part, by their number.
+    folder : Path
+        Where all of it is kept.
+    """
+
+    photos: tuple[AnyPhoto, ...]
+    pieces: tuple[RigidPiece, ...]
+    problems: Mapping[int, str]
+    folder: Path
+
+
+def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progress) -> Reconstruction:
+    """Join the photos of a map, those in the tray included.
+
+    What is finished of it is kept at once: killed, it goes on there, and the next time only photos that are
+    new are described and compared.
+
+    Raises
+    ------
+    MissingPart
+        The extra `sfm` is not installed.
+    StorageError, ProcessLost, Cancelled
+    """
+    photos = _in_order(the_map)
+    folder = index_bases(cfg, None)[-1] / _FOLDER
+    with writer_lock(folder):
+        entries, problems = _describe(
+            cfg, the_map, photos, folder=folder, settings=settings, progress=progress
+        )
+        numbers = sorted(entries)
+        database = MatchDatabase(folder / "matches.db")
+        try:
+            stored = [_add(database, photos[n], entries[n]) for n in numbers]
+            at = np.array([_position(photos[n]) for n in numbers], np.complex128)
+            _compare(database, stored, at=at, progress=progress)
+            contents = database.joined(dict.fromkeys(entries[n].content for n in numbers))
+            key = database.signature(contents)
+        finally:
+            database.close()
+        pieces = _pieces(folder, database.path, contents=contents, key=key, progress=progress)
+    number_of = {entries[n].content: n for n in reversed(numbers)}
+    return Reconstruction(photos, tuple(_renumbered(pieces, number_of)), problems, folder)
+
+
+def _in_order(the_map: Map) -> tuple[AnyPhoto, ...]:
+    """Order photos as they were taken: by time where all have one, else by their names."""
+    everyone: list[AnyPhoto] = [*the_map.experiences, *the_map.unplaced]
+    everyone.sort(key=lambda photo: natural_key(photo.name or photo.photo))
+    if all(photo.taken_at for photo in everyone):
+        everyone.sort(key=lambda photo: str(photo.taken_at))
+    return tuple(everyone)
+
+
+def _position(photo: AnyPhoto) -> complex:
+    return complex(*photo.position) if isinstance(photo, Experience) else complex(math.nan, math.nan)
+
+
+def _describe(
+    cfg: Path,
+    the_map: Map,
+    photos: Sequence[AnyPhoto],
+    *,
+    folder: Path,
+    settings: Settings,
+    progress: Progress,
+) -> tuple[dict[int, PhotoEntry], dict[int, str]]:
+    """Describe the photos; returns what is known of each, and why it is not of others, by their numbers."""
+    index = IndexFolder(folder)
+    index.make_spool()
+    progress.note("describing photos")
+    progress.size(len(photos))
+    there = {n: _described(cfg, one, index) for n, one in enumerate(photos)}
+    entries = {n: entry for n, entry in there.items() if entry is not None}
+    progress.advance(len(entries))
+    new = [Experience(n, one.photo, MapPixel(0.0, 0.0)) for n, one in enumerate(photos) if n not in entries]
+    problems = {}
+    for done in describe_all(
+        new,
+        Manifest(_CHOICE.detector, _CHOICE.extractor, _EXTRACT),
+        request=BuildRequest(cfg, the_map, folder, _CHOICE),
+        settings=replace(settings, extract=_EXTRACT),
+        progress=progress,
+    ):
+        if done.error:
+            problems[done.id] = done.error
+        else:
+            entries[done.id] = read_segment(index.spool_path(done.content)).entry(0)
+        progress.advance()
+    return entries, problems
+
+
+def _described(cfg: Path, photo: AnyPhoto, index: IndexFolder) -> PhotoEntry | None:
+    """Read what is known of a photo from earlier; None where it is to be described, or cannot be."""
+    try:
+        return read_segment(index.spool_path(sha256_of(photo_path(cfg, photo.photo)))).entry(0)
+    except (OSError, MapError, IndexDamaged):
+        return None
+
+
+def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredPhoto:
+    fov = photo.fov_deg
+    if fov is None and not math.isnan(entry.fov_deg):
+        fov = entry.fov_deg
+    guess = guessed_fov_deg(*entry.features.photo_size)
+    return database.add(entry.content, entry.features, fov_deg=fov or guess, is_guessed=fov is None)
+
+
+def _compare(
+    database: MatchDatabase, photos: Sequence[StoredPhoto], *, at: NDArray[np.complex128], progress: Progress
+) -> None:
+    """Compare pairs that have not been compared; each is kept when it is finished."""
+    progress.note("finding photos that show the same")
+    pairs = choose_pairs([photo.descriptors.astype(np.uint8) for photo in photos], at=at)
+    waiting = [
+        (photos[one], photos[other])
+        for one, other in pairs.tolist()
+        if not database.is_compared(photos[one], photos[other])
+    ]
+    progress.note("comparing them")
+    progress.size(len(waiting))
+
+    def compare(pair: tuple[StoredPhoto, StoredPhoto]) -> Any:
+        return database.verify(*pair, matches=match_mutually(pair[0].descriptors, pair[1].descriptors))
+
+    together = 4 * cores()
+    for first in range(0, len(waiting), together):
+        some = waiting[first : first + together]
+        progress.check()
+        for pair, geometry in zip(some, in_threads(compare, some), strict=True):
+            database.keep(*pair, geometry=geometry)
+            progress.advance()
+
+
+def _pieces(
+    folder: Path, database: Path, *, contents: Sequence[str], key: str, progress: Progress
+) -> StoredPieces:
+    """Take the pieces that are there, or make them where photos or their matches are others."""
+    file = folder / "pieces.arrays"
+    stored = read_pieces(file)
+    if stored is not None and stored.key == key:
+        return stored
+    progress.note("joining them")
+    pieces = _map(folder, database, contents=contents, progress=progress)
+    stored = StoredPieces(tuple(pieces), tuple(contents), key)
+    write_pieces(file, stored)
+    return stored
+
+
+def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Progress) -> list[RigidPiece]:
+    """Join all photos at once; then, one after the other, those that this has left out."""
+    number = {content: n for n, content in enumerate(contents)}
+    pieces: list[RigidPiece] = []
+    for is_incremental in (False, True):
+        joined = {n for piece in pieces for n in piece.photo.tolist()}
+        left = [content for content, n in number.items() if n not in joined]
+        if len(left) < LEAST_PHOTOS:
+            break
+        out = folder / ("models-2" if is_incremental else "models")
+        job = MappingJob(database, out, tuple(left), is_incremental)
+        for model in run_mapper(job, progress=progress):
+            for part in rigid_parts(model.shared):
+                numbers = np.array([number[model.contents[i]] for i in part], np.int64)
+                pieces.append(RigidPiece(numbers, model.centre[part], model.rotation[part]))
+    return sorted(pieces, key=len, reverse=True)
+
+
+def _renumbered(stored: StoredPieces, number_of: Mapping[str, int]) -> Iterator[RigidPiece]:
+    numbers = np.array([number_of[content] for content in stored.contents], np.int64)
+    for piece in stored.pieces:
+        yield replace(piece, photo=numbers[piece.photo])

@@ -1,0 +1,115 @@
+"""Suggestions for the photos of a tray as plain values, and the last ones of a map, kept for its page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+from webapp.core.geo.types import MapPixel
+from webapp.errors import NotFound, StorageError
+from webapp.files.atomic import write_text
+from webapp.files.listing import DERIVED
+from webapp.tasks.landmarks.place_rest import RestReport, SuggestedPlace
+
+_FILE = "place-rest.json"
+_VERSION = 1
+
+
+def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, Any]:
+    """Turn suggestions into plain values; `accepted` are ids of photos that have been placed there."""
+    suggested: list[dict[str, Any]] = [
+        {
+            "id": one.id,
+            "photo": one.photo,
+            "x_px": round(one.position.x, 2),
+            "y_px": round(one.position.y, 2),
+            "radius_px": round(one.radius_px, 2),
+            "heading_deg": None if one.heading_deg is None else round(one.heading_deg, 2),
+            "placed_by": list(one.placed_by),
+            "accepted": one.id in accepted,
+        }
+        for one in report.suggested
+    ]
+    left: list[dict[str, Any]] = [
+        {"id": one.id, "photo": one.photo, "error": one.reason, "place_first": list(one.join)}
+        for one in report.left
+    ]
+    checked = [
+        {
+            "id": one.id,
+            "photo": one.photo,
+            "residual_px": None if one.residual_px is None else round(one.residual_px, 2),
+            "contradicts": one.contradicts,
+        }
+        for one in report.checked
+    ]
+    return {"photos": [*suggested, *left], "checked": checked, "place_next": list(report.place_next)}
+
+
+def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
+    """Keep suggestions for the page of the map.
+
+    Parameters
+    ----------
+    revision : int
+        Of the map that they are for.
+
+    Raises
+    ------
+    StorageError
+    """
+    content = {"version": _VERSION, "revision": revision, **as_json(report)}
+    write_text(_path(cfg), json.dumps(content))
+
+
+def read(cfg: Path) -> dict[str, Any] | None:
+    """Read what was kept last: `revision`, and what `as_json` gives; None where there is nothing.
+
+    Raises
+    ------
+    StorageError
+        The file is damaged.
+    """
+    try:
+        content: dict[str, Any] = json.loads(_path(cfg).read_bytes())
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise StorageError(
+            "the suggested places cannot be read", where=_FILE, hint="look for them again"
+        ) from error
+    return content if content.get("version") == _VERSION else None
+
+
+def suggested_of(cfg: Path, ids: Iterable[int]) -> list[SuggestedPlace]:
+    """Take out the suggestions for some photos.
+
+    Raises
+    ------
+    NotFound
+        There is none for one of them.
+    StorageError
+    """
+    photos = (read(cfg) or {"photos": []})["photos"]
+    known = {photo["id"]: photo for photo in photos if "error" not in photo}
+    wanted = list(ids)
+    missing = [id for id in wanted if id not in known]
+    if missing:
+        raise NotFound("no place is suggested for this photo", where=f"photo/{missing[0]}")
+    return [
+        SuggestedPlace(
+            id,
+            known[id]["photo"],
+            MapPixel(known[id]["x_px"], known[id]["y_px"]),
+            known[id]["radius_px"],
+            known[id]["heading_deg"],
+            tuple(known[id]["placed_by"]),
+        )
+        for id in wanted
+    ]
+
+
+def _path(cfg: Path) -> Path:
+    return cfg.parent / DERIVED / _FILE
