@@ -1,7 +1,8 @@
 """Measures the methods on many maps of different kinds, and prints one table.
 
     python -m benchmarks.battery FOLDER [--methods vote,verified,auto] [--features SIFT,XFEAT] [--limit N]
-        [--index FOLDER] [--foreign FOLDER] [--baseline PROGRAM.py] [--within NAME=PX ...] [--json OUT]
+        [--index FOLDER] [--foreign FOLDER] [--baseline PROGRAM.py ...] [--within NAME=PX ...]
+        [--options "--keypoints 2000" ...] [--json OUT]
 
 FOLDER holds maps, each a folder with `map.cfg` and `queries.csv`; `benchmarks.derived_maps` makes more.
 Columns, for each map, features and method:
@@ -14,8 +15,9 @@ Columns, for each map, features and method:
 - foreign: share of the --foreign photos that got a place with a probability of at least 0.5;
 - ms: median seconds of a query; MB: peak of the process; build s, calibrate s.
 
---baseline is another program, called and printing as in `benchmarks.side_by_side`. An index in the --index
-folder is used again, so that a second run measures queries only.
+--baseline is another program, called and printing as in `benchmarks.side_by_side`; one is here,
+`benchmarks/peer_colmap.py`. --options adds options of `expmap evaluate` to the methods: once with each, and
+once with none. An index in the --index folder is used again, so that a second run measures queries only.
 """
 
 from __future__ import annotations
@@ -76,7 +78,8 @@ def _arguments() -> argparse.Namespace:
     add("--limit", type=int, default=0, help="queries a map, evenly spread; 0 for all")
     add("--index", type=Path, help="folder for the indexes, to be used again")
     add("--foreign", type=Path, help="folder of photos from elsewhere")
-    add("--baseline", type=Path, help="the other program")
+    add("--baseline", type=Path, action="append", default=[], help="another program; repeatable")
+    add("--options", action="append", default=[""], help="further options of the methods; repeatable")
     add("--within", action="append", default=[], metavar="NAME=PX", help="what is right on a map; repeatable")
     add("--json", type=Path, help="write all figures there")
     return parser.parse_args()
@@ -86,34 +89,34 @@ def _measure(
     cfg: Path, arguments: argparse.Namespace, *, index: Path, right_px: float | None
 ) -> list[dict[str, Any]]:
     """Measure all features and methods on one map; its own place radius says what is right, unless given."""
-    rows: list[dict[str, Any]] = []
     limited = ["--limit", str(arguments.limit)] if arguments.limit else []
-    if arguments.baseline:
-        call = [
-            sys.executable,
-            str(arguments.baseline),
-            str(cfg),
-            str(cfg.with_name("queries.csv")),
-            *limited,
-        ]
-        printed = run(call).printed
-        rows.append({**printed, "name": f"{cfg.parent.name} baseline"})
+    found = [_baseline(program, cfg, limited) for program in arguments.baseline]
     methods = [m for m in arguments.methods.split(",") if m != AUTO]
     asked = [["--features", f, "--method", m] for f in arguments.features.split(",") for m in methods]
     asked += [["--method", AUTO]] if AUTO in arguments.methods.split(",") else []
     options = [*limited, "--index", str(index)]
-    found = [row for a in asked if (row := _evaluate(cfg, a, options=options, foreign=arguments.foreign))]
-    # `vote` knows no relative poses, by which the kind of a map is detected: all are judged by one radius.
-    radius = right_px or (found[-1]["place_radius_px"] if found else 0.0)
+    for further in arguments.options:
+        for one in asked:
+            row = _evaluate(cfg, [*one, *further.split()], options=options, foreign=arguments.foreign)
+            found += [{**row, "name": f"{row['name']} {further}".strip()}] if row else []
+        # `vote` knows no relative poses, by which the kind of a map is detected: one radius is for all.
+        right_px = right_px or found[-1]["place_radius_px"]
     for row in found:
-        errors = [query["error_px"] for query in row.pop("per_query")]
-        row["right"] = sum(e is not None and e <= radius for e in errors) / len(errors)
-        row["refused"] = ratio(row["abstained"], row["queries"])
+        errors = [query["error_px"] for query in row.pop("per_query", [])]
+        row["right"] = ratio(sum(e is not None and e <= right_px for e in errors), len(errors))
+        row["refused"] = ratio(row["abstained"], row["queries"]) if "abstained" in row else None
     votes = {row["features"]: row["right"] for row in found if row["method"] == "vote"}
     for row in found:
-        best = max(votes.values(), default=None) if row["method"] == AUTO else votes.get(row["features"])
-        row["over_vote"] = None if best is None else row["right"] - best
-    return rows + found
+        best = max(votes.values(), default=None) if row["method"] == AUTO else votes.get(row.get("features"))
+        row["over_vote"] = None if best is None or row["right"] is None else row["right"] - best
+    return found
+
+
+def _baseline(program: Path, cfg: Path, limited: list[str]) -> dict[str, Any]:
+    printed = run(
+        [sys.executable, str(program), str(cfg), str(cfg.with_name("queries.csv")), *limited]
+    ).printed
+    return {**printed, "name": f"{cfg.parent.name} {printed['method']}"}
 
 
 def _evaluate(

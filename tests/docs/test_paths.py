@@ -8,7 +8,7 @@ from tests.design.conftest import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), ROOT / "README.md"])
 FOLDERS = "webapp|static|templates|tests|docs|benchmarks|maps"
-MOST_LINES = 1300
+MOST_LINES = 1350
 """Of the tour."""
 
 

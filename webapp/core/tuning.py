@@ -26,7 +26,11 @@ class RetrievalTuning:
     """Photos with most votes that are verified geometrically."""
 
     second_look_photos: int = 5
-    """Photos with most votes that a network matches in the second look of method `auto`."""
+    """Photos with most votes that a network matches first in the second look of method `auto`."""
+
+    certain_inliers: int = 40
+    """Inliers from which on one of these certainly shows the same as the query. With fewer, the network
+    matches the rest of the shortlist, too."""
 
     voters: int = 30
     """Photos with most votes whose votes count for the places around them."""

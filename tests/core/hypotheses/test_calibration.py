@@ -72,3 +72,32 @@ def test_slopes_are_never_negative():
     perverse += [Case(np.array([[0.0, 0.0, 0.0, 0.0, 0.0]]), np.array([True]))] * 300
     slope, _ = fit(perverse)
     assert min(slope) >= 0.0
+
+
+def penalised_loss(cases, slope, offset):
+    """What a fit makes as small as it can, by the probabilities that it leads to."""
+    fitted = Calibration(slope, offset, 1.0)
+    away = [*np.subtract(slope, DEFAULT.slope), offset - DEFAULT.offset]
+    loss = calibration._PRIOR_WEIGHT * len(cases) ** 0.5 * float(np.square(away).sum()) / 2.0
+    for case in cases:
+        place, off_map = probabilities(case.evidence, fitted)
+        loss -= np.log(place[case.right].sum() if case.right.any() else off_map)
+    return loss
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_fit_reaches_the_least_loss_also_where_evidence_misleads(seed):
+    rng = np.random.default_rng(seed)
+    cases = []
+    for _ in range(300):
+        evidence = rng.uniform(0.0, 3.0, (3, EVIDENCE))
+        right = np.arange(3) == evidence[:, 0].argmax()
+        evidence[:, 1] = 3.0 - evidence[:, 0] + rng.normal(0.0, 0.1, 3)
+        evidence[:, 2] = evidence[:, 1] * evidence[:, 3]
+        cases.append(Case(evidence, right & (rng.random() < 0.8)))
+    slope, offset = fit(cases)
+    least = penalised_loss(cases, slope, offset)
+    assert min(slope) == 0.0
+    for _ in range(200):
+        near = np.maximum(np.add(slope, rng.normal(0.0, 0.05, EVIDENCE)), 0.0)
+        assert penalised_loss(cases, tuple(near), offset + rng.normal(0.0, 0.05)) >= least

@@ -35,6 +35,16 @@ def test_shared_positions_that_relative_poses_contradict_are_areas():
     assert len(set(found.area.tolist())) == 20
 
 
+def test_photos_that_no_other_shows_the_same_as_contradict_nothing():
+    confirmed = np.arange(len(STANDS)) < 30
+    partner = np.where(confirmed, np.roll(np.arange(len(STANDS)), -5), -1)
+    trust = np.where(confirmed, 5.0, 0.0)
+    assert describe_places(STANDS, trust=trust, partner=partner, **SIZE).kind == "metric"
+    assert describe_places(STANDS, trust=0.0 * trust, partner=partner, **SIZE).kind == "areas"
+    few = np.where(np.arange(len(STANDS)) < 9, partner, -1)
+    assert describe_places(STANDS, trust=trust, partner=few, **SIZE).kind == "areas"
+
+
 def test_more_photos_than_a_panorama_has_are_an_area_whatever_their_poses():
     found = describe_places(FLOORS, trust=trusted(FLOORS, 1.0), **SIZE)
     assert (found.kind, found.radius_px) == ("areas", pytest.approx(120.0))

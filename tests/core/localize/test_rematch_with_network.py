@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from webapp.core.features.types import Features
 from webapp.core.localize.verified import find_places
@@ -70,3 +71,27 @@ def test_places_are_found_with_the_networks_matches():
     rematched = find_places(thorough, query, fov_deg=60.0).places[0].photos[0].matched
     assert np.array_equal(usual.photo_xy[:5], query.xy[:5])
     assert np.array_equal(rematched.photo_xy, query.xy[::-1])
+
+
+class Counting:
+    """Matches each keypoint with the one of its number, but none of the first photos; counts the photos."""
+
+    def __init__(self, unmatched):
+        self.unmatched, self.asked = unmatched, 0
+
+    def match(self, query: Features, photo: Features) -> np.ndarray:
+        self.asked += 1
+        rows = np.arange(0 if self.asked <= self.unmatched else len(query))
+        return np.column_stack([rows, rows])
+
+
+@pytest.mark.parametrize(("unmatched", "asked"), [(0, 1), (1, PHOTOS)])
+def test_a_second_look_matches_more_photos_where_the_first_ones_do_not_show_the_same(unmatched, asked):
+    indexed, query = map_and_query()
+    matcher = Counting(unmatched)
+    retrieval = replace(indexed.tuning.retrieval, certain_inliers=15)
+    look = replace(
+        indexed, pair_matcher=matcher, rematched=1, tuning=replace(indexed.tuning, retrieval=retrieval)
+    )
+    find_places(look, query, fov_deg=60.0)
+    assert matcher.asked == asked

@@ -20,6 +20,7 @@ _PRIOR_WEIGHT = 1.0
 """Pull towards the default, in units of one photo, times the root of their number."""
 
 _STEPS = 60
+_CONVERGED = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,7 @@ def probabilities(
 
 
 def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[float, ...], float]:
-    """Fit slope and offset by penalised maximum likelihood (Newton's method).
+    """Fit slope and offset by penalised maximum likelihood (projected Newton, Bertsekas 1982).
 
     Parameters
     ----------
@@ -105,22 +106,59 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
         Not negative: more evidence never makes a place less probable.
     """
     prior = np.array([*start.slope, start.offset])
-    theta = prior.copy()
     total = sum(c.weight for c in cases)
     if not total:
         return start.slope, start.offset
     penalty = _PRIOR_WEIGHT * max(total, 1.0) ** 0.5
+    theta = prior.copy()
+    loss = _loss(cases, theta, prior=prior, penalty=penalty)
     for _ in range(_STEPS):
         gradient, hessian = penalty * (prior - theta), penalty * np.eye(len(theta))
         for case in cases:
             g, h = _case_terms(case, theta)
             gradient, hessian = gradient + g, hessian + h
-        step = np.linalg.solve(hessian, gradient)
-        theta = theta + step / max(1.0, float(np.abs(step).max()))
-        theta[:-1] = np.maximum(theta[:-1], 0.0)
-        if np.abs(step).max() < 1e-6:
+        # A slope at zero that the gradient would make negative stays; the others take a step of their own.
+        free = np.append((theta[:-1] > 0.0) | (gradient[:-1] > 0.0), True)
+        step = np.zeros(len(theta))
+        step[free] = np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
+        before = theta
+        theta, loss = _search(cases, theta, step, loss=loss, prior=prior, penalty=penalty)
+        if np.abs(theta - before).max() < _CONVERGED:
             break
     return tuple(float(t) for t in theta[:-1]), float(theta[-1])
+
+
+def _search(
+    cases: Sequence[Case],
+    theta: NDArray[np.float64],
+    step: NDArray[np.float64],
+    *,
+    loss: float,
+    prior: NDArray[np.float64],
+    penalty: float,
+) -> tuple[NDArray[np.float64], float]:
+    """Go along a step, cut off where slopes would be negative, as far as the loss falls."""
+    length = 1.0 / max(1.0, float(np.abs(step).max()))
+    while length > _CONVERGED:
+        there = theta + length * step
+        there[:-1] = np.maximum(there[:-1], 0.0)
+        reached = _loss(cases, there, prior=prior, penalty=penalty)
+        if reached < loss:
+            return there, reached
+        length /= 2.0
+    return theta, loss
+
+
+def _loss(
+    cases: Sequence[Case], theta: NDArray[np.float64], *, prior: NDArray[np.float64], penalty: float
+) -> float:
+    """Negative log likelihood and penalty."""
+    loss = penalty * float(((theta - prior) ** 2).sum()) / 2.0
+    for case in cases:
+        odds = np.append(case.evidence @ theta[:-1] + theta[-1], 0.0)
+        right = np.append(case.right, not case.right.any())
+        loss += case.weight * float(np.logaddexp.reduce(odds) - np.logaddexp.reduce(odds[right]))
+    return loss
 
 
 def _case_terms(case: Case, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -71,7 +71,8 @@ def describe_places(
 
     Photos at a position that they share with two others are an area where they are more than a panorama has,
     or where relative poses between positions do not agree with the positions: at a stand from which somebody
-    took five photos they do.
+    took five photos they do. Photos that certainly show the same as one elsewhere decide, where there are
+    enough of them: on a thin map most see what no other does, which contradicts nothing.
 
     Parameters
     ----------
@@ -86,7 +87,9 @@ def describe_places(
     partner : (p,) int64, optional
         As `MapExtrinsics` has it: where positions are noisy, as by GPS, photos of one view are far apart.
     """
-    area = _areas(position, trust) if kind in (None, "mixed") else _all_areas(position, kind == "areas")
+    area = (
+        _areas(position, trust, partner) if kind in (None, "mixed") else _all_areas(position, kind == "areas")
+    )
     share = float((area >= 0).mean()) if len(area) else 0.0
     if share <= _FEW:
         area = np.full(len(position), -1, np.int64)
@@ -111,7 +114,9 @@ def _all_areas(position: NDArray[np.float64], areas: bool) -> NDArray[np.int64]:
     return np.unique(position, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
 
 
-def _areas(position: NDArray[np.float64], trust: NDArray[np.float64] | None) -> NDArray[np.int64]:
+def _areas(
+    position: NDArray[np.float64], trust: NDArray[np.float64] | None, partner: NDArray[np.int64] | None
+) -> NDArray[np.int64]:
     """Number the areas; (p,), -1 for photos in none."""
     none = np.full(len(position), -1, np.int64)
     if not len(position):
@@ -120,8 +125,27 @@ def _areas(position: NDArray[np.float64], trust: NDArray[np.float64] | None) -> 
     number = number.ravel().astype(np.int64)
     large, shared = count[number] > _PANORAMA, count[number] >= _SHARED
     stands = shared & ~large
-    confirmed = trust is None or not stands.any() or float((trust[stands] >= MIN_TRUST).mean()) >= _CONFIRMED
-    return np.where(large if confirmed else shared, number, none)
+    # On a map of areas small ones are areas, too, also where photos of neighbouring ones show the same.
+    sure = None if partner is None or large.any() else partner >= 0
+    return np.where(large if _are_confirmed(stands, trust, sure=sure) else shared, number, none)
+
+
+def _are_confirmed(
+    stands: NDArray[np.bool_], trust: NDArray[np.float64] | None, *, sure: NDArray[np.bool_] | None
+) -> bool:
+    """Check whether relative poses agree with the positions of the stands, (p,).
+
+    Parameters
+    ----------
+    sure : (p,) bool or None
+        Photos that decide, where enough of them are at stands.
+    """
+    if trust is None or not stands.any():
+        return True
+    deciding = stands if sure is None else stands & sure
+    if deciding.sum() < _FEWEST_MATCHED:
+        deciding = stands
+    return float((trust[deciding] >= MIN_TRUST).mean()) >= _CONFIRMED
 
 
 def _noise_px(position: NDArray[np.float64], partner: NDArray[np.int64] | None) -> float:

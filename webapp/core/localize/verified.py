@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -135,15 +136,12 @@ def find_places(
         listed = [*_shortlist_among(indexed, query, votes=votes, closer=closer), *listed]
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
-    if indexed.pair_matcher is not None:
-        most = len(listed) if indexed.rematched is None else indexed.rematched
-        best = rematch_with_network(indexed, query, listed=listed[:most], matcher=indexed.pair_matcher)
-        listed = [*best, *listed[most:]]
     camera = Camera(*query.photo_size, fov_deg)
     upright = _roll_correction(median_turn_deg(indexed, query, found=found))
     if depths is None:
         depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
-    checked = in_threads(lambda m: _verify(indexed, m, camera=camera, upright=upright, depths=depths), listed)
+    verify = partial(_verify, indexed, camera=camera, upright=upright, depths=depths)
+    checked = _verify_all(indexed, query, listed=listed, verify=verify)
     clock.append(time.perf_counter())
     unverified = [_unverified(f) for f in further]
     places = estimate_places(indexed, checked, further=unverified)
@@ -207,6 +205,29 @@ def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
     turn = math.radians(askew_deg) if abs(askew_deg) > _ASKEW_DEG else 0.0
     cos, sin = math.cos(turn), math.sin(turn)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _verify_all(
+    indexed: IndexedMap,
+    query: Features,
+    *,
+    listed: list[ShortlistedPhoto],
+    verify: Callable[[ShortlistedPhoto], VerifiedPhoto],
+) -> list[VerifiedPhoto]:
+    """Verify a shortlist, with the matches of a network where there is one.
+
+    A second look has it match the first photos only, and the others where none of these certainly shows the
+    same as the query: it is slow.
+    """
+    matcher = indexed.pair_matcher
+    if matcher is None:
+        return in_threads(verify, listed)
+    few = len(listed) if indexed.rematched is None else indexed.rematched
+    checked = in_threads(verify, rematch_with_network(indexed, query, listed=listed[:few], matcher=matcher))
+    further = listed[few:]
+    if max((v.inliers for v in checked), default=0) < indexed.tuning.retrieval.certain_inliers:
+        further = rematch_with_network(indexed, query, listed=further, matcher=matcher)
+    return [*checked, *in_threads(verify, further)]
 
 
 def _verify(

@@ -51,7 +51,7 @@ class IndexedMap:
     pair_matcher : PairMatcher or None
         Matches the photos that are verified, instead of what the search found of them.
     rematched : int or None
-        It matches only so many, those with most votes; None for all.
+        It matches only so many at first, those with most votes; None for all.
     extract_side_px : float
         Photos are scaled down to this longer side before keypoints are detected.
     first_row : (e + 1,) int64

@@ -16,7 +16,7 @@ from webapp.files import atomic
 TrialRecord = dict[str, Any] | None
 """Plain values; None for a photo that cannot be used."""
 
-FORMAT = 12
+FORMAT = 13
 """Another one where the evidence that the slopes belong to means something else."""
 
 

@@ -128,15 +128,21 @@ def newest(opened: OpenMap) -> StoredCalibration | None:
     return next((k for k in known if k is not None), None)
 
 
-def fit_trials(indexed: IndexedMap, trials: Sequence[Trial]) -> Calibration:
-    """Fit first what a position and a photo are worth, then the probabilities of what comes of it."""
+def fit_trials(indexed: IndexedMap, trials: Sequence[Trial], *, start: Calibration = DEFAULT) -> Calibration:
+    """Fit first what a position and a photo are worth, then the probabilities of what comes of it.
+
+    Parameters
+    ----------
+    start : Calibration
+        What the fit is pulled towards.
+    """
     fitted = replace(DEFAULT, schematic=_is_schematic(indexed, trials), cases=len(trials))
     if not fitted.schematic:
         fitted = replace(fitted, photo_sigma=_photo_sigma(indexed, trials))
     located = [t.located(indexed, fitted) for t in trials]
     errors = [_errors(at, t.truth) for at, t in zip(located, trials, strict=True)]
     cases = [_case(t, e, indexed.place_radius_px) for t, e in zip(trials, errors, strict=True)]
-    slope, offset = fit(cases)
+    slope, offset = fit(cases, start=start)
     scale = _radius_scale(trials, located, errors=errors, place_radius_px=indexed.place_radius_px)
     return replace(fitted, slope=slope, offset=offset, radius_scale=scale)
 
