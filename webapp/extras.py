@@ -42,6 +42,19 @@ def is_installed(name: str) -> bool:
     return all(find_spec(package) for package in EXTRAS[name])
 
 
+def require(name: str) -> None:
+    """Say now that an extra is missing, which work is going to need later.
+
+    Raises
+    ------
+    MissingPart
+    """
+    with extra(name):
+        for package in EXTRAS[name]:
+            if not find_spec(package):
+                raise ModuleNotFoundError(name=package)
+
+
 @contextmanager
 def extra(name: str) -> Iterator[None]:
     """Guard the import of packages that belong to an extra.

@@ -23,7 +23,7 @@ from webapp.missions.web import pages as mission_pages
 from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.web import installable, make_app, operate
+from webapp.web import installable, landmarks, make_app, operate
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.localize import api_localize, api_queries
@@ -61,6 +61,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_localize.blueprint,
     api_queries.blueprint,
     localize_pages.blueprint,
+    landmarks.landmarks_api,
     api_checks.checks_api,
     api_checks.evaluation_api,
     api_maps.blueprint,

@@ -55,13 +55,13 @@ class StoredPhoto:
     ----------
     xy : (n, 2) float64
         Its keypoints, pixels from the outer corner of the top-left one, as COLMAP counts them.
-    descriptors : (n, d) float32
+    descriptors : (n, d) uint8
     """
 
     id: int
     camera: Any
     xy: NDArray[np.float64]
-    descriptors: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
 
 
 class MatchDatabase:
@@ -133,7 +133,7 @@ class MatchDatabase:
             self._ids[content] = image.image_id
         if not self._database.exists_keypoints(self._ids[content]):
             self._database.write_keypoints(self._ids[content], xy.astype(np.float32))
-        return StoredPhoto(self._ids[content], camera, xy, features.descriptors.astype(np.float32))
+        return StoredPhoto(self._ids[content], camera, xy, features.descriptors)
 
     def is_compared(self, one: StoredPhoto, other: StoredPhoto) -> bool:
         """Return whether two photos were compared, now or earlier."""

@@ -8,6 +8,7 @@ from typing import Any
 from webapp.core.features.table import choose
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
+from webapp.files.maps.folder import read_map
 from webapp.jobs.context import Context
 from webapp.render import export_file
 from webapp.settings import Settings
@@ -17,6 +18,8 @@ from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
+from webapp.tasks.landmarks import stored as stored_places
+from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.cascade import look_options
 from webapp.tasks.localize.map_cache import MethodChoice
@@ -113,6 +116,17 @@ def find_weak_photos(context: Context) -> dict[str, Any]:
         library.cfg(record.slug), settings=context.settings, progress=context.progress
     )
     return dict(Counter(photo["state"] for photo in found["photos"]))
+
+
+def suggest_places(context: Context) -> dict[str, Any]:
+    """Suggest places for the photos in a map's tray; store them next to the index."""
+    library, record = context.library, context.map()
+    export.export_map(library, record.id)
+    cfg = library.cfg(record.slug)
+    revision = read_map(cfg).revision
+    report = suggest_rest(cfg, settings=context.settings, progress=context.progress)
+    stored_places.keep(cfg, report, revision=revision)
+    return {"suggested": len(report.suggested), "left": len(report.left)}
 
 
 def import_map_zip(context: Context) -> dict[str, Any]:

@@ -34,6 +34,10 @@ export function endpointsOf(slug) {
     matchTrack: (fields, { preview }) =>
       api(`${map}/gpx?preview=${preview}`, { method: "POST", body: form(fields) }),
 
+    rest: () => get(`${map}/place-rest`),
+    findRest: () => post(`${map}/place-rest`, {}),
+    acceptRest: (ids) => post(`${map}/place-rest/accept`, { ids }),
+
     blur: (id, boxes) => put(`${map}/photos/${id}/blur`, { boxes }),
 
     findings: () => get(`${map}/findings`),

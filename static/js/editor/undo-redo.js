@@ -14,6 +14,7 @@ const KINDS = {
   "place-gps": (n) => tn("placing {n} photo by GPS", "placing {n} photos by GPS", n),
   "place-file": (n) => tn("placing {n} photo by a list", "placing {n} photos by a list", n),
   "place-gpx": (n) => tn("placing {n} photo by a track", "placing {n} photos by a track", n),
+  "place-rest": (n) => tn("placing {n} photo by the others", "placing {n} photos by the others", n),
   placement: () => t("the change to the placement"),
   fix: (n) => tn("correcting {n} photo", "correcting {n} photos", n),
   satellite: () => t("the new image"),

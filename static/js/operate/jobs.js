@@ -153,6 +153,7 @@ export function kindName(kind) {
     "satellite-pyramid": t("Large image"),
     "satellite-tiles": t("Satellite image from tiles"),
     health: t("Map health"),
+    "place-rest": t("Places for the rest"),
     evaluate: t("Evaluation"),
   };
   return names[kind] || sentence(kind.replaceAll(/[-_.]/g, " "));

@@ -76,12 +76,12 @@ def _voted(descriptors: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int]]:
     return found
 
 
-def match_mutually(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.uint32]:
+def match_mutually(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.uint32]:
     """Match descriptors that are each other's nearest, and clearly nearer than the second.
 
     Parameters
     ----------
-    first, second : (n, d), (m, d) float32
+    first, second : (n, d), (m, d) uint8
 
     Returns
     -------
@@ -90,15 +90,16 @@ def match_mutually(first: NDArray[np.float32], second: NDArray[np.float32]) -> N
     """
     if len(first) < 2 or len(second) < 2:
         return np.zeros((0, 2), np.uint32)
-    own, length = (first**2).sum(1), (second**2).sum(1)
+    ours, theirs = first.astype(np.float32), second.astype(np.float32)
+    own, length = (ours**2).sum(1), (theirs**2).sum(1)
     # Half the squared distances, without the part that all in a row share.
-    apart = 0.5 * length - first @ second.T
-    rows = np.arange(len(first))
+    apart = 0.5 * length - ours @ theirs.T
+    rows = np.arange(len(ours))
     nearest = apart.argmin(1)
     best = apart[rows, nearest] * 2.0 + own
     apart[rows, nearest] = np.inf
     clear = best < _RATIO**2 * (apart.min(1) * 2.0 + own)
     row, column = rows[clear], nearest[clear]
-    back = (0.5 * own - second[column] @ first.T).argmin(1)
+    back = (0.5 * own - theirs[column] @ ours.T).argmin(1)
     mutual = back == row
     return np.stack([row[mutual], column[mutual]], 1).astype(np.uint32)

@@ -172,7 +172,7 @@ def _compare(
 ) -> None:
     """Compare pairs that have not been compared; each is kept when it is finished."""
     progress.note("finding photos that show the same")
-    pairs = choose_pairs([photo.descriptors.astype(np.uint8) for photo in photos], at=at)
+    pairs = choose_pairs([photo.descriptors for photo in photos], at=at)
     waiting = [
         (photos[one], photos[other])
         for one, other in pairs.tolist()

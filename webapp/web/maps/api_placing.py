@@ -159,7 +159,7 @@ def by_gps(slug: str) -> dict[str, Any]:
     """Place the photos in the tray that know where they were taken."""
     record = open_map(slug, "editor")
     placing = place_by_gps(library(), record.id, account_id=account().id)
-    return _placing_json(placing)
+    return placing_json(placing)
 
 
 @placing_api.post("/positions")
@@ -188,7 +188,7 @@ def by_list(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[st
             )
     finally:
         discard(part)
-    return {**_placing_json(placing), **_listed_json(seen)}
+    return {**placing_json(placing), **_listed_json(seen)}
 
 
 @placing_api.post("/gpx")
@@ -209,10 +209,11 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
             library(), record.id, track=track, clock=clock, account_id=account().id
         )
     span = {"fixes": len(track), "begins_s": float(track.times_s[0]), "ends_s": float(track.times_s[-1])}
-    return {**_placing_json(placing), **_preview_json(seen), **span}
+    return {**placing_json(placing), **_preview_json(seen), **span}
 
 
-def _placing_json(placing: PlacingResult) -> dict[str, Any]:
+def placing_json(placing: PlacingResult) -> dict[str, Any]:
+    """Turn the result of placing photos into what `PlacingOut` takes."""
     outside = [{"id": o.id, "name": o.name, "reason": o.reason} for o in placing.outside]
     return {"placed": list(placing.placed), "outside": outside, "job": placing.job}
 

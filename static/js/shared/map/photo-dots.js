@@ -24,6 +24,7 @@ export class PhotoDots extends CanvasLayer {
     this.store = store;
     this.colours = null;
     this.mark = null;
+    this.suggestions = [];
     this._spots = [];
     this._stamps = new Map();
     store.on("photos preview current selection placement satellite", this._draw);
@@ -44,6 +45,15 @@ export class PhotoDots extends CanvasLayer {
   /** Point at some map pixels. @param {number[][]} pixels */
   setMark(pixels) {
     this.mark = pixels;
+    this._draw();
+  }
+
+  /**
+   * Show where photos would be placed, as hollow dots.
+   * @param {Array<{x_px: number, y_px: number, radius_px: number, heading_deg: ?number}>} suggestions
+   */
+  setSuggestions(suggestions) {
+    this.suggestions = suggestions;
     this._draw();
   }
 
@@ -124,6 +134,7 @@ export class PhotoDots extends CanvasLayer {
     }
     const current = this._spots.some(({ ids }) => ids.includes(currentId)) && this._spotOf(currentId);
     if (current) this._current(current, currentId);
+    for (const suggestion of this.suggestions) this._suggestion(suggestion);
     for (const pixel of this.mark || []) this._ring(this._map.latLngToContainerPoint(latLngOf(pixel)), 16, this._ink.mark);
   }
 
@@ -236,6 +247,27 @@ export class PhotoDots extends CanvasLayer {
     pen.lineWidth = 2.5;
     pen.strokeStyle = colour;
     pen.stroke();
+  }
+
+  /** A hollow dot, the circle that it may be in, and a line where it looks. */
+  _suggestion({ x_px, y_px, radius_px: radius, heading_deg: heading }) {
+    const position = [x_px, y_px];
+    const { x, y } = this._map.latLngToContainerPoint(latLngOf(position));
+    const pen = this._pen;
+    pen.beginPath();
+    pen.arc(x, y, Math.max(radius * this._scale, RADIUS), 0, 2 * Math.PI);
+    pen.lineWidth = 1;
+    pen.strokeStyle = this._ink.mark;
+    pen.stroke();
+    if (heading !== null) {
+      const angle = this._angle({ position }, heading);
+      pen.beginPath();
+      pen.moveTo(x + RADIUS * Math.cos(angle), y + RADIUS * Math.sin(angle));
+      pen.lineTo(x + WEDGE * Math.cos(angle), y + WEDGE * Math.sin(angle));
+      pen.lineWidth = 2.5;
+      pen.stroke();
+    }
+    this._ring({ x, y }, RADIUS, this._ink.mark);
   }
 
   /** How far off the GPS of the current photo may be. */

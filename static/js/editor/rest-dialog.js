@@ -1,0 +1,101 @@
+/** The dialog for the photos in the tray: where they were taken, judged by the photos that are placed. */
+
+import { errorLine, openDialog } from "../shared/dialogs.js";
+import { h } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { toast } from "../shared/toast.js";
+import { nameList } from "./name-list.js";
+import { offer, placeButton, placeOnClick } from "./place-button.js";
+
+const SHOWN = 200;
+
+/**
+ * Open the dialog.
+ * @param {Object} page store, server, refresh, dots and view
+ */
+export function restDialog({ store, server, refresh, dots, view }) {
+  const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "rest-outcome" });
+  const error = errorLine();
+  const place = placeButton({ "data-testid": "rest-place" });
+  const find = h("button", { class: "button", type: "button", "data-testid": "rest-find" }, t("Suggest places"));
+  const dialog = openDialog(t("Place the rest"), [
+    h("p", { class: "soft" }, t("Place a few photos by hand, far apart. What all photos show in common then says where the others were taken.")),
+    outcome,
+    error,
+  ], { actions: [find, place], modeless: true });
+
+  let job = null;
+  let ids = [];
+  const show = (rest) => {
+    job = rest.job;
+    find.disabled = job !== null;
+    ids = rest.suggested.map(({ id }) => id);
+    dots.setSuggestions(rest.suggested);
+    offer(place, ids.length);
+    outcome.replaceChildren(...[
+      job !== null && h("p", {}, t("This is being computed; it takes a few minutes.")),
+      job === null && rest.revision !== null && summary(rest),
+      ids.length > 0 && h("ul", { class: "small ed-rest" }, ...rest.suggested.slice(0, SHOWN).map(row)),
+      nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => `${name}: ${reason}`)),
+      nameList(t("Contradicts the other placed photos"), rest.doubtful.map(({ name, residual_px: away }) =>
+        t("{name}: they have it {n} px away", { name, n: Math.round(away) }))),
+      rest.place_next.length > 0 && h("p", { class: "row" }, t("Placing these by hand helps most:"), ...rest.place_next.map(chooser)),
+    ].filter(Boolean));
+  };
+  const row = (one) => h("li", { class: "row", "data-testid": "suggested-photo", "data-id": one.id },
+    h("button", { class: "button button--quiet", type: "button", onclick: () => view.focus([[one.x_px, one.y_px]]) }, one.name),
+    h("span", { class: "soft" }, t("within {n} px", { n: Math.max(1, Math.round(one.radius_px)) })),
+    h("button", { class: "button button--quiet", type: "button", "aria-label": t("Place {name}", { name: one.name }), onclick: () => accept([one.id]) }, t("Place")));
+  const chooser = (id) => h("button", { class: "button button--quiet", type: "button", onclick: () => store.setCurrent(id) },
+    store.photos.get(id)?.name ?? String(id));
+  const look = async (question) => {
+    try {
+      error.show(null);
+      show(await question());
+    } catch (problem) {
+      error.show(problem);
+    }
+  };
+  const accept = async (chosen) => {
+    try {
+      const result = await server.acceptRest(chosen);
+      await refresh();
+      toast(tn("{n} photo placed.", "{n} photos placed.", result.placed.length));
+      await look(server.rest);
+    } catch (problem) {
+      error.show(problem);
+    }
+  };
+  const watch = () => {
+    const known = store.jobs.find(({ id }) => id === job);
+    if (!known || known.state === "queued" || known.state === "running") return;
+    job = null;
+    look(server.rest).then(() => {
+      if (known.state === "failed") error.show(known.error);
+      else if (ids.length) view.focus(dots.suggestions.map(({ x_px: x, y_px: y }) => [x, y]));
+    });
+  };
+  store.addEventListener("jobs", watch);
+  find.addEventListener("click", () => look(server.findRest).then(refresh));
+  placeOnClick(place, {
+    place: () => server.acceptRest(ids),
+    done: async (result) => {
+      dialog.close();
+      await refresh();
+      toast(tn("{n} photo placed.", "{n} photos placed.", result.placed.length));
+    },
+    error,
+  });
+  dialog.addEventListener("close", () => {
+    store.removeEventListener("jobs", watch);
+    job = null;
+    dots.setSuggestions([]);
+  });
+  look(server.rest);
+}
+
+/** How many photos have a place now, and whether that is still of the map as it is. */
+function summary({ suggested, current }) {
+  const found = tn("{n} photo has a suggested place: see the hollow dots on the image.", "{n} photos have a suggested place: see the hollow dots on the image.", suggested.length);
+  return h("p", {}, found, current ? "" : ` ${t("The map has changed since.")}`);
+}

@@ -1,0 +1,36 @@
+import numpy as np
+
+from webapp.core.landmarks.matching import choose_pairs, match_mutually
+
+
+def test_descriptors_match_where_they_are_each_others_clearly_nearest(rng):
+    first = rng.integers(0, 256, (40, 16), dtype=np.uint8)
+    order = rng.permutation(40)
+    second = np.concatenate([first[order], rng.integers(0, 256, (10, 16), dtype=np.uint8)])
+    matches = match_mutually(first, second)
+    assert sorted(matches[:, 0].tolist()) == list(range(40))
+    assert (order[matches[:, 1]] == matches[:, 0]).all()
+
+
+def test_what_is_there_twice_matches_nothing(rng):
+    first = rng.integers(0, 256, (5, 16), dtype=np.uint8)
+    second = np.concatenate([first, first[:2]])
+    assert sorted(match_mutually(first, second)[:, 0].tolist()) == [2, 3, 4]
+
+
+def test_a_photo_without_texture_matches_nothing(rng):
+    some = rng.integers(0, 256, (5, 16), dtype=np.uint8)
+    assert match_mutually(some, some[:0]).shape == (0, 2)
+
+
+def test_neighbours_in_time_and_on_the_map_and_photos_that_show_the_same_are_compared(rng):
+    scene = rng.integers(0, 256, (60, 128), dtype=np.uint8)
+    descriptors = [rng.integers(0, 256, (60, 128), dtype=np.uint8) for _ in range(30)]
+    descriptors[2] = descriptors[25] = scene
+    at = np.full(30, complex(np.nan, np.nan))
+    at[[4, 20]] = [10 + 10j, 11 + 10j]
+    pairs = {tuple(pair) for pair in choose_pairs(descriptors, at=at).tolist()}
+    assert {(0, 1), (0, 6), (4, 20), (2, 25)} <= pairs
+    assert all(one < other for one, other in pairs)
+    descriptors[1] = scene[:0]
+    assert not any(1 in pair for pair in choose_pairs(descriptors, at=at).tolist())

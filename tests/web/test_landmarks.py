@@ -1,0 +1,127 @@
+"""Places for the photos in the tray: shown, accepted as one step, and looked for by a job."""
+
+import io
+
+import pytest
+from PIL import Image
+
+from webapp.core.geo.types import MapPixel
+from webapp.extras import install_line
+from webapp.jobs.kinds import KINDS
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.landmarks import stored
+from webapp.tasks.landmarks.place_rest import CheckedPhoto, LeftPhoto, RestReport, SuggestedPlace
+
+
+def jpeg(number):
+    file = io.BytesIO()
+    Image.new("RGB", (40, 30), (20 * number, 0, 0)).save(file, "JPEG")
+    return file.getvalue()
+
+
+def place(client, url, id, *, at):
+    changes = [{"id": id, "x_px": at[0], "y_px": at[1]}]
+    answer = client.patch(f"{url}/experiences", json={"kind": "place", "changes": changes})
+    assert answer.status_code == 200
+
+
+@pytest.fixture
+def yard(client, library, park):
+    """The address of a map with an image, a placed photo, and three photos in the tray; and its slug."""
+    slug = park
+    library.map_folder(slug).mkdir()
+    Image.new("RGB", (400, 300)).save(library.map_folder(slug) / "plan.png")
+    with library.database.write() as session:
+        record = session.query(MapRecord).filter_by(slug=slug).one()
+        record.satellite_path, record.satellite_width, record.satellite_height = "plan.png", 400, 300
+    url = f"/api/v1/maps/{slug}"
+    for number in range(4):
+        data = {"file": (io.BytesIO(jpeg(number)), f"{number}.jpg")}
+        assert client.post(f"{url}/photos", data=data).status_code == 207
+    place(client, url, 0, at=(10, 10))
+    return url, slug
+
+
+@pytest.fixture
+def suggested(yard, library):
+    """The same, with suggestions for two of the photos."""
+    url, slug = yard
+    report = RestReport(
+        (
+            SuggestedPlace(1, "photos/1.jpg", MapPixel(100.0, 50.0), 5.0, 90.0, (0,)),
+            SuggestedPlace(2, "photos/2.jpg", MapPixel(200.0, 60.0), 7.0, None, (0,)),
+        ),
+        (LeftPhoto(3, "photos/3.jpg", "too few photos show enough of the same"),),
+        (CheckedPhoto(0, "photos/0.jpg", 120.0, True),),
+        (3,),
+    )
+    folder = library.map_folder(slug) / "derived"
+    folder.mkdir(exist_ok=True)
+    stored.keep(library.cfg(slug), report, revision=3)
+    return url
+
+
+def test_nothing_is_suggested_before_somebody_asks(client, yard):
+    rest = client.get(f"{yard[0]}/place-rest").json
+    assert rest["revision"] is None
+    assert (rest["suggested"], rest["left"], rest["job"]) == ([], [], None)
+
+
+def test_suggestions_are_shown_for_the_photos_in_the_tray(client, suggested):
+    rest = client.get(f"{suggested}/place-rest").json
+    assert [(p["id"], p["name"], p["x_px"], p["radius_px"]) for p in rest["suggested"]] == [
+        (1, "1.jpg", 100.0, 5.0),
+        (2, "2.jpg", 200.0, 7.0),
+    ]
+    assert [(p["name"], p["reason"]) for p in rest["left"]] == [
+        ("3.jpg", "too few photos show enough of the same")
+    ]
+    assert [(p["name"], p["residual_px"]) for p in rest["doubtful"]] == [("0.jpg", 120.0)]
+    assert rest["place_next"] == [3]
+
+
+def test_suggestions_are_accepted_in_one_step(client, suggested):
+    answer = client.post(f"{suggested}/place-rest/accept", json={"ids": [1, 2]})
+    assert answer.json["placed"] == [1, 2]
+    assert answer.json["job"] is not None
+    photos = {p["id"]: p for p in client.get(suggested).json["photos"]}
+    assert (photos[1]["x_px"], photos[1]["y_px"], photos[1]["heading_deg"]) == (100.0, 50.0, 90.0)
+    assert client.get(f"{suggested}/place-rest").json["suggested"] == []
+    client.post(f"{suggested}/undo", json={})
+    photos = {p["id"]: p for p in client.get(suggested).json["photos"]}
+    assert photos[1]["x_px"] is None
+    assert photos[2]["x_px"] is None
+    assert len(client.get(f"{suggested}/place-rest").json["suggested"]) == 2
+
+
+def test_a_photo_that_was_placed_meanwhile_stays_where_it_is(client, suggested):
+    place(client, suggested, 1, at=(5, 6))
+    answer = client.post(f"{suggested}/place-rest/accept", json={"ids": [1, 2]})
+    assert answer.json["placed"] == [2]
+    photos = {p["id"]: p for p in client.get(suggested).json["photos"]}
+    assert photos[1]["x_px"] == 5
+
+
+def test_what_is_not_suggested_cannot_be_accepted(client, suggested):
+    answer = client.post(f"{suggested}/place-rest/accept", json={"ids": [1, 3]})
+    assert answer.status_code == 404
+    assert answer.json["error"]["message"] == "no place is suggested for this photo"
+    photos = {p["id"]: p for p in client.get(suggested).json["photos"]}
+    assert photos[1]["x_px"] is None
+
+
+def test_looking_for_places_is_a_job(client, yard, library):
+    answer = client.post(f"{yard[0]}/place-rest")
+    assert answer.status_code == 202
+    with library.database.read() as session:
+        job = session.get(Job, answer.json["job"])
+    assert job.kind in KINDS
+    assert job.kind == "place-rest"
+
+
+def test_without_the_extra_it_is_said_at_once(client, yard, absent):
+    absent("sfm")
+    answer = client.post(f"{yard[0]}/place-rest")
+    assert answer.status_code == 422
+    assert answer.json["error"]["hint"] == install_line("sfm")
+    assert client.get(f"{yard[0]}/place-rest").json["job"] is None

@@ -1,0 +1,133 @@
+"""Places for the photos in the tray, suggested by those that are placed, by the API."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Float, Integer, List, Nested, String
+from apiflask.validators import Length
+from sqlalchemy import select
+
+from webapp.extras import require
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import ENDED
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.landmarks import stored
+from webapp.tasks.landmarks.accept import accept_in_library
+from webapp.web.context import account, library, open_map
+from webapp.web.fields import Boolean
+from webapp.web.maps.api_placing import PlacingOut, placing_json
+
+landmarks_api = APIBlueprint(
+    "api_landmarks", __name__, url_prefix="/api/v1/maps/<slug>/place-rest", tag="Placing"
+)
+
+_JOB = "place-rest"
+_MOST = 100_000
+
+
+class SuggestedPlaceOut(Schema):
+    """Where a photo in the tray was probably taken."""
+
+    id = Integer()
+    name = String()
+    x_px = Float()
+    y_px = Float()
+    radius_px = Float(metadata={"description": "Holds the truth in 68 % of the cases."})
+    heading_deg = Float(allow_none=True)
+    placed_by = List(Integer(), metadata={"description": "Nearest placed photos that it was placed by."})
+
+
+class LeftPhotoOut(Schema):
+    """A photo that stays in the tray."""
+
+    id = Integer()
+    name = String()
+    reason = String()
+    place_first = List(Integer(), metadata={"description": "Photos that would help if they were placed."})
+
+
+class DoubtfulPhotoOut(Schema):
+    """A placed photo that contradicts the others."""
+
+    id = Integer()
+    name = String()
+    residual_px = Float(metadata={"description": "Distance from where the others have it."})
+
+
+class RestOut(Schema):
+    """Suggestions for the photos that are still in the tray."""
+
+    revision = Integer(
+        allow_none=True, metadata={"description": "Of the map then; null: none were made yet."}
+    )
+    current = Boolean(metadata={"description": "Whether nothing was changed since."})
+    suggested = List(Nested(SuggestedPlaceOut))
+    left = List(Nested(LeftPhotoOut))
+    doubtful = List(Nested(DoubtfulPhotoOut))
+    place_next = List(
+        Integer(), metadata={"description": "Photos that help most if they are placed by hand."}
+    )
+    job = Integer(allow_none=True, metadata={"description": "That looks for them just now."})
+
+
+class AcceptIn(Schema):
+    """Photos to place where they are suggested."""
+
+    ids = List(Integer(), required=True, validate=Length(min=1, max=_MOST))
+
+
+@landmarks_api.get("")
+@landmarks_api.output(RestOut)
+def show(slug: str) -> dict[str, Any]:
+    """Get the places that were suggested last for photos in the tray."""
+    return _rest(open_map(slug))
+
+
+@landmarks_api.post("")
+@landmarks_api.output(RestOut, status_code=202)
+def find(slug: str) -> dict[str, Any]:
+    """Queue a job that suggests places for the photos in the tray."""
+    record, who = open_map(slug, "editor"), account()
+    require("sfm")
+    with library().database.write() as session:
+        jobs.enqueue(session, _JOB, map_id=record.id, account_id=who.id)
+    return _rest(record)
+
+
+@landmarks_api.post("/accept")
+@landmarks_api.input(AcceptIn, arg_name="data")
+@landmarks_api.output(PlacingOut)
+def accept(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
+    """Place photos of the tray where they are suggested, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    chosen = stored.suggested_of(library().cfg(record.slug), dict.fromkeys(data["ids"]))
+    placing = accept_in_library(library(), record.id, suggested=chosen, account_id=account().id)
+    return placing_json(placing)
+
+
+def _rest(record: MapRecord) -> dict[str, Any]:
+    found = stored.read(library().cfg(record.slug))
+    with library().database.read() as session:
+        running = select(Job.id).where(Job.map_id == record.id, Job.kind == _JOB, Job.state.not_in(ENDED))
+        job = session.scalars(running.limit(1)).first()
+        names = {p.id: p for p in maps.photos(session, record) if not p.removed}
+    if found is None:
+        nothing: dict[str, Any] = {"suggested": [], "left": [], "doubtful": [], "place_next": []}
+        return {"revision": None, "current": False, **nothing, "job": job}
+    tray = [p for p in found["photos"] if p["id"] in names and names[p["id"]].x_px is None]
+    return {
+        "revision": found["revision"],
+        "current": found["revision"] == record.revision,
+        "suggested": [{**p, "name": names[p["id"]].name} for p in tray if "error" not in p],
+        "left": [{**p, "name": names[p["id"]].name, "reason": p["error"]} for p in tray if "error" in p],
+        "doubtful": [
+            {**p, "name": names[p["id"]].name}
+            for p in found["checked"]
+            if p["contradicts"] and p["id"] in names
+        ],
+        "place_next": [id for id in found["place_next"] if id in names and names[id].x_px is None],
+        "job": job,
+    }
