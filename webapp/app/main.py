@@ -82,6 +82,12 @@ map_group = LazyGroup(
     },
 )
 
+landmarks_group = LazyGroup(
+    name="landmarks",
+    help="Join the photos of a map, for other programs.",
+    where={"build": "webapp.cli.landmarks:build"},
+)
+
 mission_group = LazyGroup(
     name="mission",
     help="What robots and people did: tracks, and objects that they saw.",
@@ -130,6 +136,7 @@ root = LazyGroup(
         "build": "webapp.cli.build:build",
         "localize": "webapp.cli.localize:localize",
         "evaluate": "webapp.cli.evaluate:evaluate",
+        "landmarks": "webapp.app.main:landmarks_group",
         "models": "webapp.app.main:models_group",
         "serve": "webapp.cli.serve:serve",
         "worker": "webapp.cli.serve:worker",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +22,7 @@ from webapp.core.features.types import Features
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.errors import IndexDamaged
 from webapp.extras import extra
+from webapp.files.atomic import storage_error
 from webapp.files.localize.arrays import read_arrays, write_arrays
 
 LEAST_INLIERS = 15
@@ -34,7 +35,7 @@ _FORMAT = 1
 
 
 def pycolmap() -> ModuleType:
-    """Import pycolmap, whose log is kept to errors.
+    """Import pycolmap, without its log: that photos cannot be joined is a result.
 
     Raises
     ------
@@ -43,7 +44,7 @@ def pycolmap() -> ModuleType:
     """
     with extra("sfm"):
         import pycolmap as module
-    module.logging.minloglevel = int(module.logging.ERROR)
+    module.logging.minloglevel = int(module.logging.FATAL)
     return module
 
 
@@ -216,6 +217,38 @@ def as_model(reconstruction: Any) -> Model:
         np.array([image.cam_from_world().rotation.matrix() for image in images]).reshape(-1, 3, 3),
         shared,
     )
+
+
+def export_model(source: Path, out: Path, *, names: Mapping[str, str]) -> tuple[int, int]:
+    """Write a model for other programs: COLMAP's text files, and its points as PLY.
+
+    Parameters
+    ----------
+    source : Path
+        Folder of a model as the mapper wrote it, whose photos are called by their content.
+    out : Path
+        Folder; is made when missing.
+    names : mapping of str to str
+        What the photos are called instead.
+
+    Returns
+    -------
+    photos, points : int
+
+    Raises
+    ------
+    StorageError
+    """
+    model = pycolmap().Reconstruction(source)
+    for image in model.images.values():
+        image.name = names.get(image.name, image.name)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        model.write_text(out)
+        model.export_PLY(out / "points.ply")
+    except OSError as error:
+        raise storage_error(error, where=str(out)) from error
+    return model.num_reg_images(), model.num_points3D()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,3 +34,9 @@ def test_neighbours_in_time_and_on_the_map_and_photos_that_show_the_same_are_com
     assert all(one < other for one, other in pairs)
     descriptors[1] = scene[:0]
     assert not any(1 in pair for pair in choose_pairs(descriptors, at=at).tolist())
+
+
+def test_one_photo_has_none_to_be_compared_with(rng):
+    one = rng.integers(0, 256, (60, 128), dtype=np.uint8)
+    for photos in ([], [one], [one[:0], one[:0]]):
+        assert choose_pairs(photos, at=np.full(len(photos), complex(np.nan, np.nan))).shape == (0, 2)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import UnplacedPhoto
 from webapp.errors import Cancelled, MissingPart, UsageError
 from webapp.extras import install_line
 from webapp.files.maps.folder import read_map, write_map
@@ -116,6 +117,19 @@ def test_a_damaged_photo_is_told_and_the_others_are_placed(court):
     report = suggest(court.cfg)
     assert 6 in {one.id for one in report.left}
     assert len(report.suggested) == 5
+
+
+def test_photos_none_of_which_can_be_read_are_told_with_the_reason(tmp_path, make_map):
+    cfg = make_map(tmp_path, 3)
+    the_map = read_map(cfg)
+    tray = tuple(UnplacedPhoto(e.id, e.photo) for e in the_map.experiences[1:])
+    write_map(cfg, replace(the_map, experiences=the_map.experiences[:1], unplaced=tray))
+    for photo in (tmp_path / "photos").iterdir():
+        photo.write_bytes(b"no photo")
+    report = suggest(cfg)
+    assert (report.suggested, report.place_next) == ((), ())
+    assert [one.id for one in report.left] == [1, 2]
+    assert all("not an image" in one.reason for one in report.left)
 
 
 def test_a_map_without_a_tray_is_told(court):

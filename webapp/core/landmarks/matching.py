@@ -36,6 +36,8 @@ def choose_pairs(descriptors: Sequence[NDArray[np.uint8]], *, at: NDArray[np.com
         Where they are, map pixels; NaN where unknown.
     """
     count = len(descriptors)
+    if count < 2:
+        return np.zeros((0, 2), np.int64)
     some = np.array([len(one) > 0 for one in descriptors], np.bool_)
     ahead = [(i, i + step) for step in range(1, _AHEAD + 1) for i in range(count - step)]
     chosen = np.array([*ahead, *_nearest(at), *_voted(descriptors)], np.int64).reshape(-1, 2)

@@ -16,6 +16,7 @@ from webapp.tasks.localize.extract_photo import start_worker
 
 _LOOK_EVERY_S = 0.5
 _SEED = 1
+_OUT = {False: "models", True: "models-incremental"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +26,8 @@ class MappingJob:
     Attributes
     ----------
     database : Path
-    out : Path
-        Folder for the mapper's models, in COLMAP's format; what was in it goes.
+    folder : Path
+        In which each mapper has one for its models, in COLMAP's format. What is there of earlier ones goes.
     contents : tuple of str
         Photos that take part.
     is_incremental : bool
@@ -34,9 +35,14 @@ class MappingJob:
     """
 
     database: Path
-    out: Path
+    folder: Path
     contents: tuple[str, ...]
     is_incremental: bool = False
+
+    @property
+    def out(self) -> Path:
+        """Folder of this mapper's models."""
+        return self.folder / _OUT[self.is_incremental]
 
 
 def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
@@ -70,6 +76,11 @@ def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
         receiver.close()
 
 
+def model_folders(folder: Path) -> list[Path]:
+    """List the folders of the models that the mappers made last."""
+    return [path.parent for name in _OUT.values() for path in sorted((folder / name).glob("*/images.bin"))]
+
+
 def _map(job: MappingJob, sender: Connection) -> None:
     start_worker()
     sender.send(map_photos(job))
@@ -79,7 +90,8 @@ def _map(job: MappingJob, sender: Connection) -> None:
 def map_photos(job: MappingJob) -> list[Model]:
     """Make models of photos, in this process."""
     colmap = pycolmap()
-    shutil.rmtree(job.out, ignore_errors=True)
+    for name in [_OUT[True]] if job.is_incremental else _OUT.values():
+        shutil.rmtree(job.folder / name, ignore_errors=True)
     job.out.mkdir(parents=True)
     run = _incremental if job.is_incremental else _global
     return [as_model(model) for model in run(colmap, job).values()]

@@ -63,12 +63,15 @@ class Reconstruction:
         Why photos cannot take part, by their number.
     folder : Path
         Where all of it is kept.
+    number_of : mapping of str to int
+        Numbers of the photos that could be read, by the SHA-256 of their files.
     """
 
     photos: tuple[AnyPhoto, ...]
     pieces: tuple[RigidPiece, ...]
     problems: Mapping[int, str]
     folder: Path
+    number_of: Mapping[str, int]
 
 
 def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progress) -> Reconstruction:
@@ -101,7 +104,7 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
             database.close()
         pieces = _pieces(folder, database.path, contents=contents, key=key, progress=progress)
     number_of = {entries[n].content: n for n in reversed(numbers)}
-    return Reconstruction(photos, tuple(_renumbered(pieces, number_of)), problems, folder)
+    return Reconstruction(photos, tuple(_renumbered(pieces, number_of)), problems, folder, number_of)
 
 
 def _in_order(the_map: Map) -> tuple[AnyPhoto, ...]:
@@ -217,8 +220,7 @@ def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Pro
         left = [content for content, n in number.items() if n not in joined]
         if len(left) < LEAST_PHOTOS:
             break
-        out = folder / ("models-2" if is_incremental else "models")
-        job = MappingJob(database, out, tuple(left), is_incremental)
+        job = MappingJob(database, folder, tuple(left), is_incremental)
         for model in run_mapper(job, progress=progress):
             for part in rigid_parts(model.shared):
                 numbers = np.array([number[model.contents[i]] for i in part], np.int64)

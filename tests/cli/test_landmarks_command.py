@@ -1,0 +1,49 @@
+"""`expmap landmarks build` as a person and as a script see it, of an invented reconstruction."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from webapp.cli import landmarks
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.files.maps.folder import read_map
+from webapp.tasks.landmarks.export_models import ExportedModel
+from webapp.tasks.landmarks.reconstruct import Reconstruction
+
+
+@pytest.fixture
+def cfg(tmp_path, make_map, monkeypatch):
+    """A map of five photos, three of which are joined and one of which cannot be read."""
+    cfg = make_map(tmp_path, 5)
+    piece = RigidPiece(np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3, 3)))
+    photos = read_map(cfg).experiences
+    found = Reconstruction(photos, (piece,), {4: "it is not an image"}, tmp_path, {})
+    monkeypatch.setattr(landmarks, "reconstruct", lambda *_, **__: found)
+    monkeypatch.setattr(landmarks, "export_models", lambda _, out: [ExportedModel(out / "0", 3, 700)])
+    return cfg
+
+
+def test_it_says_what_is_joined(expmap, cfg):
+    code, out, err = expmap("landmarks", "build", cfg)
+    assert code == 0
+    assert out == "3 of 5 photos joined; photos of each piece: 3\n"
+    assert "photos/4.jpg (id 4): it is not an image" in err
+
+
+def test_models_are_written_where_they_are_wanted(expmap, cfg):
+    _, out, _ = expmap("landmarks", "build", cfg, "--out", "models")
+    assert out.splitlines()[1] == f"{Path('models') / '0'}: 3 photos, 700 points"
+
+
+def test_json_has_everything(expmap, cfg):
+    _, out, _ = expmap("landmarks", "build", cfg, "--out", "models", "--json")
+    told = json.loads(out)
+    assert told.pop("seconds") >= 0.0
+    assert told == {
+        "photos": 5,
+        "pieces": [[0, 2, 3]],
+        "failed": [{"id": 4, "reason": "it is not an image"}],
+        "models": [{"folder": str(Path("models") / "0"), "photos": 3, "points": 700}],
+    }

@@ -1,0 +1,52 @@
+"""`expmap landmarks`: what the photos of a map show together, by structure from motion."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import click
+
+from webapp.cli.options import MAP_FILE
+from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
+from webapp.files.maps.folder import read_map
+from webapp.settings import keep_freed_memory
+from webapp.tasks.landmarks.export_models import export_models
+from webapp.tasks.landmarks.reconstruct import reconstruct
+
+
+@click.command(short_help="Join the photos of a map by structure from motion.")
+@click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="Write the models for other programs: COLMAP's text files, and the points as PLY.",
+)  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def build(cfg: Path, out: Path | None, as_json: bool) -> None:
+    """Join the photos of a map, those in the tray included, to pieces.
+
+    Only photos that are new are described and compared. It can be interrupted at any moment; the next time
+    it continues where it stopped.
+    """
+    keep_freed_memory()
+    started = time.perf_counter()
+    with terminal_progress("photos") as progress:
+        found = reconstruct(cfg, read_map(cfg), settings=load_settings(), progress=progress)
+    models = [] if out is None else export_models(found, out)
+    joined = sum(len(piece) for piece in found.pieces)
+    if as_json:
+        pieces = [[found.photos[n].id for n in piece.photo.tolist()] for piece in found.pieces]
+        failed = [{"id": found.photos[n].id, "reason": why} for n, why in sorted(found.problems.items())]
+        written = [{"folder": str(m.folder), "photos": m.photos, "points": m.points} for m in models]
+        seconds = round(time.perf_counter() - started, 3)
+        result = {"photos": len(found.photos), "pieces": pieces, "failed": failed, "models": written}
+        click.echo(json.dumps(result | {"seconds": seconds}))
+    else:
+        sizes = ", ".join(str(len(piece)) for piece in found.pieces) or "none"
+        click.echo(f"{joined} of {len(found.photos)} photos joined; photos of each piece: {sizes}")
+        for model in models:
+            click.echo(f"{model.folder}: {model.photos} photos, {model.points} points")
+    for number, reason in sorted(found.problems.items()):
+        click.echo(f"{found.photos[number].photo} (id {found.photos[number].id}): {reason}", err=True)
