@@ -118,7 +118,7 @@ def _case(pipeline: LocalizationPipeline, path: Path, truth: Sequence[float] | N
     indexed = pipeline.opened.indexed
     photo = pipeline._read(path)  # its parts: an answer has no evidence vectors
     assert photo.fov is not None
-    found = find_places(indexed, pipeline._extract(photo.gray), fov_deg=photo.fov.degrees)
+    found = find_places(indexed, pipeline._extract(photo), fov_deg=photo.fov.degrees)
     radius = indexed.place_radius_px
     stored = pipeline.calibration.calibration if pipeline.calibration else DEFAULT
     at = [locate(p, calibration=stored, place_radius_px=radius).position for p in found.places]

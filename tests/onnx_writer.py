@@ -11,6 +11,7 @@ class Writer:
 
     def __init__(self):
         self._parts = [_field(2, b"graph")]
+        self._metadata = b""
         self._count = 0
 
     def input(self, name, *shape, kind=FLOAT):
@@ -47,8 +48,12 @@ class Writer:
         self._parts.append(_field(1, node))
         return names[0] if outputs == 1 else names
 
+    def metadata(self, key, value):
+        """Write a text about the model into it."""
+        self._metadata += _field(14, _field(1, key.encode()) + _field(2, value.encode()))
+
     def to_bytes(self):
-        return _field(1, 8) + _field(8, _field(2, OPSET)) + _field(7, b"".join(self._parts))
+        return _field(1, 8) + _field(8, _field(2, OPSET)) + _field(7, b"".join(self._parts)) + self._metadata
 
     def _name(self):
         self._count += 1

@@ -109,6 +109,32 @@ def _likeness(g, width, by):
     return g.node("Einsum", seen, shown, equation="bnd,bmd->bnm")
 
 
+def passed_on(width="width", height="height", *, outputs=("all",), scale=1.0):
+    """A global descriptor that is the image itself, times `scale`."""
+    g = Writer()
+    flat = g.node("Flatten", g.input("image", 1, 3, height, width), axis=1)
+    vector = g.node("Mul", flat, g.constant([scale]))
+    for name in outputs:
+        g.node("Identity", vector, name=name)
+        g.output(name, 1, "d")
+    return g.to_bytes()
+
+
+def tiny_image(width=64, height=48, *, columns=16, rows=12, metadata=()):
+    """A global descriptor: the photo scaled down to a few pixels, without its mean brightness."""
+    g = Writer()
+    fixed = isinstance(width, int)
+    side = [height // rows, width // columns] if fixed else [4, 4]
+    image = g.input("image", 1, 3, height, width)
+    small = g.node("AveragePool", image, kernel_shape=side, strides=side)
+    flat = g.node("Flatten", small, axis=1)
+    g.node("Sub", flat, g.node("ReduceMean", flat, axes=[1], keepdims=1), name="vector")
+    g.output("vector", 1, 3 * columns * rows if fixed else "d")
+    for key, value in metadata:
+        g.metadata(key, value)
+    return g.to_bytes()
+
+
 CHANNELS = {
     "block1": (1, 4, 8, 8, 24),
     "block2": (24, 24, 24),

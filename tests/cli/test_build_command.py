@@ -9,6 +9,7 @@ import pytest
 FIELDS = {
     "folder", "photos", "extracted", "reused", "removed", "failed", "descriptors", "seconds", "bytes",
     "features", "orientation_seconds", "calibration_seconds", "second_look",
+    "global_descriptor",
 }  # fmt: skip
 
 
@@ -41,6 +42,7 @@ def test_json_is_one_object(expmap, cfg):
     assert code == 0
     assert report.keys() == FIELDS
     assert (report["photos"], report["extracted"], report["features"]) == (5, 5, "sift")
+    assert report["global_descriptor"] is False
     assert 0 < report["orientation_seconds"] < 60
     assert report["calibration_seconds"] > 0
     assert Path(report["folder"]).is_dir()

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tests.standin_models import brightest
+from tests.standin_models import brightest, tiny_image
 
 
 @pytest.fixture(autouse=True)
@@ -20,11 +20,30 @@ def test_the_list_has_size_licence_source_and_state(expmap):
     assert code == 0
     assert "xfeat_800x576.onnx, 4.1 MB, Apache-2.0, XFeat of" in out
     assert "aliked: aliked.onnx, yours to supply: no published file is pinned, ALIKED of" in out
-    assert out.count("; missing\n") == out.count("\n") == 6
+    assert out.count("; missing\n") == out.count("\n") == 7
     assert "folder:" in err
     code, out, _ = expmap("models", "list", "--json")
     names = {state["model"] for state in json.loads(out)}
-    assert names == {"xfeat", "lighterglue", "aliked", "disk", "aliked-lightglue"}
+    assert names == {"xfeat", "lighterglue", "aliked", "disk", "aliked-lightglue", "global"}
+
+
+def test_a_global_descriptor_is_named_and_tried(expmap, models):
+    models.mkdir()
+    (models / "global.onnx").write_bytes(tiny_image())
+    said = "global: global.onnx, yours to supply: no published file is pinned, a global descriptor, such as"
+    code, out, _ = expmap("models", "list")
+    line = out.splitlines()[-1]
+    assert code == 0 and line.startswith(said) and line.endswith("; here")
+    (models / "global.json").write_text('{"width": 20}')
+    code, out, err = expmap("models", "list")
+    problem = "global.onnx: not a global descriptor: it takes images of width 64"
+    assert (
+        code == 0
+        and f"; unusable: {problem}, and not of the stated width 20 (docs/features.md" in out.splitlines()[-1]
+    )
+    state = json.loads(expmap("models", "list", "--json")[1])[-1]
+    assert state["state"] == "unusable" and state["problem"].startswith(problem)
+    assert "Traceback" not in err
 
 
 def test_weights_from_a_folder_can_be_used(expmap, shared_models, models):

@@ -45,7 +45,11 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
             "orientation_seconds": report.orientation_seconds,
             "calibration_seconds": report.calibration_seconds,
         }
-        click.echo(json.dumps(raw | seconds | {"second_look": second.features if second else None}))
+        looks = {
+            "second_look": second.features if second else None,
+            "global_descriptor": report.global_descriptor,
+        }
+        click.echo(json.dumps(raw | seconds | looks))
     else:
         click.echo(build_line(index, report.features))
         if second:

@@ -19,7 +19,7 @@ from webapp.tasks.localize import models as task
 def list_models(as_json: bool) -> None:
     """List the models, and whether they are here.
 
-    Any one of a model's files is enough: they hold the same weights.
+    Any one of a model's files is enough: they hold the same weights. A global descriptor is tried.
     """
     settings = load_settings()
     states = task.states(settings)
@@ -28,7 +28,8 @@ def list_models(as_json: bool) -> None:
         return
     click.echo(f"folder: {models_folder(settings.models)}", err=True)
     for state in states:
-        click.echo(f"{state.model}: {_line(state.file)}; {state.state}")
+        why = f": {state.problem}" if state.problem else ""
+        click.echo(f"{state.model}: {_line(state.file)}; {state.state}{why}")
 
 
 @click.command()

@@ -34,6 +34,11 @@ class RetrievalTuning:
 
     voters: int = 30
     """Photos with most votes whose votes count for the places around them."""
+
+    similar: int = 4
+    """Photos of the shortlist that are there for being the most similar by their global descriptors, where
+    there are such: at most half of it."""
+
     rotation_tolerance_deg: float = 20.0
     """Largest deviation of a match from the dominant rotation between query and map, degrees."""
 

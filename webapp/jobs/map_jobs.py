@@ -8,6 +8,7 @@ from typing import Any
 from webapp.core.features.table import choose
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
+from webapp.files.localize.global_model import usable_global_descriptor
 from webapp.files.maps.folder import read_map
 from webapp.jobs.context import Context
 from webapp.render import export_file
@@ -73,12 +74,18 @@ def build_map_index(context: Context) -> dict[str, Any]:
 
 
 def _stages(options: OpenOptions, placed: int, *, settings: Settings) -> list[int]:
-    """List the steps of each stage of a build: describing photos, comparing them, calibrating."""
+    """List the steps of each stage of a build: describing photos, comparing them, calibrating.
+
+    Where there is a global descriptor photos are described as a whole, too, for all looks at once.
+    """
+    whole = [] if usable_global_descriptor(settings.models) is None else [placed]
     trials = min(placed, MOST_PHOTOS)
     by_network = [placed] if options.method == "thorough" else []
     count = len(look_options(options, first=choose("verified"), settings=settings))
     again = [trials] * count if count > 1 else []
-    return [placed, placed, *by_network, trials] * count + again
+    first = [placed, *whole, placed, *by_network, trials]
+    further = [placed, *(0 for _ in whole), placed, *by_network, trials]
+    return first + further * (count - 1) + again
 
 
 def evaluate_map(context: Context) -> dict[str, Any]:

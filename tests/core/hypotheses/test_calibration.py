@@ -101,3 +101,34 @@ def test_fit_reaches_the_least_loss_also_where_evidence_misleads(seed):
     for _ in range(200):
         near = np.maximum(np.add(slope, rng.normal(0.0, 0.05, EVIDENCE)), 0.0)
         assert penalised_loss(cases, tuple(near), offset + rng.normal(0.0, 0.05)) >= least
+
+
+def with_global(case, similarity):
+    """The same case, with so much evidence of each place by a global descriptor."""
+    return Case(np.column_stack([case.evidence, similarity]), case.right, case.weight)
+
+
+@pytest.fixture
+def cases():
+    truth = Calibration(slope=(1.6, 2.0, 1.0, 5.0, 0.5), offset=-5.0, radius_scale=1.0)
+    return simulated(np.random.default_rng(3), 60, truth)
+
+
+def test_without_a_global_descriptor_nothing_changes_to_the_last_bit(cases):
+    before = Calibration(DEFAULT.slope[:5], DEFAULT.offset, 1.0)
+    slope, offset = fit(cases, start=before)
+    now = [with_global(case, np.zeros(2)) for case in cases]
+    assert fit(now) == ((*slope, DEFAULT.slope[5]), offset)
+    fitted = Calibration((*slope, 0.7), offset, 1.0)
+    for old, new in zip(cases, now, strict=True):
+        one, other = probabilities(old.evidence, Calibration(slope, offset, 1.0))
+        same, as_much = probabilities(new.evidence, fitted)
+        assert (one == same).all() and other == as_much
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_what_a_global_descriptor_is_worth_is_fitted_and_never_negative(cases, right):
+    told = [with_global(c, 2.0 * (c.right if right else ~c.right)) for c in cases]
+    assert DEFAULT.slope[5] == 0.0
+    slope, _ = fit(told)
+    assert slope[5] > 0.5 if right else slope[5] == 0.0

@@ -28,20 +28,25 @@ class Interface:
     ----------
     name : str
         Of the network, for messages.
+    inputs, outputs : tuple of str
+        Their names; empty where any will do.
+    needs : str
+        What a file must be, where that does not follow from the names.
     """
 
     name: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    needs: str = ""
 
     def error(self, file: str) -> InputError:
         """Make the error for a file that does not hold this network."""
-        return InputError(
-            f"not a {self.name} model that onnxruntime can run",
-            where=file,
-            hint=f"it needs the inputs {', '.join(self.inputs)} and the outputs {', '.join(self.outputs)}; "
-            "docs/features.md, Models that you supply, says more",
+        names = (
+            f"it needs the inputs {', '.join(self.inputs)} and the outputs {', '.join(self.outputs)}; "
+            "docs/features.md, Models that you supply, says more"
         )
+        message = f"not a {self.name} model that onnxruntime can run"
+        return InputError(message, where=file, hint=self.needs or names)
 
 
 class Network:
@@ -58,8 +63,10 @@ class Network:
 
     Attributes
     ----------
-    inputs : dict of str to tuple of (int or None)
-        Shape of each input.
+    inputs, outputs : dict of str to tuple of (int or None)
+        Shape of each input and output.
+    metadata : dict of str to str
+        What its maker wrote into the file.
 
     Raises
     ------
@@ -87,8 +94,9 @@ class Network:
         except self._errors as error:
             raise interface.error(file) from error
         self.inputs: dict[str, Sides] = {i.name: _sides(i.shape) for i in self._session.get_inputs()}
-        outputs = {output.name for output in self._session.get_outputs()}
-        if not (self.inputs.keys() >= {*interface.inputs} and outputs >= {*interface.outputs}):
+        self.outputs: dict[str, Sides] = {o.name: _sides(o.shape) for o in self._session.get_outputs()}
+        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        if not (self.inputs.keys() >= {*interface.inputs} and self.outputs.keys() >= {*interface.outputs}):
             raise interface.error(file)
 
     def run(self, **inputs: NDArray[np.float32]) -> list[NDArray[Any]]:
@@ -102,7 +110,7 @@ class Network:
         Returns
         -------
         list of array
-            The outputs of the interface, in its order.
+            The outputs of the interface, in its order, or all where it names none.
 
         Raises
         ------
@@ -110,7 +118,8 @@ class Network:
             The model fails with these inputs.
         """
         try:
-            found: list[NDArray[Any]] = self._session.run(list(self._interface.outputs), inputs)
+            names = [*(self._interface.outputs or self.outputs)]
+            found: list[NDArray[Any]] = self._session.run(names, inputs)
         except self._errors as error:
             raise self.error() from error
         return found

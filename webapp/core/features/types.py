@@ -33,6 +33,8 @@ class Features:
         Numbers 0 to 255 ("float" kind) or packed bits ("binary" kind).
     photo_size : (int, int)
         Width and height of the upright photo.
+    vector : (d,) float32 or None
+        Its global descriptor, of length 1, where there is a model for that.
     """
 
     xy: NDArray[np.float32]
@@ -40,6 +42,7 @@ class Features:
     angle: NDArray[np.float32]
     descriptors: NDArray[np.uint8]
     photo_size: tuple[int, int]
+    vector: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         """Count the keypoints."""
@@ -53,6 +56,7 @@ class Features:
             angle=self.angle[rows],
             descriptors=self.descriptors[rows],
             photo_size=self.photo_size,
+            vector=self.vector,
         )
 
 

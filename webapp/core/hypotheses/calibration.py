@@ -8,13 +8,17 @@ own photos, hidden in turn; `DEFAULT` stands in until then and is what the fit i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-EVIDENCE = 5
+EVIDENCE = 6
 """Numbers that describe one place: see `localize.evidence`, which computes them."""
+
+_GLOBAL = 5
+"""Which of them is by the global descriptor: zero everywhere where there is no model for one, and then
+calculated without, so that nothing depends on it to the last bit."""
 
 _PRIOR_WEIGHT = 1.0
 """Pull towards the default, in units of one photo, times the root of their number."""
@@ -49,8 +53,9 @@ class Calibration:
     cases: int = 0
 
 
-DEFAULT = Calibration(slope=(0.7, 0.3, 2.7, 0.6, 1.2), offset=-3.0, radius_scale=1.0)
-"""Fitted on the queries of maps of several kinds, each with the same weight; see `benchmarks/battery.py`."""
+DEFAULT = Calibration(slope=(0.7, 0.3, 2.7, 0.6, 1.2, 0.0), offset=-3.0, radius_scale=1.0)
+"""Fitted on the queries of maps of several kinds, each with the same weight; see `benchmarks/battery.py`.
+What a global descriptor is worth depends on its model, and is for the map's own photos to show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +75,21 @@ class Case:
     weight: float = 1.0
 
 
+def weigh(evidence: NDArray[np.float64], calibration: Calibration) -> NDArray[np.float64]:
+    """Sum up the evidence of each place, times the slopes: log-odds but for the offset; (h,)."""
+    used = _used(calibration, [evidence])
+    weight: NDArray[np.float64] = np.ascontiguousarray(evidence[:, :used]) @ np.array(
+        calibration.slope[:used]
+    )
+    return weight
+
+
+def _used(calibration: Calibration, evidence: Sequence[NDArray[np.float64]]) -> int:
+    """Count the numbers that say something: the last one only where there is a global descriptor."""
+    without = len(calibration.slope) == EVIDENCE and not any(e[:, _GLOBAL:].any() for e in evidence)
+    return _GLOBAL if without else len(calibration.slope)
+
+
 def probabilities(
     evidence: NDArray[np.float64], calibration: Calibration
 ) -> tuple[NDArray[np.float64], float]:
@@ -85,7 +105,7 @@ def probabilities(
     off_map : float
         Together with `place` it adds up to 1.
     """
-    odds = evidence @ np.array(calibration.slope) + calibration.offset
+    odds = weigh(evidence, calibration) + calibration.offset
     top = max(0.0, float(odds.max(initial=0.0)))
     grown, off = np.exp(odds - top), float(np.exp(-top))
     total = grown.sum() + off
@@ -105,7 +125,9 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
     slope : tuple of float
         Not negative: more evidence never makes a place less probable.
     """
-    prior = np.array([*start.slope, start.offset])
+    used = _used(start, [c.evidence for c in cases])
+    cases = [replace(c, evidence=np.ascontiguousarray(c.evidence[:, :used])) for c in cases]
+    prior = np.array([*start.slope[:used], start.offset])
     total = sum(c.weight for c in cases)
     if not total:
         return start.slope, start.offset
@@ -125,7 +147,7 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
         theta, loss = _search(cases, theta, step, loss=loss, prior=prior, penalty=penalty)
         if np.abs(theta - before).max() < _CONVERGED:
             break
-    return tuple(float(t) for t in theta[:-1]), float(theta[-1])
+    return (*(float(t) for t in theta[:-1]), *start.slope[used:]), float(theta[-1])
 
 
 def _search(

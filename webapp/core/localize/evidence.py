@@ -1,4 +1,5 @@
-"""What speaks for a place: the votes of the photos around it, and the geometry of those that were verified.
+"""What speaks for a place: the votes of the photos around it, the geometry of those that were verified, and
+how similar they are as a whole.
 
 Votes count squared, so that many weak ones do not add up to a place. How much of them a place has says
 little by itself: on a small map, chance alone puts many together. So they are compared with what the best
@@ -116,8 +117,35 @@ def chance_support(indexed: IndexedMap, voters: Voters, *, reach: float) -> floa
     return max(float(np.mean(best)), _NO_SHARE)
 
 
+def similarity_around(indexed: IndexedMap, alike: Array | None, *, at: Spots) -> Array:
+    """Take the similarity of the most similar photo around spots, by its global descriptor.
+
+    Parameters
+    ----------
+    alike : (p,) float64 or None
+        Standard scores of the map's photos, -inf for those that do not take part; None where there is no
+        model.
+
+    Returns
+    -------
+    (m,) float64
+        Not negative; 0 where no photo around is more similar than most, and where there is no model.
+    """
+    if alike is None:
+        return np.zeros(len(at.area))
+    above = np.flatnonzero(alike > 0.0)
+    near = nearness(at, photo_spots(indexed, above), reach_px=indexed.place_radius_px)
+    found: Array = (near * alike[above]).max(axis=1, initial=0.0)
+    return found
+
+
 def evidence_vectors(
-    indexed: IndexedMap, voters: Voters, *, at: Spots, score: Sequence[float]
+    indexed: IndexedMap,
+    voters: Voters,
+    *,
+    at: Spots,
+    score: Sequence[float],
+    alike: Array | None = None,
 ) -> NDArray[np.float64]:
     """Describe each place for its probability.
 
@@ -127,12 +155,15 @@ def evidence_vectors(
         The h places.
     score : sequence of float
         Of the pose at each, in photos that agree; 0 where there is none.
+    alike : (p,) float64, optional
+        Standard scores of the map's photos by their global descriptors.
 
     Returns
     -------
     (h, EVIDENCE) float64
         Logarithms: of the score; of the support close to the place and in its surroundings, over that by
-        chance; of the verified photos around it; of the most votes of a photo over the median.
+        chance; of the verified photos around it; of the most votes of a photo over the median; of the
+        similarity of the most similar photo around it, 0 where there is no model for that.
     """
     if not len(at.area):
         return np.zeros((0, EVIDENCE))
@@ -145,4 +176,5 @@ def evidence_vectors(
         columns.append(np.log(found / chance_support(indexed, voters, reach=reach)))
     most = voters.votes[: indexed.tuning.retrieval.shortlist]
     peak = float(np.log(most.max() / np.median(most))) if len(most) else 0.0
-    return np.column_stack([*columns, trusted, np.full(len(at.area), peak)])
+    similar = np.log1p(similarity_around(indexed, alike, at=at))
+    return np.column_stack([*columns, trusted, np.full(len(at.area), peak), similar])

@@ -14,7 +14,8 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.extrinsics import MIN_TRUST
 from webapp.core.geometry.relative_pose import RelativePose
-from webapp.core.localize.evidence import Voters, photo_spots, support
+from webapp.core.hypotheses.calibration import Calibration
+from webapp.core.localize.evidence import Voters, photo_spots, similarity_around, support
 from webapp.core.localize.pose_refinement import PoseEstimate, estimate_poses
 from webapp.core.localize.pose_residuals import VerifiedView
 from webapp.core.localize.resection import MIN_BEARINGS, Bearings, Resection, resect
@@ -45,6 +46,12 @@ class VerifiedPhoto:
     inverse_depth: NDArray[np.float64]
     sigma: NDArray[np.float64]
     ray_sigma: tuple[float, float]
+
+    @classmethod
+    def by_votes(cls, listed: ShortlistedPhoto) -> VerifiedPhoto:
+        """Take a photo for its votes alone."""
+        no_rays, unknown = np.zeros((0, 3)), np.zeros(0)
+        return cls(listed, NoPose("not verified"), no_rays, no_rays, unknown, unknown, (0.0, 0.0))
 
     @property
     def inliers(self) -> int:
@@ -88,8 +95,43 @@ class PlaceCandidate:
     area: int = -1
 
 
+@dataclass(frozen=True, slots=True)
+class LocatedPlace:
+    """Where a place is, by its geometry and its photos together."""
+
+    kind: Literal["position", "photo", "area"]
+    position: MapPixel
+    sigma_px: float
+    heading: float | None
+
+
+def locate(place: PlaceCandidate, *, calibration: Calibration, place_radius_px: float) -> LocatedPlace:
+    """Combine a computed position with that of the photo which matches best, by inverse variance.
+
+    Along its line of sight a camera's motion is hard to see, so that a computed position can be far off in
+    this direction and look certain. How much the photo says is fitted on the map: on one that is not to scale
+    it says all.
+    """
+    if place.kind != "position":
+        return LocatedPlace(place.kind, place.position, place.sigma_px, None)
+    if calibration.schematic:
+        return LocatedPlace("photo", place.anchor, calibration.photo_sigma * place_radius_px, None)
+    computed = place.sigma_px**-2
+    photo = (calibration.photo_sigma * place_radius_px) ** -2 if place.anchor != place.position else 0.0
+    x, y = (
+        (computed * p + photo * a) / (computed + photo)
+        for p, a in zip(place.position, place.anchor, strict=True)
+    )
+    sigma_px = calibration.radius_scale * (computed + photo) ** -0.5
+    return LocatedPlace("position", MapPixel(x, y), sigma_px, place.heading)
+
+
 def estimate_places(
-    indexed: IndexedMap, checked: list[VerifiedPhoto], *, further: Sequence[VerifiedPhoto] = ()
+    indexed: IndexedMap,
+    checked: list[VerifiedPhoto],
+    *,
+    further: Sequence[VerifiedPhoto] = (),
+    alike: NDArray[np.float64] | None = None,
 ) -> list[PlaceCandidate]:
     """Cluster the photos of the shortlist into candidate places.
 
@@ -97,12 +139,14 @@ def estimate_places(
     ----------
     further : sequence of VerifiedPhoto
         Photos that only votes speak for.
+    alike : (p,) float64, optional
+        Standard scores of the map's photos by their global descriptors.
 
     Returns
     -------
     list of PlaceCandidate
-        Those by geometry first, then the others by the votes around them; any two more than a place radius
-        apart; at most eight, or one of two photos that were checked.
+        Those by geometry first, then the others by the votes and the similarity around them; any two more
+        than a place radius apart; at most eight, or one of two photos that were checked.
     """
     places: list[PlaceCandidate] = []
     others = [v for v in checked if not _has_extrinsics(indexed, v)]
@@ -111,7 +155,7 @@ def estimate_places(
             places.append(place)
     most = max(indexed.tuning.places.most, len(checked) // 2)
     voting = [*checked, *further]
-    for n in _by_votes(indexed, voting):
+    for n in _by_votes(indexed, voting, alike=alike):
         photo = voting[n].matched.photo
         if len(places) >= most:
             break
@@ -131,13 +175,20 @@ def voters_of(checked: list[VerifiedPhoto]) -> Voters:
     return Voters(photo[order], votes[order], np.array([v.weight for v in checked])[order])
 
 
-def _by_votes(indexed: IndexedMap, checked: list[VerifiedPhoto]) -> list[int]:
-    """Order photos by the votes close to them and in their surroundings, each over those of the best."""
+def _by_votes(
+    indexed: IndexedMap, checked: list[VerifiedPhoto], *, alike: NDArray[np.float64] | None
+) -> list[int]:
+    """Order photos by the votes close to them and in their surroundings, each over those of the best.
+
+    Where photos have global descriptors, similarity counts as the votes do.
+    """
     if not checked:
         return []
     voters = voters_of(checked)
     at = photo_spots(indexed, np.array([v.matched.photo for v in checked], np.int64))
     found = [support(indexed, voters, at=at, reach=r) for r in indexed.tuning.places.support_reaches]
+    if alike is not None:
+        found.append(similarity_around(indexed, alike, at=at))
     merit = sum(f / max(f.max(), np.finfo(float).tiny) for f in found)
     return [int(n) for n in np.argsort(-np.asarray(merit), kind="stable")]
 

@@ -1,6 +1,7 @@
 """Methods `verified` and `thorough`: votes of all photos, geometry for a shortlist, position by all matches.
 
-1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos.
+1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos. Where photos have
+   global descriptors, the most similar ones join those with most votes.
 2. Verify: the photos with most votes are checked by the relative pose of the two cameras; `thorough` has
    a network match them with the query before.
 3. Position: all matches with photos whose orientations are known fix position and heading, those with points
@@ -18,20 +19,18 @@ import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
-from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.extrinsics import KeypointDepths, empty_depths
 from webapp.core.geometry.relative_pose import Camera, RelativePose, relative_pose
-from webapp.core.hypotheses.calibration import DEFAULT, Calibration, probabilities
+from webapp.core.hypotheses.calibration import DEFAULT, Calibration, probabilities, weigh
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis
 from webapp.core.localize.evidence import Spots, evidence_vectors
-from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, estimate_places, voters_of
+from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, estimate_places, locate, voters_of
 from webapp.core.localize.vote import match_statistics
 from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
@@ -43,6 +42,7 @@ from webapp.core.retrieval.shortlist import (
     shortlist,
     weighted_votes,
 )
+from webapp.core.retrieval.similar import standard_scores, with_similar
 from webapp.threads import in_threads
 
 _EVIDENCE_PHOTOS = 5
@@ -130,6 +130,9 @@ def find_places(
     tuning = indexed.tuning.retrieval
     voting = shortlist(indexed, query, found=found, votes=votes, most=max(tuning.voters, tuning.shortlist))
     listed, further = voting[: tuning.shortlist], voting[tuning.shortlist :]
+    alike = standard_scores(indexed, query, hide=hide)
+    if alike is not None:
+        listed, further = with_similar(indexed, query, voting=voting, votes=votes, alike=alike)
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
         # In front: a network that matches only the first few is to match these.
@@ -143,10 +146,10 @@ def find_places(
     verify = partial(_verify, indexed, camera=camera, upright=upright, depths=depths)
     checked = _verify_all(indexed, query, listed=listed, verify=verify)
     clock.append(time.perf_counter())
-    unverified = [_unverified(f) for f in further]
-    places = estimate_places(indexed, checked, further=unverified)
-    evidence = _evidence_vectors(indexed, places, checked=[*checked, *unverified])
-    order = np.argsort(-(evidence @ np.array(DEFAULT.slope)), kind="stable")
+    unverified = [VerifiedPhoto.by_votes(f) for f in further]
+    places = estimate_places(indexed, checked, further=unverified, alike=alike)
+    evidence = _evidence_vectors(indexed, places, checked=[*checked, *unverified], alike=alike)
+    order = np.argsort(-weigh(evidence, DEFAULT), kind="stable")
     clock.append(time.perf_counter())
     first = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
     left = int((found.photo[:, 0] >= 0).sum())
@@ -258,20 +261,18 @@ def _verify(
     )
 
 
-def _unverified(listed: ShortlistedPhoto) -> VerifiedPhoto:
-    """Take a photo for its votes alone."""
-    no_rays, unknown = np.zeros((0, 3)), np.zeros(0)
-    return VerifiedPhoto(listed, NoPose("not verified"), no_rays, no_rays, unknown, unknown, (0.0, 0.0))
-
-
 def _evidence_vectors(
-    indexed: IndexedMap, places: list[PlaceCandidate], *, checked: list[VerifiedPhoto]
+    indexed: IndexedMap,
+    places: list[PlaceCandidate],
+    *,
+    checked: list[VerifiedPhoto],
+    alike: NDArray[np.float64] | None,
 ) -> NDArray[np.float64]:
     at = Spots(
         np.array([p.position for p in places], np.float64).reshape(-1, 2),
         np.array([p.area for p in places], np.int64),
     )
-    return evidence_vectors(indexed, voters_of(checked), at=at, score=[p.score for p in places])
+    return evidence_vectors(indexed, voters_of(checked), at=at, score=[p.score for p in places], alike=alike)
 
 
 def _hypothesis(
@@ -290,37 +291,6 @@ def _hypothesis(
         inliers=best.inliers,
         matches=len(best.matched.query_row),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class LocatedPlace:
-    """Where a place is, by its geometry and its photos together."""
-
-    kind: Literal["position", "photo", "area"]
-    position: MapPixel
-    sigma_px: float
-    heading: float | None
-
-
-def locate(place: PlaceCandidate, *, calibration: Calibration, place_radius_px: float) -> LocatedPlace:
-    """Combine a computed position with that of the photo which matches best, by inverse variance.
-
-    Along its line of sight a camera's motion is hard to see, so that a computed position can be far off in
-    this direction and look certain. How much the photo says is fitted on the map: on one that is not to scale
-    it says all.
-    """
-    if place.kind != "position":
-        return LocatedPlace(place.kind, place.position, place.sigma_px, None)
-    if calibration.schematic:
-        return LocatedPlace("photo", place.anchor, calibration.photo_sigma * place_radius_px, None)
-    computed = place.sigma_px**-2
-    photo = (calibration.photo_sigma * place_radius_px) ** -2 if place.anchor != place.position else 0.0
-    x, y = (
-        (computed * p + photo * a) / (computed + photo)
-        for p, a in zip(place.position, place.anchor, strict=True)
-    )
-    sigma_px = calibration.radius_scale * (computed + photo) ** -0.5
-    return LocatedPlace("position", MapPixel(x, y), sigma_px, place.heading)
 
 
 def _evidence(indexed: IndexedMap, photo: VerifiedPhoto) -> Evidence:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from webapp.core.hypotheses.places import MapKind
 from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.engines.types import DescriptorSearch
+from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.core.tuning import DEFAULT, Tuning
 
 
@@ -52,6 +53,10 @@ class IndexedMap:
         Matches the photos that are verified, instead of what the search found of them.
     rematched : int or None
         It matches only so many at first, those with most votes; None for all.
+    global_descriptors : GlobalDescriptors or None
+        Of the photos, where there is a model for them.
+    binary : bool
+        Descriptors are bit strings.
     extract_side_px : float
         Photos are scaled down to this longer side before keypoints are detected.
     first_row : (e + 1,) int64
@@ -73,6 +78,8 @@ class IndexedMap:
     extrinsics: MapExtrinsics | None = None
     pair_matcher: PairMatcher | None = None
     rematched: int | None = None
+    global_descriptors: GlobalDescriptors | None = None
+    binary: bool = False
     tuning: Tuning = DEFAULT
     extract_side_px: float = 800.0
     first_row: NDArray[np.int64] = field(init=False)
@@ -130,7 +137,11 @@ class IndexedMap:
     def features(self, photo: int) -> Features | None:
         """Take out a photo's features, by its number; None when it could not be read."""
         place = self._place(photo)
-        return None if place is None else place[0].entry(place[1]).features
+        if place is None:
+            return None
+        features = place[0].entry(place[1]).features
+        described = self.global_descriptors
+        return features if described is None else replace(features, vector=described.of(photo))
 
     def photo_size(self, photo: int) -> tuple[int, int]:
         """Look up width and height of an upright photo that has features, pixels."""

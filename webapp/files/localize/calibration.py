@@ -16,7 +16,7 @@ from webapp.files import atomic
 TrialRecord = dict[str, Any] | None
 """Plain values; None for a photo that cannot be used."""
 
-FORMAT = 13
+FORMAT = 14
 """Another one where the evidence that the slopes belong to means something else."""
 
 

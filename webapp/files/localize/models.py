@@ -95,6 +95,7 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
     "aliked": (_own("aliked.onnx", "ALIKED of github.com/Shiaoming/ALIKED"),),
     "disk": (_own("disk.onnx", "DISK of github.com/cvlab-epfl/disk"),),
     "aliked-lightglue": (_own("aliked_lightglue.onnx", "LightGlue of github.com/cvg/LightGlue for ALIKED"),),
+    "global": (_own("global.onnx", "a global descriptor, such as MegaLoc, SALAD or EigenPlaces"),),
 }
 """Of each model, files with the same weights: any one of them is enough. The first is the one to fetch."""
 

@@ -12,7 +12,7 @@ from webapp.files.localize.models import with_weights
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import build_index, calibrate, cascade, open_map, orient_map
+from webapp.tasks.localize import build_index, calibrate, cascade, describe_photos, open_map, orient_map
 from webapp.tasks.localize.build_index import BuildReport, BuildRequest
 from webapp.tasks.localize.index_location import index_bases, index_folder
 from webapp.tasks.localize.open_map import OpenOptions
@@ -32,6 +32,8 @@ class MapBuildReport:
         photo could be used. A calibration that still fits keeps the seconds that it took.
     second : MapBuildReport or None
         Of the second look of method `auto`.
+    global_descriptor : bool
+        The photos are described as a whole, too.
     """
 
     index: BuildReport
@@ -39,6 +41,7 @@ class MapBuildReport:
     orientation_seconds: float | None
     calibration_seconds: float | None
     second: MapBuildReport | None = None
+    global_descriptor: bool = False
 
 
 def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> MapBuildReport:
@@ -82,11 +85,18 @@ def _build_look(
         return _BuiltLook(MapBuildReport(report, choice.name, None, None))
     resolved = replace(options, detector=choice.detector, extractor=choice.extractor, matcher=choice.matcher)
     opened = open_map.open_index(cfg, resolved, settings=settings, progress=progress, the_map=the_map)
+    opened = describe_photos.describe_photos(opened, settings=settings, progress=progress)
     started = time.perf_counter()
     opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     orientation_seconds = time.perf_counter() - started
     stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return _BuiltLook(
-        MapBuildReport(report, choice.name, orientation_seconds, stored.seconds),
+        MapBuildReport(
+            report,
+            choice.name,
+            orientation_seconds,
+            stored.seconds,
+            global_descriptor=opened.indexed.global_descriptors is not None,
+        ),
         LocalizationPipeline(opened, settings, stored),
     )

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
-from webapp.core.localize.places import PlaceCandidate
-from webapp.core.localize.verified import LocatedPlace, locate
+from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize.calibration import StoredCalibration, recorded_trials
@@ -93,11 +93,18 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:
     """Name the files in which a map's calibration may be; the last one is written."""
+    described = opened.indexed.global_descriptors
+    return paths_with(opened, None if described is None else described.network)
+
+
+def paths_with(opened: OpenMap, network: GlobalDescriptor | None) -> tuple[Path, Path]:
+    """Name the files of the calibration with a global descriptor, or without one."""
     verified = opened.indexed.tuning.retrieval.shortlist
     by_network = opened.indexed.pair_matcher is not None and opened.method != "thorough"
     own = "-network" if by_network else ""
     own += "" if verified == RetrievalSettings().shortlist else f"-shortlist{verified}"
     own += f"-{opened.indexed.kind}" if opened.indexed.kind_is_given else ""
+    own += "" if network is None else f"-global{network.weights[:8]}"
     return opened.artifact_paths(f"calibration-{opened.method}-{opened.choice.matcher}{own}.json")
 
 

@@ -17,12 +17,13 @@ from webapp.core.features.table import METHODS, Method, choose
 from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady, UsageError
 from webapp.files.localize.calibration import StoredCalibration
+from webapp.files.localize.global_model import model_paths, usable_global_descriptor
 from webapp.files.part_file import show_file_as
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize import calibrate, cascade, open_map, orient_map
+from webapp.tasks.localize import calibrate, cascade, describe_photos, open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
 from webapp.tasks.maps.library_map import as_map
@@ -94,7 +95,7 @@ class _Slot:
     lock: Lock = field(default_factory=Lock)
     ready: OpenedMap | None = None
     opened_with: _Files = ()
-    """Times and sizes of the manifest, the calibration and the orientations."""
+    """Times and sizes of the manifest, the calibration, the orientations and the global descriptors."""
 
 
 class MapCache:
@@ -170,7 +171,7 @@ class MapCache:
             if record is None:
                 raise NotFound("the map is gone")
             cfg, revision = self._library.cfg(record.slug), record.revision
-            same_index = there is not None and slot.opened_with == _files(there.pipeline.opened)
+            same_index = there is not None and slot.opened_with == self._files(there.pipeline.opened)
             if there is not None and same_index and there.revision == revision:
                 return there
             the_map = as_map(session, record)
@@ -190,21 +191,44 @@ class MapCache:
         else:
             opened = open_map.with_positions(opened, the_map, options=options)
         # Looked at before the calibration is read: a newer one is noticed the next time, as is a newer index.
-        slot.opened_with = _files(opened)
+        slot.opened_with = self._files(opened)
         if opened.folder.read_manifest() != opened.manifest:
             slot.opened_with = ()
         verifies = opened.method != "vote"
         if verifies:
             opened = orient_map.with_orientations(opened, orient_map.newest(opened))
+        opened, undescribed = self._described(opened) if verifies else (opened, False)
         stored = calibrate.newest(opened) if verifies else None
         return OpenedMap(
             LocalizationPipeline(opened, self._settings, stored),
             revision=the_map.revision,
             not_indexed=opened.not_indexed,
             calibrated=stored is not None or not verifies,
-            to_calibrate=verifies
-            and (stored is None or not calibrate.still_fits(stored, opened, map_fov_deg=options.map_fov_deg)),
+            to_calibrate=undescribed
+            or (verifies and stored is None)
+            or (
+                stored is not None
+                and not calibrate.still_fits(stored, opened, map_fov_deg=options.map_fov_deg)
+            ),
         )
+
+    def _described(self, opened: OpenMap) -> tuple[OpenMap, bool]:
+        """Attach global descriptors once the map is calibrated with them; returns whether that is to do."""
+        network = usable_global_descriptor(self._settings.models)
+        if network is None:
+            return opened, False
+        described = describe_photos.with_stored_vectors(opened, network)
+        ready = described is not opened and calibrate.newest(described) is not None
+        return (described, False) if ready else (opened, True)
+
+    def _files(self, opened: OpenMap) -> _Files:
+        """Read size and time of the files that an open map depends on."""
+        files = [opened.folder.manifest_path, *calibrate.paths_with(opened, None), *orient_map.paths(opened)]
+        files += model_paths(self._settings.models)
+        network = usable_global_descriptor(self._settings.models)
+        if network is not None:
+            files += (*calibrate.paths_with(opened, network), *describe_photos.paths(opened, network))
+        return tuple(_look(path) for path in files)
 
 
 def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
@@ -233,15 +257,6 @@ def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
 def _stored_looks(path: Path, seen: tuple[int, int] | None) -> StoredCalibration | None:
     """Read the calibration of two looks, again only when the file has changed."""
     return cascade.stored_looks(path) if seen is not None else None
-
-
-def _files(opened: OpenMap) -> _Files:
-    """Read size and time of the files that an open map depends on."""
-    return tuple(_look(path) for path in _paths(opened))
-
-
-def _paths(opened: OpenMap) -> tuple[Path, ...]:
-    return (opened.folder.manifest_path, *calibrate.paths(opened), *orient_map.paths(opened))
 
 
 def _look(path: Path) -> tuple[int, int] | None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.errors import InputError, NotFound, StorageError, UsageError
 from webapp.files import atomic
+from webapp.files.localize import global_model
 from webapp.files.localize.models import MODELS, ModelFile, install_hint, matches_hash, models_folder
 from webapp.net.download import download
 from webapp.progress import Progress
@@ -24,18 +25,26 @@ class ModelState:
     ----------
     model : str
         Name of features, or of a network that matches them.
-    state : {"here", "missing", "damaged"}
+    state : {"here", "missing", "damaged", "unusable"}
+        A file that the user supplies cannot be damaged; that of a global descriptor is tried.
+    problem : str
+        Why it is unusable.
     """
 
     model: str
     file: ModelFile
     state: str
+    problem: str = ""
 
 
 def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
-    """Check which weights are installed, by their hashes."""
+    """Check which weights are installed, by their hashes, and whether a global descriptor can be used."""
     folder = models_folder(settings.models)
-    return [ModelState(name, f, _state(folder / f.name, f)) for name, files in models.items() for f in files]
+    found = [ModelState(name, f, _state(folder / f.name, f)) for name, files in models.items() for f in files]
+    problem = global_model.problem(settings.models)
+    return [
+        replace(s, state="unusable", problem=problem) if problem and s.model == "global" else s for s in found
+    ]
 
 
 def missing(names: Collection[str], *, settings: Settings, models: Models = MODELS) -> list[str]:
@@ -59,8 +68,8 @@ def missing(names: Collection[str], *, settings: Settings, models: Models = MODE
     if own is not None:
         hint = install_hint(own)
         raise UsageError("no published file is pinned, so none is fetched", where=own.name, hint=hint)
-    here = {state.model for state in states(settings, models=models) if state.state == "here"}
-    return [name for name in wanted if name not in here]
+    folder = models_folder(settings.models)
+    return [name for name in wanted if all(_state(folder / f.name, f) != "here" for f in models[name])]
 
 
 def is_available(name: str, source: Path | None, *, models: Models = MODELS) -> bool:
@@ -146,6 +155,8 @@ def _read(path: Path) -> bytes:
 
 
 def _state(path: Path, file: ModelFile) -> str:
+    if not file.published:
+        return "here" if path.is_file() else "missing"
     try:
         return "here" if matches_hash(path.read_bytes(), file) else "damaged"
     except OSError:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.table import FeatureChoice, Method, choose
+from webapp.core.features.table import EXTRACTORS, FeatureChoice, Method, choose
 from webapp.core.hypotheses.places import MapKind, describe_places
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.retrieval.engines.bruteforce import BruteForce
@@ -348,6 +348,7 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
         segments=segments,
         photo_of_entry=photo_of_entry,
         search=loaded.search,
+        binary=EXTRACTORS[manifest.extractor]().kind == "binary",
         place_radius_px=options.right_within_px or places.radius_px,
         kind=places.kind,
         kind_is_given=options.map_kind is not None,

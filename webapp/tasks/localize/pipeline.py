@@ -1,7 +1,7 @@
 """The localization of one photo, stage by stage.
 
 1. read: the photo is decoded upright and small enough, and its field of view is read (`files.photos`);
-2. extract: keypoints and descriptors (`core.features`);
+2. extract: keypoints and descriptors (`core.features`), and before, where there is a model, one of the whole;
 3. retrieve, verify, position: the map's photos that match, relative poses, positions (`core.localize`);
 4. calibrate: evidence becomes probabilities (`core.hypotheses.calibration`);
 5. prior: photos are taken where the photos of the map are, along the paths between them
@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from webapp.core.features.extract import extract
 from webapp.core.features.table import Method
@@ -41,10 +42,10 @@ from webapp.errors import InputError, MapError, MissingPart
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import read_map
-from webapp.files.photos.photo import GrayPhoto, read_facts, read_gray
+from webapp.files.photos.photo import GrayPhoto, read_facts, read_gray, read_upright
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import calibrate, cascade, open_map, orient_map
+from webapp.tasks.localize import calibrate, cascade, describe_photos, open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions, guessed_fov_deg
 
 _ALL = 100
@@ -70,10 +71,11 @@ class _Stopwatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _QueryPhoto:
-    """A query as it is read, once for all looks at it; `seconds` is what that took."""
+    """A query and its global descriptor, once for all looks at it; `seconds` is what reading took."""
 
     gray: GrayPhoto
     fov: FieldOfView | None
+    vector: NDArray[np.float32] | None
     seconds: float
 
 
@@ -161,7 +163,7 @@ class LocalizationPipeline:
         """Localize by the pipeline's own features."""
         watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
-            features = self._extract(photo.gray)
+            features = self._extract(photo)
         indexed, fov = self.opened.indexed, photo.fov
         if fov is None:
             with watch.stage("retrieve"):
@@ -185,7 +187,13 @@ class LocalizationPipeline:
         limits = self.settings.photo
         gray = read_gray(photo_path, limits=limits, max_side=self.settings.extract.max_side_px)
         fov = self._fov(photo_path, gray)
-        return _QueryPhoto(gray, fov, time.perf_counter() - started)
+        return _QueryPhoto(gray, fov, self._vector(photo_path), time.perf_counter() - started)
+
+    def _vector(self, path: Path) -> NDArray[np.float32] | None:
+        """Describe a photo as a whole, where there is a model for that."""
+        described = (o.indexed.global_descriptors for o in self.all_opened)
+        network = next((d.network for d in described if d is not None), None)
+        return None if network is None else network.describe(read_upright(path, limits=self.settings.photo))
 
     def _fov(self, photo_path: Path, gray: GrayPhoto) -> FieldOfView | None:
         """Find a photo's field of view, which `vote` does not ask for."""
@@ -198,9 +206,9 @@ class LocalizationPipeline:
             return FieldOfView(exif, "exif")
         return FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
 
-    def _extract(self, gray: GrayPhoto) -> Features:
-        choice = self.opened.choice
-        return extract(
+    def _extract(self, photo: _QueryPhoto) -> Features:
+        choice, gray = self.opened.choice, photo.gray
+        features = extract(
             gray.pixels,
             choice,
             keypoints=self.settings.extract.keypoints,
@@ -208,6 +216,7 @@ class LocalizationPipeline:
             photo_size=gray.full_size,
             network=network(choice.model, self.settings.models, weights=choice.weights),
         )
+        return replace(features, vector=photo.vector)
 
     def _depths_without(self, hide: frozenset[int]) -> DepthsExcluding | None:
         if self.sightings is None:
@@ -317,6 +326,7 @@ def _open_look(
     opened = open_map.open_index(cfg, options, settings=settings, progress=progress, the_map=the_map)
     if opened.method == "vote":
         return LocalizationPipeline(opened, settings)
+    opened = describe_photos.describe_photos(opened, settings=settings, progress=progress)
     opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return LocalizationPipeline(opened, settings, stored)

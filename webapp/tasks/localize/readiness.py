@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 from webapp.core.features.table import Method, choose
 from webapp.errors import IndexDamaged, NotReady
 from webapp.files.localize.calibration import FORMAT
+from webapp.files.localize.global_model import usable_global_descriptor
 from webapp.files.localize.models import second_look_features
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -82,7 +83,9 @@ def _calibrate(
 def _state(session: Session, record: MapRecord, settings: Settings) -> str:
     """Describe what the outcome of a job depends on: another one would come to the same."""
     revision = session.get_one(MapRecord, record.id).revision
-    return f"{revision} {FORMAT} {second_look_features(settings.models)}"
+    described = usable_global_descriptor(settings.models)
+    weights = "" if described is None else f" {described.weights}"
+    return f"{revision} {FORMAT} {second_look_features(settings.models)}{weights}"
 
 
 def _job_key(method: Method, features: str) -> str:

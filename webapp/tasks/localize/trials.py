@@ -16,8 +16,8 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
 from webapp.core.hypotheses.places import spacing_px
-from webapp.core.localize.places import PlaceCandidate
-from webapp.core.localize.verified import LocatedPlace, find_places, locate
+from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
+from webapp.core.localize.verified import find_places
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes

@@ -1,0 +1,69 @@
+"""The global descriptors of a map's photos, and how alike a query is to each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.global_descriptor import GlobalDescriptor
+
+_BLOCK_ROWS = 2048
+"""Vectors compared at once: bounds the memory for their conversion."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlobalDescriptors:
+    """The vectors of p photos of a map, and the network that they are from.
+
+    Attributes
+    ----------
+    network : GlobalDescriptor
+    vectors : (n, d) float16
+        Of length 1.
+    row : (p,) int64
+        Of each photo in `vectors`; -1 where it has none.
+    """
+
+    network: GlobalDescriptor
+    vectors: NDArray[np.float16]
+    row: NDArray[np.int64]
+
+    def of(self, photo: int) -> NDArray[np.float32] | None:
+        """Look up a photo's vector, by its number; (d,), None where it has none."""
+        row = int(self.row[photo])
+        return None if row < 0 else self.vectors[row].astype(np.float32)
+
+    def standard_scores(
+        self, vector: NDArray[np.float32], *, visible: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """Compare a query with all photos: by how many standard deviations each is more similar than most.
+
+        Parameters
+        ----------
+        vector : (d,) float32
+        visible : (p,) bool
+            Which photos take part, also in the mean and the deviation.
+
+        Returns
+        -------
+        (p,) float64
+            Cosine similarities, standardised; -inf where a photo does not take part or has no vector.
+        """
+        scores = np.full(len(self.row), -np.inf)
+        known = np.flatnonzero(visible & (self.row >= 0))
+        if not len(known):
+            return scores
+        cosine = self._cosines(vector)[self.row[known]]
+        deviation = float(cosine.std())
+        even = deviation <= np.finfo(np.float16).eps
+        scores[known] = 0.0 if even else (cosine - cosine.mean()) / deviation
+        return scores
+
+    def _cosines(self, vector: NDArray[np.float32]) -> NDArray[np.float64]:
+        blocks = [
+            self.vectors[start : start + _BLOCK_ROWS].astype(np.float32) @ vector
+            for start in range(0, len(self.vectors), _BLOCK_ROWS)
+        ]
+        return np.concatenate(blocks).astype(np.float64)

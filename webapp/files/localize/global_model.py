@@ -1,0 +1,111 @@
+"""The model of a global descriptor that the user supplies: `global.onnx`, and `global.json` beside it.
+
+The JSON states what the model itself does not: `width`, `height`, `mean`, `std`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from webapp.core.features.global_descriptor import GlobalDescriptor, InputForm, read_form
+from webapp.errors import ExpMapError, InputError, MissingPart, StorageError
+from webapp.files.localize.models import MODELS, models_folder
+
+_Seen = tuple[int, int] | None
+"""Time and size of a file; None where there is none."""
+
+
+def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
+    """Open the model, once in this process for as long as its files stay the same; None where there is none.
+
+    Parameters
+    ----------
+    chosen : Path or None
+        Folder with the weights, instead of the user's cache.
+
+    Raises
+    ------
+    InputError
+        The file holds another network, or the JSON beside it is wrong.
+    MissingPart
+        onnxruntime is not installed.
+    StorageError
+        A file cannot be read.
+    """
+    model, form = model_paths(chosen)
+    seen = _look(model)
+    if seen is None:
+        return None
+    opened = _open(model, seen, _look(form))
+    if isinstance(opened, ExpMapError):
+        raise opened.with_traceback(None)
+    return opened
+
+
+def usable_global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
+    """Open the model; None where there is none, or none that can be used: `problem` says why."""
+    try:
+        return global_descriptor(chosen)
+    except (InputError, MissingPart, StorageError):
+        return None
+
+
+def problem(chosen: Path | None) -> str:
+    """Try the model; returns in a sentence why it cannot be used, empty where it can or is not there."""
+    try:
+        network = global_descriptor(chosen)
+        if network is not None:
+            across = np.linspace(0, 255, network.width).astype(np.uint8)
+            network.describe(np.broadcast_to(across[None, :, None], (network.height, network.width, 3)))
+    except (InputError, MissingPart, StorageError) as error:
+        return str(error)
+    return ""
+
+
+def model_paths(chosen: Path | None) -> tuple[Path, Path]:
+    """Name the files of the model and of its input's form."""
+    path = models_folder(chosen) / MODELS["global"][0].name
+    return path, path.with_suffix(".json")
+
+
+@lru_cache(maxsize=2)
+def _open(model: Path, seen: _Seen, form_seen: _Seen) -> GlobalDescriptor | ExpMapError:
+    """Open the files as they were seen; what is wrong with them is found out once, too."""
+    try:
+        data = _read(model)
+        form = _form(model.with_suffix(".json")) if form_seen is not None else InputForm()
+        weights = hashlib.sha256(hashlib.sha256(data).digest() + repr(form).encode()).hexdigest()[:16]
+        return GlobalDescriptor(data, file=model.name, form=form, weights=weights)
+    except (InputError, MissingPart, StorageError) as error:
+        return error
+
+
+def _form(path: Path) -> InputForm:
+    try:
+        return read_form(json.loads(_read(path)))
+    except (ValueError, RecursionError) as error:
+        told = "it is not JSON" if isinstance(error, json.JSONDecodeError | UnicodeError) else str(error)
+        hint = (
+            'as in {"width": 322, "height": 322, "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225]}'
+        )
+        raise InputError(told, where=path.name, hint=hint) from error
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise StorageError(f"cannot be read: {error.strerror}", where=str(path)) from error
+
+
+def _look(path: Path) -> _Seen:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size

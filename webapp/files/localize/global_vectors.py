@@ -1,0 +1,82 @@
+"""The global descriptors of a map's photos, beside its indexes: one file for each model.
+
+They belong to photos by content, whatever the features of an index are, so that all indexes share them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.errors import IndexDamaged, StorageError
+from webapp.files.localize.arrays import read_arrays, write_arrays
+
+FORMAT = 1
+"""Another one where the vectors mean something else."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredVectors:
+    """Vectors of photos.
+
+    Attributes
+    ----------
+    contents : list of str
+        SHA-256 of the photo files.
+    vectors : (n, d) float16
+        In the same order.
+    weights : str
+        Of the model: `GlobalDescriptor.weights`.
+    """
+
+    contents: list[str]
+    vectors: NDArray[np.float16]
+    weights: str
+
+
+def file_name(weights: str) -> str:
+    """Name the file of a model's vectors."""
+    return f"global-{weights}.arrays"
+
+
+def write(path: Path, stored: StoredVectors) -> None:
+    """Replace the file.
+
+    Raises
+    ------
+    StorageError
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+    meta = {"format": FORMAT, "weights": stored.weights, "contents": stored.contents}
+    write_arrays(path, {"vectors": stored.vectors}, meta=meta)
+
+
+def read(path: Path, *, weights: str) -> StoredVectors | None:
+    """Read the file; None when there is none of this model that can be used, so that it is computed again.
+
+    A file that has not changed is read once: the looks at a map share it.
+    """
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return _read(path, weights, (found.st_mtime_ns, found.st_size))
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, weights: str, seen: tuple[int, int]) -> StoredVectors | None:
+    try:
+        arrays, meta = read_arrays(path, mapped=False)
+        stored = StoredVectors(list(meta["contents"]), arrays["vectors"], str(meta["weights"]))
+        fits = meta["format"] == FORMAT and stored.weights == weights
+        whole = stored.vectors.ndim == 2 and len(stored.vectors) == len(stored.contents)
+        return stored if fits and whole else None
+    except (IndexDamaged, KeyError, TypeError):
+        return None

@@ -1,0 +1,134 @@
+"""Describes a map's photos as a whole, where the user has supplied a model for that; see `global_model`.
+
+Vectors are stored by the content of the photos. Only photos that are new are described, and what was
+described is kept when the work is killed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.global_descriptor import GlobalDescriptor
+from webapp.core.retrieval.global_descriptors import GlobalDescriptors
+from webapp.errors import InputError, MissingPart, PhotoError
+from webapp.files.localize import global_vectors
+from webapp.files.localize.global_model import global_descriptor
+from webapp.files.localize.global_vectors import StoredVectors
+from webapp.files.maps.folder import photo_path
+from webapp.files.photos.photo import read_file, read_upright
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize.open_map import OpenMap
+
+_SAVED_EVERY_S = 20.0
+
+
+def describe_photos(opened: OpenMap, *, settings: Settings, progress: Progress) -> OpenMap:
+    """Bring the global descriptors of a map's photos up to date and attach them to it.
+
+    Without a model nothing is done; with one that cannot be used neither, and the progress gets a note of it.
+
+    Parameters
+    ----------
+    progress : Progress
+        A stage where there is a model, one step a photo that is new.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    try:
+        network = global_descriptor(settings.models)
+        if network is not None:
+            _update(opened, network, settings=settings, progress=progress)
+            opened = with_stored_vectors(opened, network)
+    except (InputError, MissingPart) as error:
+        progress.note(f"without the global descriptor: {error}")
+    return opened
+
+
+def with_stored_vectors(opened: OpenMap, network: GlobalDescriptor) -> OpenMap:
+    """Attach the stored global descriptors of a map's photos; without any the map stays as it is."""
+    stored = _stored(opened, network)
+    if stored is None:
+        return opened
+    number = {content: row for row, content in enumerate(stored.contents)}
+    # Of several photos with the same content the index has the first.
+    row = np.array([number.pop(content, -1) for content in opened.contents], np.int64)
+    if (row < 0).all():
+        return opened
+    described = GlobalDescriptors(network, stored.vectors, row)
+    return replace(opened, indexed=replace(opened.indexed, global_descriptors=described))
+
+
+def paths(opened: OpenMap, network: GlobalDescriptor) -> tuple[Path, Path]:
+    """Name the files in which the vectors may be, beside the folders of the indexes; the last is written."""
+    name = global_vectors.file_name(network.weights)
+    return opened.folder.folder.with_name(name), opened.writable.with_name(name)
+
+
+def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, progress: Progress) -> None:
+    """Describe the photos that are new, and store their vectors."""
+    known = _known(opened, network)
+    photos = zip(opened.contents, opened.map.experiences, strict=True)
+    todo = {content: e for content, e in photos if content and content not in known}
+    progress.size(len(todo))
+    if not todo:
+        return
+    progress.note("describing the photos as a whole")
+    saved = time.monotonic()
+    try:
+        for content, experience in todo.items():
+            progress.check()
+            path = photo_path(opened.cfg, experience.photo)
+            vector = _describe(path, content, network=network, settings=settings)
+            if vector is not None:
+                known[content] = vector.astype(np.float16)
+            progress.advance()
+            if time.monotonic() > saved + _SAVED_EVERY_S:
+                _store(opened, network, known)
+                saved = time.monotonic()
+    finally:
+        if known:
+            _store(opened, network, known)
+
+
+def _describe(
+    path: Path, content: str, *, network: GlobalDescriptor, settings: Settings
+) -> NDArray[np.float32] | None:
+    """Describe a photo; None where the file is no longer the one that was indexed."""
+    try:
+        data = read_file(path, limits=settings.photo)
+        if hashlib.sha256(data).hexdigest() != content:
+            return None
+        return network.describe(read_upright(data, limits=settings.photo))
+    except PhotoError:
+        return None
+
+
+def _known(opened: OpenMap, network: GlobalDescriptor) -> dict[str, NDArray[np.float16]]:
+    """Read the stored vectors of the map's photos, by content."""
+    stored = _stored(opened, network)
+    wanted = {*opened.contents}
+    pairs = zip(stored.contents, stored.vectors, strict=True) if stored else ()
+    return {content: vector for content, vector in pairs if content in wanted}
+
+
+def _stored(opened: OpenMap, network: GlobalDescriptor) -> StoredVectors | None:
+    files = paths(opened, network)
+    there = (global_vectors.read(path, weights=network.weights) for path in reversed(files))
+    return next((s for s in there if s is not None), None)
+
+
+def _store(opened: OpenMap, network: GlobalDescriptor, known: Mapping[str, NDArray[np.float16]]) -> None:
+    """Write vectors, in an order that does not depend on when they were computed."""
+    contents = sorted(known)
+    stored = StoredVectors(contents, np.stack([known[c] for c in contents]), network.weights)
+    global_vectors.write(paths(opened, network)[-1], stored)
