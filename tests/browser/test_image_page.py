@@ -65,7 +65,9 @@ def test_an_area_of_a_tile_service(image_page):
     estimate = by_id(page, "tile-estimate").inner_text()
     assert axe.findings(page) == []
     # the worker may be at the sample's index
-    reloads(page, by_id(page, "tile-fetch").click, timeout=240_000)
+    by_id(page, "tile-fetch").click()
+    page.wait_for_url("**/edit", timeout=240_000)
+    expect(page.locator(".toast")).to_contain_text("pixels")
     satellite = state()["satellite"]
     assert estimate.startswith(f"{satellite['width']:,} × {satellite['height']:,} pixels")
     assert satellite["attribution"] == "© these tests"

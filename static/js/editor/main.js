@@ -2,13 +2,14 @@
 
 import { byId } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
+import { takeNotes } from "../shared/kept-notes.js";
 import { Crosshair } from "../shared/map/crosshair.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
-import { toastError } from "../shared/toast.js";
+import { toast, toastError } from "../shared/toast.js";
 import { Activity } from "./activity.js";
 import { bulkPlacing } from "./bulk-placing.js";
 import { ChecksPanel } from "./checks.js";
@@ -68,6 +69,7 @@ zoomButtons();
 byId("help").addEventListener("click", showHelp);
 live.start();
 loadDetails(store, server.photosAfter).catch(toastError);
+for (const { text } of takeNotes()) toast(text);
 
 /** Announce to a screen reader. */
 function say(text) {
@@ -86,6 +88,8 @@ function chooseFirst() {
     const position = store.currentId === null ? null : store.position(store.currentId);
     if (position && !gestures.gesture) view.reveal(position);
   });
+  const linked = Number(new URLSearchParams(location.search).get("photo") ?? NaN);
+  if (store.photos.has(linked)) store.setCurrent(linked);
   choose();
 }
 

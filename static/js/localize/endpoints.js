@@ -14,6 +14,7 @@ export function endpointsOf(slug) {
     ask: (files, options, onProgress, signal) =>
       upload(`${map}/localize`, { body: form(files, options), onProgress, signal }),
     askAgain: (query, options) => api(`${map}/localize`, { method: "POST", body: form([], { ...options, query }) }),
+    example: (name) => file(`${map}/examples/${encodeURIComponent(name)}`),
     photo: (id) => file(`${map}/queries/${id}/photo`),
     query: (id) => get(`${map}/queries/${id}`),
     matches: (id, signal) => get(`${map}/queries/${id}/matches`, { signal }),

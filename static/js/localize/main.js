@@ -71,7 +71,7 @@ listenToSources((files) => {
   camera.stop();
   openTab("answer");
   asking.take(files);
-});
+}, server.example);
 zoomButtons();
 legend();
 whetherItCanAnswer();

@@ -1,10 +1,23 @@
-/** Where photos come from: the file dialog, the phone's camera, a drop anywhere on the page, the clipboard. */
+/** Where photos come from: the file dialog, the phone's camera, a drop anywhere on the page, the clipboard, the map. */
 
-import { byId, takesText } from "../shared/dom.js";
+import { busy } from "../shared/dialogs.js";
+import { byId, queryAll, takesText } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
+import { toastError } from "../shared/toast.js";
 
-/** @param {function(File[]): void} take */
-export function listenToSources(take) {
+/**
+ * @param {function(File[]): void} take
+ * @param {function(string): Promise<Blob>} example photo of a name that comes with the map
+ */
+export function listenToSources(take, example) {
+  for (const button of queryAll("[data-example]", HTMLButtonElement)) {
+    const name = button.dataset.example;
+    button.addEventListener("click", () => {
+      const chosen = example(name).then((photo) => take([new File([photo], name, { type: photo.type })]));
+      busy(button, () => chosen).catch(toastError);
+    });
+    button.disabled = false; // until now a click would have been lost
+  }
   for (const input of [byId("query-input", HTMLInputElement), byId("shot-input", HTMLInputElement)]) {
     input.addEventListener("change", () => {
       const files = usable(input.files);

@@ -70,8 +70,10 @@ function connectImport(button, input) {
   if (!button) return;
   const frame = document.getElementById("import-progress");
   const bar = frame.querySelector("progress");
-  button.addEventListener("click", () => input.click());
-  button.disabled = false;
+  for (const one of [button, ...queryAll("[data-opens='import']", HTMLButtonElement)]) {
+    one.addEventListener("click", () => input.click());
+    one.disabled = false;
+  }
   input.addEventListener("change", async () => {
     const body = new FormData();
     body.append("file", input.files[0]);

@@ -42,8 +42,7 @@ function connect() {
 
 async function apply(wish) {
   const answer = await put(`${base}/georeference`, { ...wish, seen: page.revision });
-  const notes = [{ kind: "success", text: t("The map is georeferenced.") }];
-  reloadWith([...notes, ...movedPhotoNotes(answer.from_tray, answer.to_tray)]);
+  reloadWith([{ kind: "success", text: t("The map is georeferenced.") }, ...movedPhotoNotes(answer.from_tray, answer.to_tray)]);
 }
 
 async function forget() {

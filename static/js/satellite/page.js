@@ -2,6 +2,7 @@
 
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
+import { keepNotes, takeNotes } from "../shared/kept-notes.js";
 import { sentence } from "../shared/toast.js";
 
 /** Data of the page: `slug`, `revision`, `satellite`, `earth`, `services`, `photos`, `canEdit`. */
@@ -10,21 +11,24 @@ export const page = JSON.parse(document.getElementById("page").textContent);
 /** Address of this map in the API. */
 export const base = `/maps/${page.slug}`;
 
-const KEY = "expmap-image-notes";
-
 /**
  * Show the page again, with messages at its top.
- * @param {Array<{kind: string, text: string}>} notes `success` or `warning`
+ * @param {import("../shared/kept-notes.js").Note[]} notes
  */
 export function reloadWith(notes) {
-  sessionStorage.setItem(KEY, JSON.stringify(notes));
+  keepNotes(notes);
   location.reload();
+}
+
+/** The image is done: on to the photos, with messages. @param {import("../shared/kept-notes.js").Note[]} notes */
+export function toEditor(notes) {
+  keepNotes(notes);
+  location.assign(`${base}/edit`);
 }
 
 /** Show the messages that were kept for this page. */
 export function showKeptNotes() {
-  const kept = JSON.parse(sessionStorage.getItem(KEY) || "[]");
-  sessionStorage.removeItem(KEY);
+  const kept = takeNotes();
   if (!kept.length) return;
   history.scrollRestoration = "manual"; // they are at the top, the button that was pressed is far below
   scrollTo(0, 0);
@@ -65,8 +69,9 @@ export function panels(attribute, chosen) {
   return choose;
 }
 
-/** Notes on photos that were placed, or taken off the map, with a new image. */
+/** Notes on photos that were placed, or taken off the map, with a new image. @returns {import("../shared/kept-notes.js").Note[]} */
 export function movedPhotoNotes(fromTray, toTray) {
+  /** @type {import("../shared/kept-notes.js").Note[]} */
   const notes = [];
   if (fromTray) notes.push({ kind: "success", text: tn("{n} photo was placed by its GPS.", "{n} photos were placed by their GPS.", fromTray) });
   if (toTray) notes.push({ kind: "warning", text: tn("{n} photo went back to the tray.", "{n} photos went back to the tray.", toTray) });

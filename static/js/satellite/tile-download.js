@@ -7,7 +7,7 @@ import { duration, locale, t, tn } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 import { cut } from "./mercator.js";
 import { outsideChoices } from "./outside-photos.js";
-import { base, movedPhotoNotes, note, page, reloadWith } from "./page.js";
+import { base, movedPhotoNotes, note, page, toEditor } from "./page.js";
 import { Rectangle } from "./rectangle.js";
 import { goHere, goTo, slippyMap } from "./tile-map.js";
 
@@ -118,7 +118,7 @@ export class TilesPanel {
     if (ended.state === "done") {
       const { width, height, from_tray, to_tray, warnings } = ended.result;
       const text = t("The image has {width} × {height} pixels.", { width: number(width), height: number(height) });
-      reloadWith([{ kind: "success", text }, ...movedPhotoNotes(from_tray, to_tray), ...warnings.map((w) => ({ kind: "warning", text: w }))]);
+      toEditor([{ kind: "success", text }, ...movedPhotoNotes(from_tray, to_tray), ...warnings.map((w) => ({ kind: "warning", text: w }))]);
     } else if (ended.state === "failed") {
       const choice = await outsideChoices(ended.error);
       if (choice) await this._queue({ ...wish, ...choice });
@@ -130,7 +130,7 @@ export class TilesPanel {
   async _resume() {
     const { jobs } = await get(`/jobs?map=${encodeURIComponent(page.slug)}`);
     const live = jobs.find(({ kind, state }) => kind === "satellite-tiles" && (state === "queued" || state === "running"));
-    if (live && (await this._watch(live.id)).state === "done") reloadWith([{ kind: "success", text: t("The image is in place.") }]);
+    if (live && (await this._watch(live.id)).state === "done") toEditor([{ kind: "success", text: t("The image is in place.") }]);
   }
 
   async _watch(id) {

@@ -18,8 +18,8 @@ FIGURES = {
     "answered_at_99_precision": 0.25,
     "intervals_95": {"within_50px": [0.125, 0.75]},
 }
-FOUND = {"error_px": 12.0, "answer": {"hypotheses": [{"probability": 0.75}]}}
-LOST = {"error_px": None, "answer": {"query": "x", "error": "no photo"}}
+FOUND = {"path": "photos/0.jpg", "error_px": 12.0, "answer": {"hypotheses": [{"probability": 0.75}]}}
+LOST = {"path": "photos/1.jpg", "error_px": None, "answer": {"query": "x", "error": "no photo"}}
 
 
 @pytest.fixture
@@ -42,6 +42,13 @@ def test_the_figures_and_the_charts_are_shown(client, evaluated):
     assert "1 photos: 75% stated, 100% correct" in text
     assert 'id="evaluate"' in text
     assert "The map has changed since" not in text
+
+
+def test_photos_that_were_not_found_lead_to_the_editor(client, evaluated):
+    text = client.get(f"/maps/{evaluated}/quality").text
+    assert text.count("1 photo was not found") == 2
+    assert text.count(f'href="/maps/{evaluated}/edit?photo=1"') == 2
+    assert "no place found" in text and "?photo=0" not in text
 
 
 def test_an_edit_makes_it_old(client, evaluated):

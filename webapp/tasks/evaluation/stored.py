@@ -25,6 +25,25 @@ FILE = "evaluation.json"
 """In the map's folder `derived`: what `expmap evaluate --self --json` prints."""
 
 
+@dataclass(frozen=True, slots=True)
+class Miss:
+    """A photo whose first answer was wrong, or that had none.
+
+    Attributes
+    ----------
+    path : str
+        In the map's folder.
+    error_px : float or None
+        Of the first hypothesis; None without one.
+    probability : float or None
+        That the first hypothesis stated.
+    """
+
+    path: str
+    error_px: float | None
+    probability: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Kept:
     """One scheme of the evaluation.
@@ -35,6 +54,8 @@ class Kept:
         As `expmap evaluate --json` prints them, without the queries.
     errors : (n,) float64
         Of the first hypotheses, map pixels; infinite without a hypothesis.
+    misses : tuple of Miss
+        The farthest off first, those without an answer at the end.
     revision : int
         Of the map that was evaluated.
     at : datetime
@@ -44,6 +65,7 @@ class Kept:
     figures: dict[str, Any]
     errors: NDArray[np.float64]
     reliability: tuple[ReliabilityBin, ...]
+    misses: tuple[Miss, ...]
     revision: int
     at: datetime
 
@@ -92,7 +114,19 @@ def _kept(form: dict[str, Any], at: datetime) -> Kept:
     has = np.isfinite(errors)
     bins = reliability_bins(stated[has], errors[has] <= form["place_radius_px"])
     figures = {name: value for name, value in form.items() if name != "per_query"}
-    return Kept(figures, errors, bins, form.get("map_revision", -1), at)
+    misses = _misses(results, radius=form["place_radius_px"])
+    return Kept(figures, errors, bins, misses, form.get("map_revision", -1), at)
+
+
+def _misses(results: list[dict[str, Any]], *, radius: float) -> tuple[Miss, ...]:
+    found = []
+    for result in results:
+        error, stated = result["error_px"], _stated(result["answer"])
+        if error is None or error > radius:
+            found.append(Miss(result["path"], error, None if math.isnan(stated) else stated))
+    return tuple(
+        sorted(found, key=lambda miss: -math.inf if miss.error_px is None else miss.error_px, reverse=True)
+    )
 
 
 def _stated(answer: dict[str, Any]) -> float:

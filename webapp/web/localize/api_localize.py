@@ -12,7 +12,7 @@ from typing import Any, cast
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, Integer, List, String
 from apiflask.validators import Length, OneOf, Range, Regexp
-from flask import current_app, request
+from flask import Response, current_app, request
 from flask.blueprints import BlueprintSetupState
 from werkzeug.datastructures import FileStorage
 
@@ -25,7 +25,7 @@ from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
 from webapp.store import queries
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize import readiness, sequence_state, show_query, upload
+from webapp.tasks.localize import examples, readiness, sequence_state, show_query, upload
 from webapp.tasks.localize.adopt_query import link_or_copy
 from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeResult, UploadedPhoto
@@ -34,6 +34,8 @@ from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.fields import Boolean
 from webapp.web.localize.answers import AnswerOut
+from webapp.web.openapi import file_answer
+from webapp.web.sending import send_revalidated
 from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
@@ -124,6 +126,22 @@ def _make_cache(state: BlueprintSetupState) -> None:
 def limit_bytes() -> None:
     """Refuse what is too large while it is read."""
     request.max_content_length = int(settings().photo.max_mb * 1e6 * MAX_PHOTOS) + _OTHER_BYTES
+
+
+@blueprint.get("/examples/<string(maxlength=200):name>")
+@blueprint.doc(responses=file_answer("The photo.", "image/*"))
+def example(slug: str, name: str) -> Response:
+    """Get a photo that comes with the map to try it on, such as `query_02.jpg` of the sample."""
+    path = examples.path_of(library().cfg(open_map(slug).slug), name)
+    return send_revalidated(path, etag=f"{path.stat().st_mtime_ns:x}")
+
+
+@blueprint.get("/examples/<string(maxlength=200):name>/thumb")
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+def example_thumb(slug: str, name: str) -> Response:
+    """Get a small picture of such a photo."""
+    path = examples.thumb_of(library().cfg(open_map(slug).slug), name, limits=settings().photo)
+    return send_revalidated(path, etag=f"{path.stat().st_mtime_ns:x}")
 
 
 @blueprint.post("/localize")

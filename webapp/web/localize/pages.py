@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,8 @@ from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
-from webapp.tasks.evaluation.stored import Kept
+from webapp.tasks.evaluation.stored import Kept, Miss
+from webapp.tasks.localize import examples
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.localize.answers import answer_colours
@@ -28,6 +30,7 @@ from webapp.web.maps import state as map_state
 blueprint = Blueprint("localize_pages", __name__)
 KIND = "evaluate"
 """Of the job."""
+_MISSES_SHOWN = 24
 
 
 @blueprint.get("/maps/<slug>/localize")
@@ -44,6 +47,7 @@ def localize(slug: str) -> str:
         features=sorted(usable_features(settings().models)),
         methods=usable_methods(settings().models),
         colours=answer_colours(),
+        examples=examples.names_of(library().cfg(slug)),
     )
 
 
@@ -57,6 +61,15 @@ class ResultLine:
 
 
 @dataclass(frozen=True, slots=True)
+class MissedPhoto:
+    """A photo that was not found, and what came instead."""
+
+    id: int
+    name: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
 class Part:
     """One scheme of the evaluation, ready to be shown."""
 
@@ -65,6 +78,10 @@ class Part:
     lines: list[ResultLine]
     charts: list[tuple[str, Markup]]
     """Each with its title."""
+    misses: list[MissedPhoto]
+    """The worst first."""
+    missed: int
+    """How many there are; the list has the first of them."""
 
 
 @blueprint.get("/maps/<slug>/quality")
@@ -74,6 +91,9 @@ def quality(slug: str) -> str:
     with library().database.read() as session:
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
         placed = maps.counts(session, record)[1]
+        names = {
+            photo.path: (photo.id, photo.name) for photo in maps.photos(session, record) if not photo.removed
+        }
         going = [
             job.id for job in jobs.current(session, record.id) if job.kind == KIND and job.ended_at is None
         ]
@@ -86,7 +106,7 @@ def quality(slug: str) -> str:
         can_edit=can_edit,
         placed=placed,
         kept=kept[0] if kept else None,
-        parts=[_part(one, _metres(record)) for one in kept],
+        parts=[_part(one, names, metres=_metres(record)) for one in kept],
         error=error,
     )
 
@@ -108,7 +128,7 @@ def _metres(record: MapRecord) -> float | None:
     )
 
 
-def _part(kept: Kept, metres: float | None) -> Part:
+def _part(kept: Kept, names: Mapping[str, tuple[int, str]], *, metres: float | None) -> Part:
     figures, words = kept.figures, _chart_words()
     one_out = figures["scheme"] == "leave-one-out"
     radius = figures["place_radius_px"]
@@ -126,6 +146,23 @@ def _part(kept: Kept, metres: float | None) -> Part:
             (words.error_title, error_chart(kept.errors, place_radius_px=radius, words=words)),
             (words.reliability_title, reliability_chart(kept.reliability, words=words)),
         ],
+        [
+            MissedPhoto(*names[miss.path], _miss_words(miss, metres))
+            for miss in kept.misses
+            if miss.path in names
+        ][:_MISSES_SHOWN],
+        len(kept.misses),
+    )
+
+
+def _miss_words(miss: Miss, metres: float | None) -> str:
+    if miss.error_px is None:
+        return str(_("no place found"))
+    off = _distance(miss.error_px, metres)
+    if miss.probability is None:
+        return str(_("%(distance)s off", distance=off))
+    return str(
+        _("%(distance)s off, %(percent)s sure", distance=off, percent=format_percent(miss.probability))
     )
 
 
