@@ -1,4 +1,4 @@
-"""Finds the folders `templates` and `static`, however the package was installed."""
+"""Finds the folders `templates`, `static` and `docs`, however the package was installed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     Parameters
     ----------
     name : str
-        `templates` or `static`.
+        `templates`, `static` or `docs`.
     package : Path
         Folder of the package.
 

@@ -18,6 +18,7 @@ PAGES = {
     "jobs": "/maps/sample/jobs",
     "settings": "/maps/sample/settings",
     "field": "/field",
+    "help": "/help/photos",
     "public": "/public",
     "nowhere": "/nowhere",
 }

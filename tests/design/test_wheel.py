@@ -24,6 +24,7 @@ pages = Environment(loader=FileSystemLoader(resource_folder("templates")), undef
 print(webapp.__file__)
 print(resource_folder("templates"))
 print(resource_folder("static"))
+print(resource_folder("docs"))
 print(len(pages.get_template("localize/_report_style.css").render()))
 """
 
@@ -69,11 +70,12 @@ def test_the_command_runs(installed, tmp_path):
     assert "localize" in run(installed / "expmap", "--help", cwd=tmp_path)
 
 
-def test_templates_and_static_files_are_inside(installed, tmp_path):
-    package, templates, static, style = run(installed / "python", "-c", REPORT, cwd=tmp_path).split()
+def test_templates_static_files_and_the_manual_are_inside(installed, tmp_path):
+    package, templates, static, docs, style = run(installed / "python", "-c", REPORT, cwd=tmp_path).split()
     inside = Path(package).parent
     assert installed.parent in inside.parents
-    assert (Path(templates), Path(static)) == (inside / "templates", inside / "static")
+    found = [Path(folder) for folder in (templates, static, docs)]
+    assert found == [inside / "templates", inside / "static", inside / "docs"]
     assert int(style) > 100
 
 
@@ -89,9 +91,9 @@ def test_the_wheel_holds_the_program_and_nothing_else(wheel, modules, project):
     program = {m.path.relative_to(project).as_posix() for m in modules}
     pages = {
         f"webapp/{path.relative_to(project).as_posix()}"
-        for folder in ("templates", "static")
+        for folder in ("templates", "static", "docs")
         for path in (project / folder).rglob("*")
-        if path.is_file()
+        if path.is_file() and not (folder == "docs" and path.suffix in (".py", ".pyc"))
     }
     translations = (project / "webapp/web/translations").rglob("*.?o")
     pages |= {path.relative_to(project).as_posix() for path in translations} | {"webapp/py.typed"}

@@ -23,7 +23,7 @@ from webapp.missions.web import pages as mission_pages
 from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.web import installable, landmarks, make_app, operate
+from webapp.web import installable, landmarks, make_app, manual, operate
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.localize import api_localize, api_queries
@@ -70,6 +70,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_photos.uploads_api,
     api_placing.placing_api,
     api_placing.placements_api,
+    manual.blueprint,
     maps_pages.blueprint,
     operate.health_pages,
     operate.jobs_api,

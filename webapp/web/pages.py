@@ -13,7 +13,7 @@ from werkzeug.wrappers import Response
 
 from webapp.extras import is_installed
 from webapp.store.clock import now
-from webapp.web import language
+from webapp.web import language, manual
 from webapp.web.accounts import sessions
 
 _THEMES = ("light", "dark")
@@ -47,6 +47,7 @@ def _common() -> dict[str, Any]:
         "installed": is_installed,
         "language": language.current(),
         "languages": language.LANGUAGES,
+        "help_address": manual.address,
         "map_tabs": map_tabs,
         "script_catalogue": language.script_catalogue,
         "theme": theme if theme in _THEMES else None,

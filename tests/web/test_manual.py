@@ -1,0 +1,35 @@
+"""The manual in the program, and the chapter that each page leads to."""
+
+import re
+
+import pytest
+
+from webapp.render import manual
+from webapp.tasks.maps import adopt_map
+
+
+def test_help_leads_to_the_first_chapter(client):
+    answer = client.get("/help", follow_redirects=True)
+    assert answer.status_code == 200 and "Make a map in the browser" in answer.text
+    assert answer.text.count('aria-current="page"') >= 1
+
+
+def test_pictures_are_there_and_nothing_else(client):
+    with client.get("/help/pictures/edit.jpg") as picture:
+        assert picture.content_type == "image/jpeg"
+    assert client.get("/help/pictures/none.jpg").status_code == 404
+    assert client.get("/help/pictures/..%2Fdesign.md").status_code == 404
+    assert client.get("/help/nothing").status_code == 404
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["/", "/account", "/field", "/missions", *(f"/maps/row/{tab}" for tab in
+     ("edit", "localize", "image", "quality", "jobs", "settings"))],
+)  # fmt: skip
+def test_the_question_mark_opens_the_chapter_of_the_page(client, library, owner, make_map, page):
+    make_map(library.map_folder("row"), 2)
+    adopt_map.adopt_map(library, "row", account_id=owner.id)
+    (target,) = set(re.findall(r'href="/help/([^"]*)"', client.get(page).text))
+    name, _, anchor = target.partition("#")
+    assert not anchor or f'id="{anchor}"' in manual.chapter(name).html

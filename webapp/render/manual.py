@@ -1,0 +1,110 @@
+"""The documentation in `docs/` as HTML, for the pages of the program."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+
+from webapp.errors import NotFound
+from webapp.resources import resource_folder
+
+CHAPTERS: Mapping[str, Sequence[str]] = {
+    "Maps": ("make-a-map", "first-map", "photos", "satellite", "georeference", "sharing", "field"),
+    "Localization": ("localization", "features", "large-maps", "measurements", "notation"),
+    "Robots": ("missions", "robots", "fusion", "mission-exports"),
+    "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating"),
+}
+"""Of the manual, by part: names of the files of `docs/`, without their ending, in their order."""
+
+PICTURES = "pictures"
+
+_NOT_IN_ANCHOR = re.compile(r"[^\w\- ]")
+
+
+@dataclass(frozen=True, slots=True)
+class Chapter:
+    """A page of the manual.
+
+    Attributes
+    ----------
+    html : str
+        Without scripts; headings have the anchors that links within the documentation use.
+    """
+
+    name: str
+    title: str
+    html: str
+
+
+def folder() -> Path:
+    """Return the folder of the documentation."""
+    return resource_folder("docs")
+
+
+@functools.cache
+def chapter(name: str) -> Chapter:
+    """Render a chapter.
+
+    Raises
+    ------
+    NotFound
+        There is none of that name.
+    """
+    if not any(name in names for names in CHAPTERS.values()):
+        raise NotFound("the manual has no such chapter", hint="choose one from the list")
+    tokens = _PARSER.parse((folder() / f"{name}.md").read_text("utf-8"))
+    title = ""
+    for heading, content in pairwise(tokens):
+        if heading.type == "heading_open":
+            title = title or _text(content)
+            heading.attrSet("id", _anchor(_text(content)))
+    for token in tokens:
+        _follow(token.children or [])
+        if token.type == "table_open":
+            token.attrSet("tabindex", "0")  # on a narrow screen it scrolls, by the keyboard too
+    return Chapter(name, title, _PARSER.renderer.render(tokens, _PARSER.options, {}))
+
+
+def titles() -> dict[str, list[tuple[str, str]]]:
+    """Return the table of contents: name and title of the chapters of each part."""
+    return {part: [(name, chapter(name).title) for name in names] for part, names in CHAPTERS.items()}
+
+
+def _follow(tokens: list[Token]) -> None:
+    """Let links and pictures lead to the pages of the manual; other files are no links here."""
+    for token in tokens:
+        if token.type == "image":
+            token.attrSet("src", f"/help/{PICTURES}/{PurePosixPath(str(token.attrGet('src'))).name}")
+            token.attrSet("loading", "lazy")
+        if token.type == "link_open":
+            target = _address(str(token.attrGet("href")))
+            token.attrs = {"href": target} if target else {}
+
+
+def _address(target: str) -> str | None:
+    if target.startswith(("#", "http://", "https://")):
+        return target
+    path, _, anchor = target.partition("#")
+    name = path.removesuffix(".md")
+    if not any(name in names for names in CHAPTERS.values()):
+        return None
+    return f"/help/{name}" + (f"#{anchor}" if anchor else "")
+
+
+def _text(inline: Token) -> str:
+    return "".join(child.content for child in inline.children or [])
+
+
+def _anchor(title: str) -> str:
+    """Name a heading as forges do."""
+    return _NOT_IN_ANCHOR.sub("", title.lower()).replace(" ", "-")
+
+
+_PARSER = MarkdownIt("commonmark", {"html": False}).enable("table")

@@ -1,0 +1,53 @@
+"""The manual: the documentation as pages, and which chapter explains which page."""
+
+from __future__ import annotations
+
+from flask import Blueprint, redirect, render_template, request, send_from_directory, url_for
+from markupsafe import Markup
+from werkzeug.wrappers import Response
+
+from webapp.render import manual
+
+blueprint = Blueprint("manual_pages", __name__, url_prefix="/help")
+
+_FIRST = "make-a-map"
+_OF_PAGES = {
+    "map_pages.editor": "make-a-map#3-place",
+    "map_pages.settings": "sharing",
+    "satellite": "satellite",
+    "localize_pages.localize": "localization#in-the-browser",
+    "localize_pages.quality": "measurements#how-to-read-an-evaluation",
+    "jobs_page": "operating#what-to-watch",
+    "mission_pages": "missions",
+    "installable": "field",
+    "account_page": "operating#accounts",
+    "people_page": "operating#accounts",
+}
+"""Chapter of a view, or of all views of a blueprint."""
+
+
+@blueprint.get("")
+def index() -> Response:
+    """Lead to the first chapter."""
+    return redirect(url_for(".show", name=_FIRST))
+
+
+@blueprint.get("/<name>")
+def show(name: str) -> str:
+    """Show a chapter."""
+    found = manual.chapter(name)
+    return render_template(
+        "operate/manual.html", chapter=found, html=Markup(found.html), parts=manual.titles()
+    )
+
+
+@blueprint.get(f"/{manual.PICTURES}/<name>")
+def picture(name: str) -> Response:
+    """Send a picture of the documentation."""
+    return send_from_directory(manual.folder() / manual.PICTURES, name)
+
+
+def address() -> str:
+    """Return the address of the chapter that explains the page."""
+    chapter = _OF_PAGES.get(request.endpoint or "") or _OF_PAGES.get(request.blueprint or "") or _FIRST
+    return f"/help/{chapter}"
