@@ -52,7 +52,7 @@ def place_rest(cfg: Path, accept: bool, within: float | None, as_json: bool) -> 
         if as_json
         else _table(report, accepted)
     )
-    _tell(cfg, report, accepted)
+    _print_notes(cfg, report, accepted)
 
 
 def _table(report: RestReport, accepted: set[int]) -> str:
@@ -69,8 +69,8 @@ def _table(report: RestReport, accepted: set[int]) -> str:
     return "\n".join(lines)
 
 
-def _tell(cfg: Path, report: RestReport, accepted: set[int]) -> None:
-    """Say on standard error what is not a result: contradictions, counts, which photos to place next."""
+def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
+    """Print on standard error what is not a result: contradictions, counts, which photos to place next."""
     for one in report.checked:
         if one.contradicts:
             click.echo(

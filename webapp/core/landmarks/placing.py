@@ -40,7 +40,7 @@ _RADIUS_OVER_RMS = 1.07
 """68 % radius over root mean square of errors that are normal in the plane."""
 
 _FEW = 4
-"""Placed photos from which on it can be told which of them contradicts the others."""
+"""Placed photos from which on one that contradicts the others can be identified."""
 
 _CONTRADICTS, _CONTRADICTS_RELATIVE = 5.0, 0.7
 """Error over the median error, and over the distance to the nearest placed photo."""

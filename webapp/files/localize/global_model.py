@@ -89,11 +89,11 @@ def _form(path: Path) -> InputForm:
     try:
         return read_form(json.loads(_read(path)))
     except (ValueError, RecursionError) as error:
-        told = "it is not JSON" if isinstance(error, json.JSONDecodeError | UnicodeError) else str(error)
+        reason = "it is not JSON" if isinstance(error, json.JSONDecodeError | UnicodeError) else str(error)
         hint = (
             'as in {"width": 322, "height": 322, "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225]}'
         )
-        raise InputError(told, where=path.name, hint=hint) from error
+        raise InputError(reason, where=path.name, hint=hint) from error
 
 
 def _read(path: Path) -> bytes:
