@@ -27,6 +27,18 @@ GONE = """
 async () => (await caches.keys()).every((name) => name.startsWith("files-") || name === "who")
 """
 
+LATE_LIST = """
+const ask = window.fetch;
+window.fetch = async (...asked) => {
+  const answer = await ask(...asked);
+  const { serviceWorker } = navigator;
+  if (new URL(answer.url).pathname === "/api/v1/maps" && !serviceWorker.controller)
+    await new Promise((done) => serviceWorker.addEventListener("controllerchange", done, { once: true }));
+  return answer;
+};
+"""
+"""The list of maps, asked for before there is a service worker, comes after it."""
+
 
 @pytest.fixture
 def phone(open_context, owner):
@@ -172,6 +184,14 @@ def test_what_was_kept_is_gone_after_signing_out(open_context, link, sample_map)
     page.get_by_role("button", name="Sign out").click()
     page.wait_for_url("**/sign-in")
     until(page, GONE)
+
+
+def test_what_is_asked_while_the_service_worker_starts_is_kept(phone, sample_map):
+    page = phone.new_page()
+    page.add_init_script(LATE_LIST)
+    page.goto(f"/field?map={sample_map}")
+    ready(page, sample_map)
+    kept(page, sample_map)
 
 
 def test_a_page_that_is_not_kept_says_so(phone, api, sample_map):

@@ -75,17 +75,20 @@ async function clear() {
   await outbox.remove(entries.filter(({ state }) => state === "answered").map(({ key }) => key));
 }
 
-/** What was asked before there was a service worker is asked once more, so that it is kept. */
-function keepWhatWasSeen() {
+/** What is asked before there is a service worker is asked once more, so that it is kept. */
+function keepWhatIsSeen() {
   navigator.serviceWorker?.addEventListener("controllerchange", async () => {
-    const state = await get(`/maps/${encodeURIComponent(shown.slug)}`);
+    await mapShown;
     await get("/maps");
+    if (!shown.slug) return;
+    const state = await get(`/maps/${encodeURIComponent(shown.slug)}`);
     if (state.satellite) new Image().src = state.satellite.url;
   }, { once: true });
 }
 
 /** Show the maps that this device knows, and the one that was chosen last. */
 async function chooseMap() {
+  if (!navigator.serviceWorker?.controller) keepWhatIsSeen();
   const { maps } = await get("/maps", { patient: false });
   const choice = byId("field-map", HTMLSelectElement);
   choice.replaceChildren(...maps.map(({ slug, name }) => h("option", { value: slug }, name)));
@@ -97,7 +100,6 @@ async function chooseMap() {
   localStorage.setItem(LAST, slug);
   shown.slug = slug;
   for (const input of inputs) input.disabled = false;
-  if (!navigator.serviceWorker?.controller) keepWhatWasSeen();
   return showMap(await get(`/maps/${encodeURIComponent(slug)}`, { patient: false }));
 }
 
