@@ -23,6 +23,7 @@ def test_a_newcomer_gets_a_first_answer(open_context, api, sample_map):
         welcome.get_by_role("link", name="Try it on the sample").click()
         page.get_by_role("button", name="Try the photo query_02.jpg").click()
         expect(page.get_by_test_id("hypothesis").first).to_be_visible(timeout=180_000)
+        page.close()  # it may still load pictures, which are refused once the account is gone
     finally:
         api.ask("DELETE", f"/accounts/{link['account']}")
 
