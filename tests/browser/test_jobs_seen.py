@@ -56,6 +56,7 @@ def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_ma
         Api(page.context).ask("POST", f"/maps/{sample_map}/exports", data={"format": "zip"})
         own.get_by_role("button", name="Cancel").click()
         expect(own.get_by_text("cancelled")).to_be_visible()
+        page.close()  # it would go on asking for jobs, which is refused once the account is gone
     finally:
         api.cancel_jobs(sample_map)
         api.ask("DELETE", f"/accounts/{link['account']}")
