@@ -34,3 +34,10 @@ def test_other_files_are_no_chapters():
     for name in ("SECURITY", "../README", "make_screenshots"):
         with pytest.raises(NotFound):
             manual.chapter(name)
+
+
+def test_the_manual_has_what_the_site_of_the_documentation_has_for_users():
+    _, nav = (manual.folder().parent / ".mkdocs.yml").read_text("utf-8").split("\nnav:\n")
+    for_users = nav.partition("  - Development:")[0]
+    pages = set(re.findall(r": ([\w-]+)\.md$", for_users, re.M)) - {"README", "FORMAT"}
+    assert pages == set(NAMES)

@@ -108,7 +108,7 @@ def write_exif(ctx: click.Context, cfg: Path, out: Path | None, in_place: bool, 
     """Write the positions and headings of a map into the EXIF of its photos: of copies, or in place.
 
     The map needs a georeference. Copies replace no file in FOLDER, and the originals stay as they are; in
-    place each photo is kept beside it, the first time. Exit code 1 when a photo could not be written.
+    place each photo is kept next to it, the first time. Exit code 1 when a photo could not be written.
     """
     if (out is None) != in_place:
         raise click.UsageError("give either --out FOLDER or --in-place")

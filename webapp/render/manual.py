@@ -16,7 +16,16 @@ from webapp.errors import NotFound
 from webapp.resources import resource_folder
 
 CHAPTERS: Mapping[str, Sequence[str]] = {
-    "Maps": ("make-a-map", "first-map", "photos", "satellite", "georeference", "sharing", "field"),
+    "Maps": (
+        "make-a-map",
+        "first-map",
+        "dozen-clicks",
+        "photos",
+        "satellite",
+        "georeference",
+        "sharing",
+        "field",
+    ),
     "Localization": ("localization", "features", "large-maps", "measurements", "notation"),
     "Robots": ("missions", "robots", "fusion", "mission-exports"),
     "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating"),

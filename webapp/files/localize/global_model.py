@@ -1,4 +1,4 @@
-"""The model of a global descriptor that the user supplies: `global.onnx`, and `global.json` beside it.
+"""The model of a global descriptor that the user supplies: `global.onnx`, and `global.json` next to it.
 
 The JSON states what the model itself does not: `width`, `height`, `mean`, `std`.
 """
@@ -31,7 +31,7 @@ def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
     Raises
     ------
     InputError
-        The file holds another network, or the JSON beside it is wrong.
+        The file holds another network, or the JSON next to it is wrong.
     MissingPart
         onnxruntime is not installed.
     StorageError

@@ -1,4 +1,4 @@
-"""The global descriptors of a map's photos, beside its indexes: one file for each model.
+"""The global descriptors of a map's photos, next to its indexes: one file for each model.
 
 They belong to photos by content, whatever the features of an index are, so that all indexes share them.
 """

@@ -1,4 +1,4 @@
-"""Positions and headings of a map for its photos: in the EXIF of copies or of the files, or beside them."""
+"""Positions and headings of a map for its photos: in EXIF, of copies or in place, or in sidecar files."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ def _add(target: Path, data: bytes) -> None:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Keep the photo as it is beside it, once, and then put the new content in its place."""
+    """Keep a copy of the original next to the photo, once, and then replace the photo."""
     backup = path.with_name(path.name + BACKUP)
     part = path.with_name(f".{path.name}{BACKUP}.tmp")
     try:

@@ -1,4 +1,4 @@
-"""Photos that come with a map to try it on, as with the sample: those in `queries` beside its `.cfg`."""
+"""Photos that come with a map to try it on, as with the sample: those in `queries` next to its `.cfg`."""
 
 from __future__ import annotations
 
