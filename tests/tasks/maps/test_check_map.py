@@ -158,6 +158,20 @@ def test_orphans(folder: Path) -> None:
     assert "2;d.heic;X;Y" in orphans[0].fix and orphans[0].severity == "warning"
 
 
+def test_photos_in_the_tray_are_no_orphans(folder: Path) -> None:
+    for name in ("p/waits.jpg", "p/forgotten.jpg"):
+        (folder / name).write_bytes(picture())
+    tray = {
+        "format": "experience-map",
+        "version": 1,
+        "next_id": 3,
+        "unplaced": [{"id": 2, "photo": "p/waits.jpg"}],
+    }
+    (folder / "map.json").write_text(json.dumps(tray), "utf-8")
+    (found,) = findings(folder)
+    assert found.code == Code.ORPHAN_PHOTO and "p/forgotten.jpg" in found.message
+
+
 def test_swapped_positions(folder: Path) -> None:
     found = findings(folder, b"s.png;40;30\n0;p/a.jpg;10;35\n1;p/b.png;20;38\n")
     assert [finding.code for finding in found].count(Code.SWAPPED_XY) == 1

@@ -31,10 +31,11 @@ _SEPARATORS = re.compile(r"[;,\t]")
 
 @dataclass(frozen=True, slots=True)
 class SideFiles:
-    """Findings about the files next to a `.cfg`, and the georeference that `map.json` gives."""
+    """Findings about the files next to a `.cfg`, and what `map.json` gives: georeference and tray."""
 
     findings: list[Finding] = field(default_factory=list)
     georeference: Georeference | None = None
+    in_tray: frozenset[str] = frozenset()
 
 
 def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
@@ -60,7 +61,8 @@ def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
         findings.append(Finding(Code.NEXT_ID_TOO_SMALL, 1, 1, message, fix, file))
     for name in known.placements:
         findings += _placement(cfg_path, name, pieces=pieces)
-    return SideFiles(findings, known.georeference)
+    in_tray = frozenset(normal_name(record.photo) for record in known.unplaced.values())
+    return SideFiles(findings, known.georeference, in_tray)
 
 
 def _stale(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Iterator[Finding]:
@@ -184,7 +186,7 @@ def check_map(
     side_files = check_side_files(cfg_path, pieces)
     findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *side_files.findings]
     judge = _FileChecker(MapFolder(cfg_path), settings.photo, side_files.georeference)
-    facts = _folder_facts(cfg_path, judge, pieces=pieces, progress=progress)
+    facts = _folder_facts(cfg_path, judge, pieces=pieces, in_tray=side_files.in_tray, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
     return CheckReport(cfg_path, len(pieces.photos), tuple(findings))
@@ -227,9 +229,11 @@ class _FileChecker:
             return FileFacts("unreadable", error.message), None
 
 
-def _folder_facts(cfg_path: Path, judge: _FileChecker, *, pieces: Scan, progress: Progress) -> FolderFacts:
+def _folder_facts(
+    cfg_path: Path, judge: _FileChecker, *, pieces: Scan, in_tray: frozenset[str], progress: Progress
+) -> FolderFacts:
     present = list_photos(cfg_path.parent)
-    orphans = orphan_photos(cfg_path, pieces, present=present)
+    orphans = [name for name in orphan_photos(cfg_path, pieces, present=present) if name not in in_tray]
     listed, unused = Spelling(present), Spelling(orphans)
 
     def spelled(name: str, found: FileFacts) -> FileFacts:
