@@ -8,6 +8,7 @@ from tests.browser import axe
 PHONE = {"width": 390, "height": 844}
 PAGES = {
     "maps": "/",
+    "new": "/new",
     "bin": "/bin",
     "account": "/account",
     "people": "/people",
@@ -74,6 +75,7 @@ def test_the_menu_and_a_dialog(visit):
     page.locator("header summary").click()
     check(page, "header")  # it lies over other things
     page.goto("/")
-    page.get_by_test_id("new-map").click()
+    page.locator(".map-card .menu summary").first.click()
+    page.get_by_role("button", name="Rename").first.click()
     expect(page.get_by_role("dialog")).to_be_visible()
     check(page)

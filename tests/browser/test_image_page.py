@@ -83,6 +83,7 @@ def test_the_area_is_chosen_by_the_keyboard(image_page):
     page.get_by_role("button", name="Corner in the south-east").focus()
     page.keyboard.press("ArrowUp")
     assert float(south.input_value()) > before
+    page.get_by_text("Edges of the area, degrees").first.click()
     page.get_by_label("North", exact=True).fill("50.9")
     page.keyboard.press("Tab")
     expect(by_id(page, "tile-estimate")).to_contain_text("allowed")

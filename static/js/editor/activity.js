@@ -6,7 +6,7 @@ import { t, tn } from "../shared/i18n.js";
 import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 import { sentence, toastError } from "../shared/toast.js";
-import { canGoAgain } from "./uploads.js";
+import { canGoAgain } from "../shared/uploads.js";
 
 const JOBS = {
   index: () => t("Indexing the photos"),
@@ -25,7 +25,7 @@ const FAILURES_SHOWN = 100;
 export class Activity {
   /**
    * @param {import("../shared/map/map-store.js").MapStore} store
-   * @param {import("./uploads.js").Uploads} uploads
+   * @param {import("../shared/uploads.js").Uploads} uploads
    * @param {{server: Object, refresh: function(): Promise<void>, say: function(string): void}} page
    */
   constructor(store, uploads, { server, refresh, say }) {

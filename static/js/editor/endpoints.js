@@ -1,6 +1,7 @@
 /** What the editor asks of the server, by name. */
 
 import { api, del, get, patch, post, put, upload } from "../shared/api.js";
+import { uploadEndpoints } from "../shared/uploads.js";
 
 /**
  * The requests about one map.
@@ -24,9 +25,7 @@ export function endpointsOf(slug) {
     setSatellite: (file, onProgress, signal) =>
       upload(`${map}/satellite`, { method: "PUT", body: form({ file }), onProgress, signal }),
 
-    beginUpload: (about) => post(`${map}/uploads`, about),
-    sendPiece: (id, piece, options) =>
-      upload(`${map}/uploads/${id}`, { method: "PATCH", body: piece, ...options }),
+    ...uploadEndpoints(slug),
 
     placeByGps: () => post(`${map}/photos/place-by-gps`, {}),
     placeByList: (fields, { preview }) =>

@@ -10,6 +10,7 @@ import { MapView } from "../shared/map/map-view.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
 import { toast, toastError } from "../shared/toast.js";
+import { Uploads } from "../shared/uploads.js";
 import { Activity } from "./activity.js";
 import { bulkPlacing } from "./bulk-placing.js";
 import { ChecksPanel } from "./checks.js";
@@ -33,7 +34,6 @@ import { connectSelection } from "./photos/selection-bar.js";
 import { choosePlacement } from "./placements.js";
 import { satelliteInput } from "./satellite-input.js";
 import { connectUndoRedo } from "./undo-redo.js";
-import { Uploads } from "./uploads.js";
 
 const store = new MapStore(JSON.parse(byId("state").textContent));
 const server = endpointsOf(store.slug);

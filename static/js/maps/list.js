@@ -16,18 +16,7 @@ for (const button of queryAll("[data-action]", HTMLButtonElement)) {
   });
   button.disabled = false; // until now a click would have been lost
 }
-for (const button of queryAll("#create, [data-opens='create']", HTMLButtonElement)) {
-  button.addEventListener("click", create);
-  button.disabled = false;
-}
 connectImport(document.getElementById("import"), document.getElementById("import-file"));
-
-function create() {
-  askDialog({ title: t("New map"), label: t("Name"), action: t("Create"), testid: "map-name" }, async (name) => {
-    const made = await post("/maps", { name });
-    location.assign(`/maps/${made.slug}/edit`);
-  });
-}
 
 async function rename(slug, name) {
   askDialog({ title: t("Rename the map"), label: t("Name"), value: name, action: t("Rename") }, async (wanted) => {

@@ -15,8 +15,10 @@ if (page.satellite) {
 if (page.canEdit) {
   uploadForm();
   blankForm();
-  const tiles = new TilesPanel();
+  const wanted = location.hash === "#map-service";
+  const proposed = Boolean(page.photos) && !page.satellite; // an area, without asking a service for anything
+  const tiles = new TilesPanel({ asked: wanted || !proposed });
   const choose = panels("way", (way) => way === "tiles" && tiles.open());
-  if (location.hash === "#map-service") choose("tiles");
+  if (wanted || proposed) choose("tiles");
   if (page.satellite) georeferenceSection();
 }

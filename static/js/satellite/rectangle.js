@@ -1,7 +1,7 @@
 /** A rectangle on a slippy map: four corners to drag, or to move by the arrow keys. */
 
 import { t } from "../shared/i18n.js";
-import { pin } from "./tile-map.js";
+import { eastOf, pin } from "./tile-map.js";
 
 const CORNERS = [["north", "west"], ["north", "east"], ["south", "east"], ["south", "west"]];
 const STEP_PX = 8;
@@ -29,10 +29,15 @@ export class Rectangle {
     }
     if (!box) return;
     const { north, south, west } = box;
-    const east = box.east < west ? box.east + 360 : box.east;
+    const east = eastOf(box);
     this.shape.setBounds([[south, west], [north, east]]);
     const at = { north, south, west, east };
     CORNERS.forEach(([lat, lon], n) => this.handles[n].setLatLng([at[lat], at[lon]]));
+  }
+
+  /** Take an area that somebody proposes. */
+  propose({ north, south, west, east }) {
+    this._set({ north, south, west, east });
   }
 
   /** Take most of what the map shows. */

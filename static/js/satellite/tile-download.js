@@ -14,10 +14,13 @@ import { goHere, goTo, slippyMap } from "./tile-map.js";
 const EDGES = ["north", "south", "west", "east"];
 const GOOD_SIDE_PX = 2000;
 const ASK_MS = 700;
+const DOT = { radius: 4, className: "sat-photo", interactive: false };
 
 /** The panel; its map is made when it is first shown. */
 export class TilesPanel {
-  constructor() {
+  /** @param {{asked: boolean}} options whether the service may be asked for tiles as soon as the panel opens */
+  constructor({ asked }) {
+    this.asked = asked;
     this.form = byId("way-tiles");
     this.zoom = byId("tile-zoom", HTMLInputElement);
     this.slippy = null;
@@ -38,13 +41,15 @@ export class TilesPanel {
   /** Show the map, and the area around the photos where there are any. */
   open() {
     if (this.slippy) return;
-    this.slippy = slippyMap(byId("tile-map"), byId("tile-service"));
+    const load = this.asked ? null : byId("tile-load", HTMLButtonElement);
+    this.slippy = slippyMap(byId("tile-map"), byId("tile-service"), { load });
+    L.control.scale({ imperial: false }).addTo(this.slippy.map);
+    for (const place of page.photos?.positions || []) L.circleMarker(place, DOT).addTo(this.slippy.map);
     this.rectangle = new Rectangle(this.slippy.map, (box) => this._write(box));
     this._service();
-    if (page.photos || page.earth) {
-      this.rectangle.ofView();
-      this._goodZoom();
-    }
+    if (page.earth) this.rectangle.ofView();
+    else if (page.photos) this.rectangle.propose(page.photos);
+    if (this.rectangle.box) this._goodZoom();
     this._estimate();
     this._resume();
   }

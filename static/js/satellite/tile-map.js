@@ -14,9 +14,10 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
  * Make a slippy map where the photos or the image are, else where the last one was.
  * @param {HTMLElement} element
  * @param {HTMLSelectElement} select of the service
+ * @param {{load?: ?HTMLButtonElement}} [options] a button that has to be pressed before tiles are asked for
  * @returns {{map: L.Map, service: function(): Object}}
  */
-export function slippyMap(element, select) {
+export function slippyMap(element, select, { load = null } = {}) {
   const motion = { zoomAnimation: !calm, fadeAnimation: !calm, inertia: !calm };
   const map = L.map(element, { maxZoom: 22, worldCopyJump: true, ...motion });
   map.attributionControl.setPrefix('<a href="https://leafletjs.com" rel="noopener" target="_blank">Leaflet</a>');
@@ -26,9 +27,16 @@ export function slippyMap(element, select) {
     layer?.remove();
     layer = tiles(service()).addTo(map);
   };
-  select.addEventListener("change", show);
+  const begin = () => {
+    select.addEventListener("change", show);
+    show();
+    if (load) load.hidden = true;
+  };
   beginAt(map);
-  show();
+  if (load) {
+    load.hidden = false;
+    load.addEventListener("click", begin);
+  } else begin();
   map.on("moveend", () => {
     const { lat, lng } = map.getCenter();
     localStorage.setItem(PLACE, JSON.stringify({ center: [lat, lng], zoom: map.getZoom() }));
@@ -93,12 +101,17 @@ function escaped(text) {
   return made.innerHTML;
 }
 
+/** The eastern edge of an area; beyond 180 degrees where the area lies across that meridian. */
+export function eastOf({ west, east }) {
+  return east < west ? east + 360 : east;
+}
+
 function beginAt(map) {
   const corners = Object.values(page.earth?.corners || {}).filter(Boolean);
   const { photos } = page;
   if (corners.length) map.fitBounds(L.latLngBounds(corners.map(({ lat, lon }) => L.latLng(lat, lon))), { maxZoom: 19 });
   else if (photos) {
-    map.fitBounds(L.latLngBounds([photos.south, photos.west], [photos.north, photos.east]).pad(0.2), { maxZoom: 18 });
+    map.fitBounds(L.latLngBounds([photos.south, photos.west], [photos.north, eastOf(photos)]).pad(0.1), { maxZoom: 19 });
   } else {
     /** @type {{center: [number, number], zoom: number}} */
     const { center, zoom } = JSON.parse(localStorage.getItem(PLACE) || "null") || EUROPE;

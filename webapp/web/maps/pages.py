@@ -47,6 +47,12 @@ def index() -> str:
     return render_template("maps/index.html", cards=cards, binned=binned)
 
 
+@blueprint.get("/new")
+def new() -> str:
+    """Show the form of a new map, which begins with its photos."""
+    return render_template("maps/new.html")
+
+
 @blueprint.get("/bin")
 def trash() -> str:
     """List the maps in the bin."""

@@ -6,6 +6,7 @@ from typing import Any
 
 from flask import Blueprint, render_template
 
+from webapp.core.geo.area import area_around
 from webapp.core.geo.types import LatLon
 from webapp.net.services import tile_services
 from webapp.store.maps import maps
@@ -19,6 +20,9 @@ from webapp.web.maps.state import satellite_json
 from webapp.web.satellite.api_satellite import service_json
 
 blueprint = Blueprint("satellite", __name__)
+
+_MOST_DRAWN = 1000
+"""Positions of photos that a page gets; of more, some are left out evenly."""
 
 
 @blueprint.get("/maps/<slug>/image")
@@ -70,10 +74,17 @@ def _count_outside(record: MapRecord, photos: list[Photo]) -> int:
     return sum(spot.problem is not None for spot in find_spots(image, poses))
 
 
-def _where(photos: list[Photo]) -> dict[str, float] | None:
-    """Return the area of the photos' GPS positions, for the map to begin with."""
+def _where(photos: list[Photo]) -> dict[str, Any] | None:
+    """Return the surroundings of the photos by their GPS, which are proposed for the image."""
     known = [(p.gps_lat, p.gps_lon) for p in photos if p.gps_lat is not None and p.gps_lon is not None]
     if not known:
         return None
-    lat, lon = zip(*known, strict=True)
-    return {"north": max(lat), "south": min(lat), "west": min(lon), "east": max(lon)}
+    area = area_around(known)
+    drawn = known[:: -(-len(known) // _MOST_DRAWN)]
+    return {
+        **area.box._asdict(),
+        "all": len(photos),
+        "gps": len(known),
+        "far": area.outside,
+        "positions": drawn,
+    }

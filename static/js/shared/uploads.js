@@ -5,10 +5,29 @@
  * on. What is in the map already is not sent twice.
  */
 
+import { post, upload } from "./api.js";
+
 const PARALLEL = 3;
 const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 const REMEMBERED = 5000;
 const byName = new Intl.Collator(undefined, { numeric: true }).compare;
+
+/**
+ * What an upload asks of the server.
+ * @param {string} slug of the map
+ */
+export function uploadEndpoints(slug) {
+  const uploads = `/maps/${encodeURIComponent(slug)}/uploads`;
+  return {
+    beginUpload: (about) => post(uploads, about),
+    sendPiece: (id, piece, options) => upload(`${uploads}/${id}`, { method: "PATCH", body: piece, ...options }),
+  };
+}
+
+/**
+ * What is known of the map's photos: of an empty map, nothing.
+ * @typedef {{slug: string, photos: Map<number, {name: string}>, isPlaced: function(number): boolean}} KnownPhotos
+ */
 
 /**
  * @typedef {Object} Entry
@@ -23,7 +42,7 @@ const byName = new Intl.Collator(undefined, { numeric: true }).compare;
 export class Uploads extends EventTarget {
   /**
    * @param {Object} server endpoints
-   * @param {import("../shared/map/map-store.js").MapStore} store
+   * @param {KnownPhotos} store
    */
   constructor(server, store) {
     super();

@@ -1,0 +1,125 @@
+"""A new map begins with its photos: their GPS proposes the area, and the image places them."""
+
+import io
+import re
+from pathlib import Path
+
+import piexif
+import pytest
+from PIL import Image
+from playwright.sync_api import expect
+
+from tests.browser import axe
+from tests.browser.edit_page import EditPage
+
+LUND = (55.7055, 13.1930)
+COUNT_CLICKS = """
+addEventListener("click", (event) => {
+  if (event.isTrusted) sessionStorage.setItem("clicks", Number(sessionStorage.getItem("clicks")) + 1);
+}, true);
+"""
+
+
+def gps(lat, lon):
+    """EXIF GPS of a position in the north and east."""
+
+    def sexagesimal(value):
+        minutes = value % 1 * 60
+        return ((int(value), 1), (int(minutes), 1), (round(minutes % 1 * 60 * 10_000), 10_000))
+
+    names = piexif.GPSIFD
+    return {
+        names.GPSLatitudeRef: b"N",
+        names.GPSLatitude: sexagesimal(lat),
+        names.GPSLongitudeRef: b"E",
+        names.GPSLongitude: sexagesimal(lon),
+    }
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory) -> list[Path]:
+    """Thirty small photos: 28 along a street, one far away, one without a position."""
+    folder = tmp_path_factory.mktemp("street")
+    positions = [(LUND[0] + 2e-5 * (n % 3), LUND[1] + 8e-5 * n) for n in range(28)]
+    paths = []
+    for n, position in enumerate([*positions, (48.2, 16.4), None]):
+        exif = b"" if position is None else piexif.dump({"GPS": gps(*position)})
+        buffer = io.BytesIO()
+        Image.new("RGB", (64, 48), (8 * n, 120, 60)).save(buffer, "JPEG", exif=exif)
+        paths.append(folder / f"street_{n:02}.jpg")
+        paths[-1].write_bytes(buffer.getvalue())
+    return paths
+
+
+@pytest.fixture
+def new_page(page, context, tiles):
+    context.watch.allow(f"http://127.0.0.1:{tiles.port}")
+    tiles.asked.clear()
+    context.add_init_script(COUNT_CLICKS)
+    return page
+
+
+def choose(page, files):
+    """Choose files as a person does: by a click that opens the dialog of the system."""
+    with page.expect_file_chooser() as waiting:
+        page.get_by_test_id("choose-photos").click()
+    waiting.value.set_files(files)
+    page.wait_for_url("**/image")
+
+
+def test_photos_become_a_placed_map_by_three_clicks(new_page, api, photos, tiles):
+    page = new_page
+    page.goto("/")
+    page.get_by_test_id("new-map").click()
+    choose(page, photos)
+    proposal = page.get_by_test_id("area-proposal")
+    expect(proposal).to_contain_text("29 photos know where they were taken")
+    expect(proposal).to_contain_text("1 was taken far from the others")
+    expect(proposal).to_contain_text("1 without a position")
+    expect(page.locator(".sat-photo")).to_have_count(29)
+    expect(page.get_by_test_id("tile-estimate")).to_contain_text("m per pixel")
+    assert axe.findings(page) == []
+    assert not tiles.asked, "no service is asked for anything before the person asks"
+    page.get_by_test_id("tile-fetch").click()
+    page.wait_for_url("**/edit", timeout=240_000)  # the worker may be at the sample's index
+    edit = EditPage(page, page.url.split("/")[-2])
+    expect(edit.placed).to_have_text("28")
+    expect(edit.unplaced).to_have_text("2")
+    assert page.evaluate("Number(sessionStorage.getItem('clicks'))") == 3
+    assert re.match(r"Map of \w", api.state(edit.slug)["name"])
+
+
+def test_the_area_can_be_seen_on_a_map_first(new_page, photos, tiles):
+    page = new_page
+    page.goto("/new")
+    page.get_by_test_id("map-name").fill("Our street")
+    choose(page, photos[:3])
+    expect(page.locator(".header__map")).to_have_text("Our street")
+    page.get_by_test_id("tile-load").click()
+    expect(page.locator(".leaflet-tile-loaded").first).to_be_visible()
+    expect(page.get_by_test_id("tile-load")).to_be_hidden()
+    assert tiles.asked
+
+
+def test_what_is_no_photo_is_named_and_a_closed_page_has_lost_nothing(new_page, api, photos, tmp_path):
+    page = new_page
+    page.context.watch.expect(415, 422)
+    (broken := tmp_path / "broken.jpg").write_bytes(b"no photo")
+    page.goto("/new")
+    page.get_by_test_id("map-name").fill("Half done")
+    choose(page, [broken, *photos[:2]])
+    expect(page.locator(".note--warning").first).to_contain_text("broken.jpg")
+    slug = page.url.split("/")[-2]
+    assert len(api.state(slug)["photos"]) == 2
+    page.goto("/")  # and comes back another day
+    page.get_by_role("link", name="Half done", exact=True).click()
+    page.get_by_role("link", name="Get one from a map service").click()
+    expect(page.get_by_test_id("area-proposal")).to_contain_text("2 photos know")
+
+
+def test_photos_without_gps_lead_to_the_image(new_page, small_photos):
+    page = new_page
+    page.goto("/new")
+    choose(page, small_photos[:2])
+    expect(page.get_by_test_id("way-tiles")).to_have_attribute("aria-pressed", "false")
+    expect(page.get_by_test_id("area-proposal")).to_have_count(0)
