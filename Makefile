@@ -20,10 +20,10 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 
-.PHONY: help install run lint quick test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint quick test ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
 
 install: $(VENV)/.installed ## make .venv with the command expmap in it
 
@@ -60,6 +60,10 @@ test: lint       ## run everything that must pass; installs chromium through apt
 	$(PYTEST) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
 	$(PYTEST) -q tests/browser
+	$(BIN)/python ros/run_tests.py
+
+ros-test: $(VENV)/.tested ## run the tests of the ROS 2 nodes, with wheels of ROS 2 in .venv-ros
+	$(BIN)/python ros/run_tests.py
 
 fuzz: $(VENV)/.tested ## search for inputs that break a property, by chance and other ones each time
 	$(PYTEST) -m hypothesis --hypothesis-profile fuzz
@@ -81,4 +85,4 @@ robot: $(VENV)/.tested ## build the client of robots as a wheel of its own, dist
 	$(BIN)/python -m build --wheel --no-isolation --outdir dist webapp/robot
 
 clean:           ## remove what was made here, but no map
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-ros build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -7,15 +7,20 @@ guard `if __name__ == "__main__":`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+from PIL import Image
 
 from webapp.configuration import load_settings
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import ExpMapError
 from webapp.progress import Progress
+from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import Settings
 from webapp.tasks.evaluation.evaluate import evaluate_queries
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
@@ -53,13 +58,21 @@ class PhotoMap:
         """Transformation between map pixels and WGS 84; None where the map has none."""
         return self._pipeline.map.georeference
 
-    def localize(self, photo: str | Path, *, top: int = 5) -> Answer:
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the map's image, map pixels."""
+        satellite = self._pipeline.map.satellite
+        return satellite.width, satellite.height
+
+    def localize(self, photo: str | Path, *, top: int = 5, fov_deg: float | None = None) -> Answer:
         """Localize one photo.
 
         Parameters
         ----------
         top : int
             Maximum number of hypotheses.
+        fov_deg : float, optional
+            Horizontal field of view of the upright photo, instead of what `open_map` was given and of EXIF.
 
         Returns
         -------
@@ -71,7 +84,46 @@ class PhotoMap:
         PhotoError
             The photo cannot be read.
         """
-        return self._pipeline.localize(Path(photo), top=top)
+        pipeline = self._pipeline if fov_deg is None else replace(self._pipeline, fov_deg=fov_deg)
+        return pipeline.localize(Path(photo), top=top)
+
+    def as_json(self, answer: Answer, *, query: str) -> dict[str, Any]:
+        """Make the object that `localize --json` prints; `query` names the photo."""
+        pipeline = self._pipeline
+        source = AnswerSource(
+            pipeline.method,
+            pipeline.features,
+            pipeline.map.georeference,
+            pipeline.map.revision,
+            map_kind=pipeline.map_kind,
+            place_radius_px=pipeline.place_radius_px,
+        )
+        return answer_to_json(answer, query=query, source=source)
+
+    def map_picture(self, answer: Answer) -> Image.Image:
+        """Draw the hypotheses on the map.
+
+        Raises
+        ------
+        PhotoError
+            The map's image cannot be used.
+        """
+        pipeline = self._pipeline
+        limits = pipeline.settings.photo
+        return map_picture(pipeline.opened.cfg, pipeline.map, answer=answer, limits=limits)
+
+    def match_picture(self, photo: str | Path, answer: Answer) -> Image.Image | None:
+        """Draw the photo next to the best one of the map, matches joined; None where nothing matches.
+
+        Raises
+        ------
+        PhotoError
+            One of the photos cannot be used.
+        """
+        pipeline = self._pipeline
+        limits = pipeline.settings.photo
+        cfg, the_map = pipeline.opened.cfg, pipeline.map
+        return match_picture(cfg, the_map, query=Path(photo), answer=answer, limits=limits)
 
     def latlon_of(self, hypothesis: Hypothesis) -> LatLon | None:
         """Degrees north and east of a hypothesis, WGS 84; None where the map has no georeference."""

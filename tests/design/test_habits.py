@@ -12,7 +12,7 @@ from webapp import __version__
 @pytest.fixture(scope="module")
 def targets(project):
     """Targets of make."""
-    return set(re.findall(r"^([a-z]+):", (project / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
+    return set(re.findall(r"^([a-z-]+):", (project / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
 
 
 def load(path):
@@ -107,6 +107,7 @@ def test_each_part_of_the_suite_is_run_once(project):
     recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", text, re.M)[1]
     for part in ("$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser"):
         assert recipe.count(part) == (2 if part == "tests/browser" else 1), part
+    assert recipe.count("ros/run_tests.py") == 1
 
 
 def test_scripts_can_be_run(project):

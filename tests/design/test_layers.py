@@ -36,7 +36,7 @@ ALONE = {
     "settings": {"errors"},
     "threads": {"errors"},
     "resources": {"errors"},
-    "api": {"core", "files", "tasks", "configuration", "errors", "progress", "settings"},
+    "api": {"core", "files", "tasks", "render", "configuration", "errors", "progress", "settings"},
     "robot": {"errors", "robot"},
     "__main__": {"app"},
 }

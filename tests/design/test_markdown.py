@@ -115,10 +115,10 @@ def test_wrong_commands_are_noticed(line):
 
 
 def test_targets_of_make_in_the_documentation_exist(pages, project):
-    targets = set(re.findall(r"^([a-z]+):", (project / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
+    targets = set(re.findall(r"^([a-z-]+):", (project / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
     named = {
         name
         for text in pages.values()
-        for name in re.findall(r"(?:`|^)make ([a-z]+)", text, flags=re.MULTILINE)
+        for name in re.findall(r"(?:`|^)make ([a-z-]+)", text, flags=re.MULTILINE)
     }
     assert named and named <= targets

@@ -7,7 +7,7 @@ import pytest
 from tests.design.conftest import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), ROOT / "README.md"])
-FOLDERS = "webapp|static|templates|tests|docs|benchmarks|maps"
+FOLDERS = "webapp|static|templates|tests|docs|benchmarks|maps|ros"
 MOST_LINES = 1350
 """Of the tour."""
 

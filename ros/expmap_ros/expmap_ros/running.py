@@ -1,0 +1,91 @@
+"""Starts a node as a program, and what all nodes share."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from expmap_ros.parameters import ParameterError
+
+IMAGES = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Of cameras: any publisher is understood, and only the newest image waits."""
+
+RESULTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+KEPT = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+"""The last one goes to those who come later, too."""
+
+_POLICIES = (
+    QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
+)  # fmt: skip
+
+
+def main(make: Callable[[], Node]) -> None:
+    """Run a node until it is interrupted.
+
+    The exit code is 2 where a parameter is wrong, and 1 where something else keeps it from starting.
+    """
+    rclpy.init()
+    try:
+        node = make()
+    except ParameterError as error:
+        sys.exit(_refuse(str(error), code=2))
+    except Exception as error:
+        if not is_explained(error):
+            raise
+        sys.exit(_refuse(str(error), code=1))
+    executor = MultiThreadedExecutor(num_threads=3)
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _refuse(text: str, *, code: int) -> int:
+    sys.stderr.write(f"expmap_ros: {text}\n")
+    rclpy.try_shutdown()
+    return code
+
+
+def is_explained(error: Exception) -> bool:
+    """Return whether an error of the program says what is wrong, by whatever name it is installed."""
+    return any(kind.__name__ == "ExpMapError" for kind in type(error).__mro__)
+
+
+def overridable() -> QoSOverridingOptions:
+    """Let parameters `qos_overrides.TOPIC...` change history, depth, reliability and durability."""
+    return QoSOverridingOptions(_POLICIES)
+
+
+def seconds(stamp: Time) -> float:
+    """Seconds of a stamp; 0 where nobody knew the time."""
+    return float(stamp.sec + stamp.nanosec * 1e-9)
+
+
+def diagnostics(
+    node: Node, level: bytes, message: str, *, values: Iterable[tuple[str, Any]]
+) -> DiagnosticArray:
+    """Make a message for `/diagnostics` with the state of a node."""
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values]
+    status = DiagnosticStatus(
+        level=level, name=node.get_fully_qualified_name(), message=message, values=pairs
+    )
+    made = DiagnosticArray(status=[status])
+    made.header.stamp = node.get_clock().now().to_msg()
+    return made

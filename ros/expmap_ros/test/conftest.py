@@ -1,0 +1,54 @@
+"""A small map, and nodes on this machine alone."""
+
+import json
+import os
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)  # nobody else's nodes
+
+import cv2
+import numpy as np
+import pytest
+
+with warnings.catch_warnings():  # of the parser of messages, in the wheels
+    warnings.simplefilter("ignore", DeprecationWarning)
+    import rosidl_parser.parser  # noqa: F401
+
+from ros.expmap_ros.test.support import LAT, LON, PLACES, Bench, textured
+
+
+@pytest.fixture(scope="session")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A map of six photos in a row, 100 pixels or some 7 m apart, and its photos."""
+    from webapp.api import GeoSource, PlaceOptions, place_photos
+
+    folder = tmp_path_factory.mktemp("survey")
+    cv2.imwrite(str(folder / "plan.png"), np.full((200, 700, 3), 200, np.uint8))
+    corners = {
+        "top_left": {"lat": LAT, "lon": LON},
+        "bottom_right": {"lat": LAT - 0.000126, "lon": LON + 0.000686},
+    }
+    (folder / "corners.json").write_text(json.dumps(corners))
+    rows = ["name;x;y"]
+    (folder / "photos").mkdir()
+    for number, (x, y) in enumerate(PLACES):
+        cv2.imwrite(str(folder / "photos" / f"{number}.jpg"), textured(number))
+        rows.append(f"{number}.jpg;{x};{y}")
+    (folder / "positions.csv").write_text("\n".join(rows) + "\n")
+    source = GeoSource("corners", folder / "corners.json")
+    options = PlaceOptions(
+        folder / "map.cfg", folder / "plan.png", source=source, positions=folder / "positions.csv"
+    )
+    place_photos(folder / "photos", options)
+    return folder
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    """Nodes and a listener."""
+    made = Bench()
+    yield made
+    made.close()

@@ -1,0 +1,60 @@
+"""Runs the tests of the nodes with the wheels of ROS 2, in an environment of their own: `make ros-test`.
+
+The wheels slow down every start of Python, so they are not in `.venv`. `.venv-ros` has them, and finds all
+other packages in the environment that this is run with.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / ".venv-ros"
+PYTHON = FOLDER / "bin" / "python"
+PYTHONS = ((3, 11), (3, 12), (3, 13))
+"""That the wheels are made for, on Linux with glibc and x86-64."""
+
+
+def main() -> int:
+    """Install where it is needed, and run pytest; return its exit code."""
+    here = (platform.system(), platform.machine(), platform.libc_ver()[0])
+    if sys.version_info[:2] not in PYTHONS or here != ("Linux", "x86_64", "glibc"):
+        version = platform.python_version()
+        sys.stdout.write(
+            f"\n***** SKIPPED: the ROS 2 nodes are NOT TESTED: no wheels for Python {version} on {here}\n\n"
+        )
+        return 0
+    _install()
+    environ = {**os.environ, "PYTHONPATH": f"{ROOT / 'ros' / 'expmap_ros'}"}
+    tests = sys.argv[1:] or ["ros/expmap_ros/test"]
+    return subprocess.run([PYTHON, "-m", "pytest", "-q", *tests], cwd=ROOT, env=environ).returncode
+
+
+def _install() -> None:
+    """Make the environment, unless it has these packages and this base already."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    packages = declared["optional-dependencies"]["ros"]
+    base = sysconfig.get_path("purelib")
+    wanted = "\n".join([sys.version, base, *packages, (ROOT / "constraints.txt").read_text("utf-8")])
+    stamp = FOLDER / ".installed"
+    if stamp.exists() and stamp.read_text("utf-8") == wanted:
+        return
+    sys.stdout.write("installing the wheels of ROS 2 into .venv-ros\n")
+    venv.create(FOLDER, clear=True, with_pip=True)
+    pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "--constraint", ROOT / "constraints.txt", *packages], check=True)
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    link = FOLDER / "lib" / version / "site-packages" / "experience_map_base.pth"
+    link.write_text(f"import site; site.addsitedir({base!r})\n", "utf-8")
+    stamp.write_text(wanted, "utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
