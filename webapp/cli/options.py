@@ -76,7 +76,8 @@ _INDEX_OPTIONS: list[Decorator] = [
         show_default=True,
         help="auto: verified, and a second look by learned features where it is not sure and their models "
         "are here; vote: most matches; verified: geometry, position and probabilities; thorough: the same "
-        "with a network that matches photos, which takes seconds.",
+        "with a network that matches photos, which takes seconds; landmarks: the camera is solved from the "
+        "points of expmap landmarks build.",
     ),
     click.option(
         "--budget",

@@ -132,3 +132,28 @@ def test_photos_that_bring_most_onto_the_map_are_proposed_first(walk, rng):
     assert propose_next([piece], [lay_piece(piece, one)], known=one, most=6) == [39]
     two = known_at(at, [0, 10])
     assert propose_next([piece], [lay_piece(piece, two)], known=two, most=6) == [39]
+
+
+def test_what_else_is_known_in_a_piece_is_laid_as_its_photos_are(court, rng):
+    at, headings = court
+    piece = piece_of(at, headings, rng=rng)
+    result = lay_piece(piece, known_at(at, range(0, 40, 2)))
+    for row in (3, 4):
+        point = result.transform.lay(piece.centre[row])
+        assert abs(point.at - at[row]) < 1e-6
+        assert abs(point.height_px) < 1e-6
+        assert point.radius_px == pytest.approx(result.radius_px[row])
+    frame = result.transform.frame
+    above = result.transform.lay(piece.centre[3] - 0.037 * 12.0 * frame[2])
+    assert above.height_px == pytest.approx(12.0)
+
+
+def test_hidden_photos_do_not_lay_what_else_is_known(court, rng):
+    at, headings = court
+    moved = np.where(np.arange(40) == 4, at + 9.0, at)
+    piece = piece_of(at, headings, rng=rng)
+    transform = lay_piece(piece, known_at(moved, range(0, 40, 2))).transform
+    hidden = np.arange(40) == 4
+    assert abs(transform.lay(piece.centre[4]).at - at[4]) > 0.1
+    assert abs(transform.without(hidden).lay(piece.centre[4]).at - at[4]) < 1e-6
+    assert transform.without(np.arange(40) != 4) is None

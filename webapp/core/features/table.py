@@ -15,14 +15,17 @@ from webapp.core.features.types import Detector, Engine, Extractor, Kind
 from webapp.core.features.xfeat import XFeat
 from webapp.errors import UsageError
 
-Method = Literal["auto", "vote", "verified", "thorough"]
+Method = Literal["auto", "vote", "verified", "thorough", "landmarks"]
 
-METHODS: tuple[Method, ...] = ("auto", "vote", "verified", "thorough")
+METHODS: tuple[Method, ...] = ("auto", "vote", "verified", "thorough", "landmarks")
 
-_VERIFY: tuple[Method, ...] = ("auto", "verified", "thorough")
+_VERIFY: tuple[Method, ...] = ("auto", "verified", "thorough", "landmarks")
 
 PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
 """Features that `thorough` works with, and the model that matches them; the default first."""
+
+LANDMARK_FEATURES = "sift"
+"""What the points of a reconstruction are described by, and hence the query of method `landmarks`."""
 
 DETECTORS: dict[str, Callable[[], Detector]] = {
     "sift": Sift,
@@ -228,6 +231,9 @@ def _reject_combination(choice: FeatureChoice, method: Method) -> None:
         fitting = " or ".join(PAIR_MATCHERS)
         message = f"method thorough has no network for features {choice.name}"
         raise UsageError(message, where="--features", hint=f"take --features {fitting}")
+    if method == "landmarks" and choice.name != LANDMARK_FEATURES:
+        message = f"landmarks are described by {LANDMARK_FEATURES}, not by {choice.name}"
+        raise UsageError(message, where="--features", hint=f"take --features {LANDMARK_FEATURES}")
     if _fits(choice.matcher, choice.extractor, method):
         return
     fitting = ", ".join(m for m in MATCHERS if _fits(m, choice.extractor, method))

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.core.hypotheses.places import MapKind
 
@@ -98,6 +100,23 @@ def _hypothesis(hypothesis: Hypothesis, georeference: Georeference | None) -> di
         "experiences": list(hypothesis.experiences),
         "inliers": hypothesis.inliers,
         "matches": hypothesis.matches,
+        **(
+            {}
+            if hypothesis.camera is None
+            else {"camera": _camera(hypothesis.camera, hypothesis.position, georeference)}
+        ),
+    }
+
+
+def _camera(camera: CameraPose, at: MapPixel, georeference: Georeference | None) -> dict[str, Any]:
+    metres = None if georeference is None else _known(georeference.metres_per_pixel(at))
+    return {
+        "height_px": camera.height_px,
+        "height_m": None if metres is None else metres * camera.height_px,
+        "pitch_deg": camera.pitch_deg,
+        "roll_deg": camera.roll_deg,
+        "covariance": camera.covariance.tolist(),
+        "landmarks": camera.landmarks,
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
 
 
@@ -35,6 +36,8 @@ class Hypothesis:
         Matches with the best photo that agree on one geometry; None where no geometry was checked.
     matches : int
         Matches that speak for it before any geometry.
+    camera : CameraPose or None
+        How the camera was held, where that was solved from landmarks.
     """
 
     rank: int
@@ -46,6 +49,7 @@ class Hypothesis:
     experiences: tuple[int, ...]
     inliers: int | None
     matches: int
+    camera: CameraPose | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,10 +54,14 @@ class PlanView:
         In a unit, position and direction of its own.
     forward : (n,) complex128
         Where each camera looks.
+    frame : (3, 3) float64
+        Proper rotation from the world of the piece: its first row is the x of the view, the second its y, and
+        the third points down.
     """
 
     position: Points
     forward: Points
+    frame: Array
 
 
 def view_by_level_cameras(piece: RigidPiece) -> PlanView | None:
@@ -101,6 +105,6 @@ def _seen_along(piece: RigidPiece, down: Array) -> PlanView:
     right = np.cross(down, any_other)
     right /= np.linalg.norm(right)
     # x to the right, y down in the image: seen from above, that image's down is to the right of its right
-    plane = np.stack([right, np.cross(down, right)])
-    position, forward = piece.centre @ plane.T, piece.rotation[:, 2] @ plane.T
-    return PlanView(position @ np.array([1, 1j]), forward @ np.array([1, 1j]))
+    frame = np.stack([right, np.cross(down, right), down])
+    position, forward = piece.centre @ frame[:2].T, piece.rotation[:, 2] @ frame[:2].T
+    return PlanView(position @ np.array([1, 1j]), forward @ np.array([1, 1j]), frame)

@@ -84,6 +84,8 @@ class LaidPiece:
         Of placed photos, from where the others have them; NaN for all others and where there are too few.
     contradicting : (n,) bool
         Placed photos that were left out, because they contradict the others.
+    transform : PlanTransform
+        Lays what else is known in the world of the piece.
     """
 
     at: Points
@@ -91,6 +93,72 @@ class LaidPiece:
     angle_deg: Array
     residual_px: Array
     contradicting: NDArray[np.bool_]
+    transform: PlanTransform
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanTransform:
+    """From the world of a piece to the map, by the k placed photos that were used for it.
+
+    Attributes
+    ----------
+    frame : (3, 3) float64
+        See `PlanView`.
+    row : (k,) int64
+        Which photos of the piece they are.
+    centre : (k, 3) float64
+        Where they are in the world of the piece.
+    at : (k,) complex128
+        Map pixels.
+    sigma_px : (k,) float64
+    exponent : float
+        Of the distance, by whose power their weight falls.
+    relative : (k,) float64
+        Errors when each is left out, over the distance to the nearest other one; may be empty.
+    """
+
+    frame: Array
+    row: NDArray[np.int64]
+    centre: Array
+    at: Points
+    sigma_px: Array
+    exponent: float
+    relative: Array
+
+    def without(self, hidden: NDArray[np.bool_]) -> PlanTransform | None:
+        """Leave out photos of the piece, (n,); None where those that are left are at fewer than two spots."""
+        kept = ~hidden[self.row]
+        if kept.all():
+            return self
+        if len(np.unique(self.at[kept])) < 2:
+            return None
+        relative = self.relative[kept] if len(self.relative) else self.relative
+        fields = (self.row[kept], self.centre[kept], self.at[kept], self.sigma_px[kept])
+        return PlanTransform(self.frame, *fields, self.exponent, relative)
+
+    def lay(self, centre: Array) -> LaidPoint:
+        """Lay a point (3,) of the world of the piece on the map."""
+        seen, own = (self.frame @ centre), self.centre @ self.frame.T
+        plan = own[:, 0] + 1j * own[:, 1]
+        target = np.array([seen[0] + 1j * seen[1]])
+        known = _Known(np.arange(len(plan)), self.at, self.sigma_px)
+        at, factor = _moved(target, known, exponent=self.exponent, plan=plan)
+        radius = _radius(
+            np.append(plan, target), known, factor=np.append(0.0 * plan, factor), relative=self.relative
+        )
+        nearest = np.abs(plan - target).argmin()
+        height = float(abs(factor[0]) * (own[nearest, 2] - seen[2]))
+        return LaidPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
+
+
+class LaidPoint(NamedTuple):
+    """A point on the map: where (pixels), rotation and scale there, height over the nearest placed photo's
+    camera and 68 % radius of how it was laid (map pixels)."""
+
+    at: complex
+    factor: complex
+    height_px: float
+    radius_px: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +196,8 @@ def lay_piece(piece: RigidPiece, known: KnownPositions) -> LaidPiece | NotLaid:
     problem = _misfit(view.position[placed], at[placed])
     if problem:
         return NotLaid(problem, tuple(piece.photo[placed].tolist()))
-    return _lay(view, _Known(np.flatnonzero(placed), at[placed], known.sigma_px[piece.photo[placed]]))
+    placed_photos = _Known(np.flatnonzero(placed), at[placed], known.sigma_px[piece.photo[placed]])
+    return _lay(piece, view, placed_photos)
 
 
 class _Known(NamedTuple):
@@ -161,7 +230,7 @@ def _global_rms(plan: Points, at: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(wanted - factor * off) ** 2)))
 
 
-def _lay(view: PlanView, known: _Known) -> LaidPiece:
+def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
     kept = np.ones(len(known.row), np.bool_)
     exponent, error, relative = _leave_one_out(view.position, known)
     while len(error) >= _FEW:
@@ -186,6 +255,9 @@ def _lay(view: PlanView, known: _Known) -> LaidPiece:
         np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,
         residual,
         contradicting,
+        PlanTransform(
+            view.frame, used.row, piece.centre[used.row], used.at, used.sigma_px, exponent, relative
+        ),
     )
 
 

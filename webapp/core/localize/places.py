@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.geometry.extrinsics import MIN_TRUST
 from webapp.core.geometry.relative_pose import RelativePose
@@ -83,6 +84,8 @@ class PlaceCandidate:
         Where the photo stands that matches best of these.
     area : int
         Number of the area; -1 for a place in none.
+    camera : CameraPose or None
+        How the camera was held, where that was solved from landmarks.
     """
 
     kind: Literal["position", "photo", "area"]
@@ -93,6 +96,7 @@ class PlaceCandidate:
     score: float
     anchor: MapPixel
     area: int = -1
+    camera: CameraPose | None = None
 
 
 @dataclass(frozen=True, slots=True)

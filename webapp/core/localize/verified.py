@@ -290,6 +290,7 @@ def _hypothesis(
         experiences=tuple(int(indexed.ids[v.matched.photo]) for v in place.photos),
         inliers=best.inliers,
         matches=len(best.matched.query_row),
+        camera=place.camera,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.files.landmarks import export_model
+from webapp.files.landmarks.colmap import export_model
 from webapp.tasks.landmarks.mapping import model_folders
 from webapp.tasks.landmarks.reconstruct import Reconstruction
 

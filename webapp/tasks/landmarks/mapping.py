@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from webapp.errors import ProcessLost
-from webapp.files.landmarks import Model, as_model, pycolmap
+from webapp.files.landmarks.colmap import Model, as_model, pycolmap
 from webapp.progress import Progress
 from webapp.tasks.localize.extract_photo import start_worker
 

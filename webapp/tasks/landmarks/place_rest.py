@@ -15,17 +15,12 @@ from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, la
 from webapp.core.landmarks.proposals import propose_next
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import UsageError
-from webapp.files.landmarks import pycolmap
+from webapp.files.landmarks.colmap import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
-
-_CLICK_PX = 1.0
-"""Standard deviation of a position that somebody clicked."""
-
-_RADIUS_OVER_SIGMA = 1.515
-"""68 % radius of an error that is normal in the plane, over its standard deviation in each direction."""
 
 _PROPOSED = 6
 _NAMED = 3
@@ -121,7 +116,7 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress) -> RestRe
 
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
     """Suggest places by a reconstruction of the map's photos."""
-    known = _known_positions(found, the_map)
+    known = known_positions(found.photos, the_map)
     laid = [lay_piece(piece, known) for piece in found.pieces]
     proposed = propose_next(found.pieces, laid, known=known, most=_PROPOSED)
     suggested: list[SuggestedPlace] = []
@@ -142,18 +137,6 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
         tuple(sorted(checked, key=lambda one: one.id)),
         tuple(found.photos[number].id for number in proposed),
     )
-
-
-def _known_positions(found: Reconstruction, the_map: Map) -> KnownPositions:
-    at = np.full(len(found.photos), complex(math.nan, math.nan))
-    sigma = np.full(len(found.photos), _CLICK_PX)
-    for number, photo in enumerate(found.photos):
-        if isinstance(photo, Experience):
-            at[number] = complex(*photo.position)
-            if photo.gps_accuracy_m is not None and the_map.georeference is not None:
-                accuracy_px = photo.gps_accuracy_m / the_map.georeference.metres_per_pixel(photo.position)
-                sigma[number] = max(accuracy_px / _RADIUS_OVER_SIGMA, _CLICK_PX)
-    return KnownPositions(at, sigma)
 
 
 def _of_piece(

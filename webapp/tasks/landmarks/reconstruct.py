@@ -16,10 +16,12 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.landmarks.joints import LEAST_PHOTOS, rigid_parts
 from webapp.core.landmarks.matching import choose_pairs, match_mutually
 from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
+from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.errors import IndexDamaged, MapError
-from webapp.files.landmarks import (
+from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, read_models, write_cloud
+from webapp.files.landmarks.colmap import (
+    PIECES_FILE,
     MatchDatabase,
     StoredPhoto,
     StoredPieces,
@@ -33,9 +35,10 @@ from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import photo_path
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks.landmarks.mapping import MappingJob, run_mapper
+from webapp.tasks.landmarks.known import AnyPhoto
+from webapp.tasks.landmarks.mapping import MappingJob, model_folders, run_mapper
 from webapp.tasks.localize.build_index import BuildRequest, describe_all
-from webapp.tasks.localize.index_location import index_bases
+from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.localize.open_map import guessed_fov_deg
 from webapp.tasks.maps.photo_files import sha256_of
 from webapp.threads import cores, in_threads
@@ -43,10 +46,6 @@ from webapp.threads import cores, in_threads
 _CHOICE = FeatureChoice("sift", "sift", "l2")
 _EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
 """More than an index has: joining photos needs more of them than recognising one, and is done once."""
-
-_FOLDER = "landmarks"
-
-AnyPhoto = Experience | UnplacedPhoto
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +86,7 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
     StorageError, ProcessLost, Cancelled
     """
     photos = _in_order(the_map)
-    folder = index_bases(cfg, None)[-1] / _FOLDER
+    folder = landmarks_folder(cfg)
     with writer_lock(folder):
         entries, problems = _describe(
             cfg, the_map, photos, folder=folder, settings=settings, progress=progress
@@ -103,6 +102,7 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
         finally:
             database.close()
         pieces = _pieces(folder, database.path, contents=contents, key=key, progress=progress)
+        _keep_cloud(folder, pieces)
     number_of = {entries[n].content: n for n in reversed(numbers)}
     return Reconstruction(photos, tuple(_renumbered(pieces, number_of)), problems, folder, number_of)
 
@@ -200,7 +200,7 @@ def _pieces(
     folder: Path, database: Path, *, contents: Sequence[str], key: str, progress: Progress
 ) -> StoredPieces:
     """Take the pieces that are there, or make them where photos or their matches are others."""
-    file = folder / "pieces.arrays"
+    file = folder / PIECES_FILE
     stored = read_pieces(file)
     if stored is not None and stored.key == key:
         return stored
@@ -209,6 +209,22 @@ def _pieces(
     stored = StoredPieces(tuple(pieces), tuple(contents), key)
     write_pieces(file, stored)
     return stored
+
+
+def _keep_cloud(folder: Path, pieces: StoredPieces) -> None:
+    """Write the landmarks of the pieces, unless those that are there are theirs."""
+    file = folder / CLOUD_FILE
+    there = read_cloud(file)
+    if there is not None and there.key == pieces.key:
+        return
+    index = IndexFolder(folder)
+
+    def described(content: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        features = read_segment(index.spool_path(content)).entry(0).features
+        return features.xy, features.descriptors
+
+    cloud = read_models(model_folders(folder), pieces, described=described)
+    write_cloud(file, StoredCloud(cloud, pieces.key))
 
 
 def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Progress) -> list[RigidPiece]:

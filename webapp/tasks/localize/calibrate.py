@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize.calibration import StoredCalibration, recorded_trials
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
-from webapp.tasks.localize import orient_map
+from webapp.tasks.localize import landmarks, orient_map
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.trials import Trial, try_photos
 
@@ -86,9 +87,17 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
     Cancelled, StorageError
     """
     key = f"{calibrationfile.FORMAT} {opened.map_hash} {opened.indexed.place_radius_px} {map_fov_deg}"
+    key += "" if opened.landmarks is None else f" {opened.landmarks.key}"
     with recorded_trials(paths(opened)[-1].with_suffix(".trials"), key) as (known, keep):
         sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
-        return try_photos(opened.indexed, progress, sightings=sightings, known=known, keep=keep)
+        return try_photos(
+            opened.indexed,
+            progress,
+            find=None if opened.landmarks is None else partial(landmarks.find_places, opened),
+            sightings=sightings,
+            known=known,
+            keep=keep,
+        )
 
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:

@@ -41,6 +41,11 @@ def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
     return (local, user_cache_path("experience-map") / "indexes" / elsewhere)
 
 
+def landmarks_folder(cfg: Path) -> Path:
+    """Return the folder in which the reconstruction of a map is kept."""
+    return index_bases(cfg, None)[-1] / "landmarks"
+
+
 def newest_choice(
     bases: Iterable[Path],
     extract: ExtractSettings,

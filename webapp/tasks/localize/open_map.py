@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from webapp.core.features.table import EXTRACTORS, FeatureChoice, Method, choose
 from webapp.core.hypotheses.places import MapKind, describe_places
+from webapp.core.landmarks.cloud import LaidCloud
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.flann import Flann
@@ -91,6 +92,8 @@ class OpenMap:
         Folder for what else is computed from the index; its own, unless that cannot be written.
     built : BuildReport or None
         When the index had to be built or brought up to date.
+    landmarks : LaidCloud or None
+        For method `landmarks`.
     """
 
     cfg: Path
@@ -103,6 +106,7 @@ class OpenMap:
     indexed: IndexedMap
     built: BuildReport | None
     options: OpenOptions
+    landmarks: LaidCloud | None = None
 
     def artifact_paths(self, name: str) -> tuple[Path, Path]:
         """Paths of a file computed from the index: where it is looked for first, and where it is written."""

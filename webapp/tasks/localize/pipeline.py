@@ -35,7 +35,7 @@ from webapp.core.hypotheses.model import Answer, FieldOfView
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.localize import vote
-from webapp.core.localize.verified import find_places, with_probabilities
+from webapp.core.localize.verified import with_probabilities
 from webapp.core.mapmodel.model import Map
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.errors import InputError, MapError, MissingPart
@@ -45,7 +45,14 @@ from webapp.files.maps.folder import read_map
 from webapp.files.photos.photo import GrayPhoto, read_facts, read_gray, read_upright
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import calibrate, cascade, describe_photos, open_map, orient_map
+from webapp.tasks.localize import (
+    calibrate,
+    cascade,
+    describe_photos,
+    landmarks,
+    open_map,
+    orient_map,
+)
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions, guessed_fov_deg
 
 _ALL = 100
@@ -169,8 +176,8 @@ class LocalizationPipeline:
             with watch.stage("retrieve"):
                 answer = vote.localize(indexed, features, top=top, hide=hide)
             return replace(answer, seconds=watch.total(), looks=(self.features,))
-        found = find_places(
-            indexed,
+        found = landmarks.find_places(
+            self.opened,
             features,
             fov_deg=fov.degrees,
             hide=hide,
@@ -327,7 +334,7 @@ def _open_look(
     if opened.method == "vote":
         return LocalizationPipeline(opened, settings)
     opened = describe_photos.describe_photos(opened, settings=settings, progress=progress)
-    opened = orient_map.estimate_orientations(opened, map_fov_deg=options.map_fov_deg, progress=progress)
+    opened = landmarks.prepare_geometry(opened, progress=progress)
     stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return LocalizationPipeline(opened, settings, stored)
 

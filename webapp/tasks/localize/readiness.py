@@ -23,6 +23,9 @@ from webapp.tasks.localize import upload
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import LocalizeRequest, LocalizeResult
 
+_OWN_JOB: tuple[Method, ...] = ("thorough", "landmarks")
+"""Methods that need more than the index and the orientations, and have a calibration of their own."""
+
 
 def localize_or_build(
     library: Library, record: MapRecord, *, cache: MapCache, request: LocalizeRequest, settings: Settings
@@ -89,8 +92,8 @@ def _state(session: Session, record: MapRecord, settings: Settings) -> str:
 
 
 def _job_key(method: Method, features: str) -> str:
-    """Name a job: one builds what all methods need of features, but `thorough`, which has its own."""
-    if method == "thorough":
+    """Name a job: one builds what all methods need of features, but for those in `_OWN_JOB`."""
+    if method in _OWN_JOB:
         return f"{features} {method}"
     return "" if features in ("auto", choose("verified").name) else features
 
@@ -103,7 +106,7 @@ def _enqueue(
     library: Library, record: MapRecord, method: Method, *, features: str, settings: Settings
 ) -> None:
     key = _job_key(method, features)
-    arguments = {"features": features, "method": method if method == "thorough" else "verified"}
+    arguments = {"features": features, "method": method if method in _OWN_JOB else "verified"}
     if not key:
         arguments = {"features": "auto", "method": "auto"}
     with library.database.write() as session:

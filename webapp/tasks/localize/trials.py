@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -17,12 +18,14 @@ from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
 from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
-from webapp.core.localize.verified import find_places
+from webapp.core.localize.verified import PlaceSearch, find_places
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes
 from webapp.files.localize.calibration import TrialRecord
 from webapp.progress import Progress
+
+FindPlaces = Callable[..., PlaceSearch]
 
 Hidden = Literal["photo", "place", "surroundings"]
 
@@ -120,6 +123,7 @@ def try_photos(
     indexed: IndexedMap,
     progress: Progress,
     *,
+    find: FindPlaces | None = None,
     sightings: DepthObservations | None = None,
     known: Mapping[int, TrialRecord] = MappingProxyType({}),
     keep: Callable[[int, TrialRecord], None] = lambda number, trial: None,
@@ -128,6 +132,8 @@ def try_photos(
 
     Parameters
     ----------
+    find : callable, optional
+        Looks for a photo's places, as `find_places` does, which is taken by default.
     sightings : DepthObservations, optional
         Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
     known : mapping of int to TrialRecord
@@ -143,6 +149,7 @@ def try_photos(
     count = min(MOST_PHOTOS, len(indexed.ids))
     same_place_px = _SAME_PLACE * (spacing_px(indexed.position) or indexed.place_radius_px)
     progress.size(count)
+    looked = find or partial(find_places, indexed)
     trials = {}
     for number in range(count):
         progress.check()
@@ -150,7 +157,7 @@ def try_photos(
             record = known[number]
         else:
             photo = number * len(indexed.ids) // count
-            trial = _try(indexed, photo, sightings, number=number, same_place_px=same_place_px)
+            trial = _try(indexed, photo, sightings, number=number, same_place_px=same_place_px, find=looked)
             record = None if trial is None else trial.to_record()
             keep(number, record)
         if record is not None:
@@ -160,7 +167,13 @@ def try_photos(
 
 
 def _try(
-    indexed: IndexedMap, photo: int, sightings: DepthObservations | None, *, number: int, same_place_px: float
+    indexed: IndexedMap,
+    photo: int,
+    sightings: DepthObservations | None,
+    *,
+    number: int,
+    same_place_px: float,
+    find: FindPlaces,
 ) -> Trial | None:
     """Look for one photo; None where it has no features, or nothing of the map is left to look through."""
     features = indexed.features(photo)
@@ -174,8 +187,7 @@ def _try(
     if without.all():
         return None
     started = time.perf_counter()
-    found = find_places(
-        indexed,
+    found = find(
         features,
         fov_deg=float(indexed.fov_deg[photo]),
         hide=indexed.ids[without].tolist(),

@@ -13,6 +13,20 @@ from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_
 _STEPS = 100
 
 
+class CameraOut(Schema):
+    """How the camera was held."""
+
+    height_px = Float(metadata={"description": "Above the camera of the nearest placed photo."})
+    height_m = Float(allow_none=True)
+    pitch_deg = Float(metadata={"description": "Of the line of sight above the horizon."})
+    roll_deg = Float(metadata={"description": "Clockwise, about the line of sight."})
+    covariance = List(
+        List(Float()),
+        metadata={"description": "6 x 6: x, y and height (map pixels), heading, pitch and roll (degrees)."},
+    )
+    landmarks = Integer(metadata={"description": "Points that agree on it."})
+
+
 class HypothesisOut(Schema):
     """A place where the photo may have been taken."""
 
@@ -34,6 +48,7 @@ class HypothesisOut(Schema):
     experiences = List(Integer(), metadata={"description": "Ids of the photos that speak for it."})
     inliers = Integer(allow_none=True, metadata={"description": "Matches that agree with the geometry."})
     matches = Integer(allow_none=True)
+    camera = Nested(CameraOut, metadata={"description": "Where it was solved from landmarks."})
 
 
 class StatisticsOut(Schema):

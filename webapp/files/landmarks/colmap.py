@@ -31,6 +31,7 @@ LEAST_INLIERS = 15
 _TRIALS = 2000
 """Of the random sampling of a relative pose."""
 
+PIECES_FILE = "pieces.arrays"
 _FORMAT = 1
 
 

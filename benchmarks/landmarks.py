@@ -1,0 +1,197 @@
+"""Measures the search of a photo in a cloud of landmarks whose truth is known, and how long it takes.
+
+    python -m benchmarks.landmarks --points 40000
+
+The scene is a yard of 100 m x 50 m full of points, and each of the photos taken there recognises a third
+of those that it sees. A query is a camera beside one of them: half of its keypoints show no landmark,
+descriptors have noise, and keypoints are half a pixel off. Prints one JSON object: errors of the cameras, and
+milliseconds of the stage from descriptors to the camera with 20 photos as retrieved, by the clock and by one
+core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import faiss
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Features
+from webapp.core.geometry import so3
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.landmarks.absolute_pose import Lens, project, solve_camera
+from webapp.core.landmarks.cloud import LaidCloud, LandmarkCloud
+from webapp.core.landmarks.pieces import RigidPiece
+
+Array = NDArray[np.float64]
+
+LENS = Lens(800, 600, 640.0, 0.01)
+LENGTH, WIDTH, FAR = 100.0, 50.0, 30.0
+"""Of the yard, and how far away landmarks are recognised, metres."""
+
+_KEYPOINTS, _WRONG, _NOISE_PX, _NOISE = 1000, 0.5, 0.5, 12.0
+"""Of a query: how many, the share that show no landmark, noise of their places and of descriptors."""
+
+_RETRIEVED = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A cloud, the cameras that saw it, and the descriptor of each point (k, 128)."""
+
+    laid: LaidCloud
+    centre: Array
+    rotation: Array
+    look: NDArray[np.uint8]
+
+
+def level_camera(heading: float) -> Array:
+    """Return the camera-from-world rotation of a level camera; the world is x right, y ahead, z up."""
+    sine, cosine = np.sin(heading), np.cos(heading)
+    return np.array([[cosine, -sine, 0.0], [0.0, 0.0, -1.0], [sine, cosine, 0.0]])
+
+
+def make_scene(points: int, *, photos: int, rng: np.random.Generator) -> Scene:
+    """Make a yard that photos have seen."""
+    at = np.column_stack(
+        [rng.uniform(0, LENGTH, points), rng.uniform(0, WIDTH, points), rng.uniform(0, 8, points)]
+    )
+    centre = np.column_stack(
+        [rng.uniform(5, LENGTH - 5, photos), rng.uniform(5, WIDTH - 5, photos), np.full(photos, 1.6)]
+    )
+    rotation = np.stack([level_camera(heading) for heading in rng.uniform(0, 2 * np.pi, photos)])
+    look = rng.integers(0, 120, (points, 128), dtype=np.uint8)
+    point, xy = [], []
+    for number in range(photos):
+        seen, there = visible(at, rotation=rotation[number], centre=centre[number])
+        some = np.sort(rng.permutation(len(seen))[: len(seen) // 3])
+        point.append(seen[some])
+        xy.append(there[some])
+    first = np.cumsum([0, *map(len, point)])
+    rows = np.concatenate(point)
+    cloud = LandmarkCloud(
+        tuple(map(str, range(photos))),
+        at,
+        np.zeros(points, np.int32),
+        first,
+        rows.astype(np.int32),
+        np.concatenate(xy).astype(np.float32),
+        noisy(look[rows], rng),
+        np.full(photos, LENS.focal_px),
+        np.full(photos, LENS.distortion),
+    )
+    laid = LaidCloud(cloud, "", np.arange(photos), (RigidPiece(np.arange(photos), centre, rotation),), ())
+    return Scene(laid, centre, rotation, look)
+
+
+def visible(at: Array, *, rotation: Array, centre: Array) -> tuple[NDArray[np.int64], Array]:
+    """List the points that a camera sees, at most as many as a photo has keypoints, and where."""
+    own = (at - centre) @ rotation.T
+    near = np.flatnonzero((own[:, 2] > 1.0) & (own[:, 2] < FAR))
+    xy = project(at[near], lens=LENS, rotation=rotation, centre=centre)
+    inside = ((xy >= 0.0) & (xy <= [LENS.width - 1, LENS.height - 1])).all(1)
+    return near[inside][:_KEYPOINTS], xy[inside][:_KEYPOINTS]
+
+
+def noisy(descriptors: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Give descriptors noise."""
+    return np.clip(descriptors + rng.normal(0.0, _NOISE, descriptors.shape), 0, 255).astype(np.uint8)
+
+
+def make_query(scene: Scene, rng: np.random.Generator) -> tuple[Features, Array, Array]:
+    """Take a photo next to one of the scene's; returns it, and its camera's true centre and rotation."""
+    beside = rng.integers(len(scene.centre))
+    centre = scene.centre[beside] + rng.normal(0.0, 1.0, 3) * [1.0, 1.0, 0.2]
+    rotation = so3.exp(rng.normal(0.0, 0.1, 3)) @ scene.rotation[beside]
+    seen, xy = visible(scene.laid.cloud.point, rotation=rotation, centre=centre)
+    some = rng.permutation(len(seen))[: int(_KEYPOINTS * (1.0 - _WRONG))]
+    wrong = _KEYPOINTS - len(some)
+    where = np.concatenate(
+        [
+            xy[some] + rng.normal(0.0, _NOISE_PX, (len(some), 2)),
+            rng.uniform(0.0, [LENS.width, LENS.height], (wrong, 2)),
+        ]
+    )
+    look = np.concatenate(
+        [noisy(scene.look[seen[some]], rng), rng.integers(0, 120, (wrong, 128), dtype=np.uint8)]
+    )
+    angle = np.zeros(len(where), np.float32)
+    features = Features(where.astype(np.float32), angle, angle, look, (LENS.width, LENS.height))
+    return features, centre, rotation
+
+
+def localize(scene: Scene, query: Features, near: Array) -> tuple[float, Array | None, Array | None]:
+    """Solve a query's camera with the photos nearest to a point as retrieved; returns seconds, too."""
+    apart = np.linalg.norm(scene.centre - near, axis=1)
+    started = time.perf_counter()
+    groups = scene.laid.groups(np.argsort(apart)[:_RETRIEVED], visible=np.ones(len(apart), np.bool_), most=4)
+    solved = [solve_camera(query, scene.laid.cloud, rows=g.rows, lenses=[LENS]).pose for g in groups]
+    seconds = time.perf_counter() - started
+    poses = [pose for pose in solved if not isinstance(pose, NoPose)]
+    if not poses:
+        return seconds, None, None
+    best = max(poses, key=lambda pose: pose.score)
+    return seconds, best.centre, best.rotation
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Have Faiss use one core: threads that wait for each other count as busy."""
+    before = faiss.omp_get_max_threads()
+    faiss.omp_set_num_threads(1)
+    try:
+        yield
+    finally:
+        faiss.omp_set_num_threads(before)
+
+
+def measure(points: int, *, photos: int, queries: int, seed: int = 1) -> dict[str, float]:
+    """Localize queries in a scene."""
+    rng = np.random.default_rng(seed)
+    scene = make_scene(points, photos=photos, rng=rng)
+    metres, degrees, seconds, cpu = [], [], [], []
+    for _ in range(queries):
+        query, centre, rotation = make_query(scene, rng)
+        with one_thread():
+            before = time.process_time()
+            localize(scene, query, centre)
+            cpu.append(time.process_time() - before)
+        took, at, turn = localize(scene, query, centre)
+        seconds.append(took)
+        if at is not None and turn is not None:
+            metres.append(float(np.linalg.norm(at - centre)))
+            degrees.append(float(np.degrees(np.linalg.norm(so3.log(turn @ rotation.T)))))
+    return {
+        "points": points,
+        "observations": len(scene.laid.cloud.seen_point),
+        "queries": queries,
+        "solved": len(metres),
+        "median_m": round(float(np.median(metres)), 4),
+        "worst_m": round(max(metres), 4),
+        "median_deg": round(float(np.median(degrees)), 4),
+        "median_ms_of_one_core": round(1000.0 * float(np.median(cpu)), 1),
+        "median_ms": round(1000.0 * float(np.median(seconds)), 1),
+        "p95_ms": round(1000.0 * float(np.quantile(seconds, 0.95)), 1),
+    }
+
+
+def main() -> None:
+    """Measure as asked for on the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--points", type=int, default=40_000)
+    parser.add_argument("--photos", type=int, default=600)
+    parser.add_argument("--queries", type=int, default=50)
+    given = parser.parse_args()
+    print(json.dumps(measure(given.points, photos=given.photos, queries=given.queries), indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,238 @@
+"""Where a camera stood in a cloud: descriptors against points, then perspective-three-point in a RANSAC.
+
+Matching is exact and only against points that photos like the query see (covisibility): T. Sattler, B. Leibe,
+L. Kobbelt, "Efficient & effective prioritized matching for large-scale image-based localization", 2017.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import faiss
+import numpy as np
+import poselib
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Features
+from webapp.core.geometry import so3
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.geometry.robust import truncated_quadratic
+from webapp.core.landmarks.cloud import LandmarkCloud
+
+Array = NDArray[np.float64]
+
+MIN_INLIERS = 12
+"""Points that have to agree: fewer do so by chance where most matches are wrong."""
+
+_RATIO = 0.85
+"""Distance of a match over that of the next point: among few points a little more than over a whole map."""
+
+_NEIGHBOURS = 5
+"""Observations looked up for each descriptor of a query: the nearest ones often show the same point."""
+
+_MAX_ERROR = 0.006
+"""Largest distance of an inlier from where its point is projected, as a share of the longer side."""
+
+_RANSAC = {"max_iterations": 2000, "min_iterations": 100, "success_prob": 0.9999, "seed": 0}
+_BUNDLE = {"max_iterations": 25, "loss_type": "CAUCHY"}
+_LEAST_SIGMA = 0.0005
+"""Standard deviation of a keypoint, as a share of the longer side, that is not believed to be smaller."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """A camera whose principal point is its centre.
+
+    Attributes
+    ----------
+    width, height : int
+        Pixels of the upright photo.
+    distortion : float
+        Radial, of the square of the distance from the centre at depth 1 (COLMAP's SIMPLE_RADIAL).
+    """
+
+    width: int
+    height: int
+    focal_px: float
+    distortion: float = 0.0
+
+    @property
+    def longer_px(self) -> int:
+        """Longer side of the photo."""
+        return max(self.width, self.height)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AbsolutePose:
+    """A camera in the world of a cloud.
+
+    Attributes
+    ----------
+    centre : (3,) float64
+    rotation : (3, 3) float64
+        Camera from world.
+    covariance : (6, 6) float64
+        Of the centre, and of a small rotation of the camera in its own frame, radians.
+    inlier : (m,) bool
+        Which matches agree.
+    score : float
+        How well, in matches (MSAC).
+    """
+
+    centre: Array
+    rotation: Array
+    covariance: Array
+    inlier: NDArray[np.bool_]
+    score: float
+
+
+def match_points(
+    query: NDArray[np.uint8], descriptors: NDArray[np.uint8], *, point: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Match descriptors to the points that they certainly show.
+
+    Parameters
+    ----------
+    query : (n, d) uint8
+    descriptors : (m, d) uint8
+        Of observations.
+    point : (m,) int32
+        Which point each of them shows.
+
+    Returns
+    -------
+    query_row, row : (k,) int64
+        The nearest observation of each; a point is matched once.
+    """
+    if len(query) == 0 or len(descriptors) < 2:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    count = min(_NEIGHBOURS, len(descriptors))
+    squared, near = faiss.knn(query.astype(np.float32), descriptors.astype(np.float32), count)
+    # The next point is that of the first neighbour that shows another one, or farther than the last of them.
+    other = point[near] != point[near[:, :1]]
+    following = np.where(other.any(1), other.argmax(1), count - 1)
+    best, row = squared[:, 0], near[:, 0]
+    clear = np.flatnonzero(best < _RATIO**2 * squared[np.arange(len(query)), following])
+    # Of several keypoints that show one point the nearest is right.
+    clear = clear[np.argsort(best[clear], kind="stable")]
+    clear = np.sort(clear[np.unique(point[row[clear]], return_index=True)[1]])
+    return clear, row[clear]
+
+
+class SolvedCamera(NamedTuple):
+    """A camera, and its m matches: keypoints of the query, observations of the cloud."""
+
+    pose: AbsolutePose | NoPose
+    query_row: NDArray[np.int64]
+    seen: NDArray[np.int64]
+
+
+def solve_camera(
+    query: Features, cloud: LandmarkCloud, *, rows: NDArray[np.int64], lenses: Sequence[Lens]
+) -> SolvedCamera:
+    """Match a query with some observations of a cloud and solve its camera.
+
+    Parameters
+    ----------
+    rows : (n,) int64
+        The observations.
+    lenses : sequence of Lens
+        What it may have been taken with; the one with which the landmarks agree best is taken.
+    """
+    row, near = match_points(query.descriptors, cloud.descriptors[rows], point=cloud.seen_point[rows])
+    seen = rows[near]
+    xy, points = query.xy[row].astype(np.float64), cloud.point[cloud.seen_point[seen]]
+    solved = [absolute_pose(xy, points, lens=lens) for lens in lenses]
+    best = max(solved, key=lambda one: one.score if isinstance(one, AbsolutePose) else 0.0)
+    return SolvedCamera(best, row, seen)
+
+
+def absolute_pose(xy: Array, points: Array, *, lens: Lens) -> AbsolutePose | NoPose:
+    """Estimate a camera from pixels and the points that they show.
+
+    Parameters
+    ----------
+    xy : (m, 2) float64
+        Pixels, centres at whole numbers.
+    points : (m, 3) float64
+    """
+    if len(xy) < MIN_INLIERS:
+        return NoPose(f"{len(xy)} landmarks, {MIN_INLIERS} needed")
+    params = [lens.focal_px, (lens.width - 1) / 2.0, (lens.height - 1) / 2.0, lens.distortion]
+    camera = {"model": "SIMPLE_RADIAL", "width": lens.width, "height": lens.height, "params": params}
+    limit = _MAX_ERROR * lens.longer_px
+    options = {**_RANSAC, "max_reproj_error": limit}
+    pose, info = poselib.estimate_absolute_pose(
+        xy, points, camera, options, {**_BUNDLE, "loss_scale": limit / 3.0}
+    )
+    inlier = np.asarray(info["inliers"], bool)
+    if inlier.sum() < MIN_INLIERS:
+        return NoPose(f"{int(inlier.sum())} landmarks agree, {MIN_INLIERS} needed")
+    rotation = np.asarray(pose.R, np.float64)
+    centre = -rotation.T @ np.asarray(pose.t, np.float64)
+    off = xy[inlier] - project(points[inlier], lens=lens, rotation=rotation, centre=centre)
+    covariance = _covariance(off, points[inlier], lens=lens, rotation=rotation, centre=centre)
+    if covariance is None:
+        return NoPose("the landmarks leave the camera's position open")
+    score = float(truncated_quadratic((off**2).sum(1), limit).sum())
+    return AbsolutePose(centre, rotation, covariance, inlier, score)
+
+
+def project(points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Array:
+    """Project (m, 3) points to (m, 2) pixels."""
+    own = (points - centre) @ rotation.T
+    flat = own[:, :2] / own[:, 2:]
+    wide = 1.0 + lens.distortion * (flat**2).sum(1, keepdims=True)
+    middle = np.array([(lens.width - 1) / 2.0, (lens.height - 1) / 2.0])
+    projected: Array = lens.focal_px * wide * flat + middle
+    return projected
+
+
+def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Array | None:
+    """Invert the normal matrix, scaled by the residuals `off`; None where it is singular."""
+    own = (points - centre) @ rotation.T
+    depth = own[:, 2]
+    flat = own[:, :2] / depth[:, None]
+    squared = (flat**2).sum(1)
+    wide = (1.0 + lens.distortion * squared)[:, None, None] * np.eye(2)
+    wide = wide + 2.0 * lens.distortion * flat[:, :, None] * flat[:, None, :]
+    by_own = np.zeros((len(points), 2, 3))
+    by_own[:, 0, 0] = by_own[:, 1, 1] = 1.0 / depth
+    by_own[:, :, 2] = -flat / depth[:, None]
+    by_own = lens.focal_px * wide @ by_own
+    cross = np.zeros((len(points), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -own[:, 2], own[:, 1], -own[:, 0]
+    cross -= np.swapaxes(cross, 1, 2)
+    jacobian = np.concatenate([-by_own @ rotation, -by_own @ cross], 2).reshape(-1, 6)
+    free = max(off.size - 6, 1)
+    sigma = max(float(np.sqrt((off**2).sum() / free)), _LEAST_SIGMA * lens.longer_px)
+    scale = np.sqrt((jacobian**2).sum(0))
+    normal = (jacobian / scale).T @ (jacobian / scale)
+    if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1e12:
+        return None
+    covariance: Array = sigma**2 * np.linalg.inv(normal) / np.outer(scale, scale)
+    return covariance
+
+
+def angles_of(rotation: Array) -> Array:
+    """Heading, pitch and roll, radians, of a camera-from-world rotation whose world is x right, y down on the
+    map and z down: see `CameraPose`; the heading is clockwise from up on the map."""
+    right, forward = rotation[0], rotation[2]
+    level = float(np.hypot(forward[0], forward[1]))
+    heading = np.arctan2(forward[0], -forward[1])
+    pitch = np.arctan2(-forward[2], level)
+    roll = np.arctan2(right[2], rotation[1, 2])
+    return np.array([heading, pitch, roll])
+
+
+def angle_jacobian(rotation: Array) -> Array:
+    """Derivatives (3, 3) of `angles_of` by a small rotation of the camera in its own frame."""
+    step = 1e-6
+    base = angles_of(rotation)
+    columns = []
+    for axis in np.eye(3):
+        turned = so3.exp(step * axis) @ rotation
+        columns.append(so3.wrap(angles_of(turned) - base) / step)
+    return np.stack(columns, 1)

@@ -1,0 +1,171 @@
+"""Landmarks: points of a reconstruction with the descriptors by which photos see them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.placing import LaidPiece, NotLaid
+
+_LEAST_SEEN = 2
+"""Photos that have to see a point: one alone says nothing about where it is."""
+
+_LEAST_SHARED = 10
+"""Points that two photos of a group both see."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandmarkCloud:
+    """k points in the worlds of their pieces, seen m times by p photos.
+
+    Attributes
+    ----------
+    contents : tuple of str
+        SHA-256 of the photos' files.
+    point : (k, 3) float64
+    piece : (k,) int32
+        Number of each point's piece.
+    first : (p + 1,) int64
+        Observations of photo i are `first[i]` to `first[i + 1]`.
+    seen_point : (m,) int32
+        Which point each shows; a photo shows it once.
+    seen_xy : (m, 2) float32
+        Where, pixels of the upright photo.
+    descriptors : (m, d) uint8
+    focal_px, distortion : (p,) float64
+        Of the photos' cameras, as the reconstruction has them; the distortion is COLMAP's, radial.
+    """
+
+    contents: tuple[str, ...]
+    point: NDArray[np.float64]
+    piece: NDArray[np.int32]
+    first: NDArray[np.int64]
+    seen_point: NDArray[np.int32]
+    seen_xy: NDArray[np.float32]
+    descriptors: NDArray[np.uint8]
+    focal_px: NDArray[np.float64]
+    distortion: NDArray[np.float64]
+
+    def rows_of(self, photo: int) -> NDArray[np.int64]:
+        """List the observations of a photo."""
+        return np.arange(self.first[photo], self.first[photo + 1])
+
+
+class PhotoGroup(NamedTuple):
+    """Photos of a cloud that see the same, the best first, and their observations of points that at least
+    two visible photos see."""
+
+    photos: list[int]
+    rows: NDArray[np.int64]
+    photo_of_row: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaidCloud:
+    """A cloud on a map; p photos.
+
+    Attributes
+    ----------
+    key : str
+        Stands for what the cloud was made of.
+    map_photo : (p,) int64
+        Number of each photo on the map; -1 where it is not placed there any more.
+    pieces : tuple of RigidPiece
+        Their photos are those of the cloud.
+    laid : tuple of LaidPiece or NotLaid
+        Of each piece.
+    times_seen : (k,) int64
+        Photos that see each point; follows from the cloud.
+    """
+
+    cloud: LandmarkCloud
+    key: str
+    map_photo: NDArray[np.int64]
+    pieces: tuple[RigidPiece, ...]
+    laid: tuple[LaidPiece | NotLaid, ...]
+    times_seen: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        times = np.bincount(self.cloud.seen_point, minlength=len(self.cloud.point))
+        object.__setattr__(self, "times_seen", times)
+
+    def piece_of(self, photo: int) -> RigidPiece:
+        """Return the piece of a photo that sees some of the points."""
+        return self.pieces[int(self.cloud.piece[self.cloud.seen_point[self.cloud.first[photo]]])]
+
+    def groups(self, photos: NDArray[np.int64], *, visible: NDArray[np.bool_], most: int) -> list[PhotoGroup]:
+        """Group photos that see the same points.
+
+        Parameters
+        ----------
+        photos : (n,) int64
+            Numbers on the map, the best first.
+        visible : (p,) bool
+            Photos of the cloud that count.
+        most : int
+            Number of groups; those with the best photos.
+        """
+        own = {
+            int(number): photo
+            for photo, number in enumerate(self.map_photo)
+            if number >= 0 and visible[photo]
+        }
+        chosen = [own[number] for number in photos.tolist() if number in own]
+        if not chosen:
+            return []
+        known = self._times_seen(visible) >= _LEAST_SEEN
+        rows = [self._rows(photo, known) for photo in chosen]
+        seen = np.zeros((len(chosen), len(self.cloud.point)), np.float32)
+        for number, some in enumerate(rows):
+            seen[number, self.cloud.seen_point[some]] = 1.0
+        together = seen @ seen.T >= _LEAST_SHARED
+        found: list[PhotoGroup] = []
+        left = list(range(len(chosen)))
+        while left and len(found) < most:
+            inside = _connected(together, left[0])
+            left = [number for number in left if number not in inside]
+            members = sorted(inside)
+            length = [len(rows[number]) for number in members]
+            if sum(length):
+                found.append(
+                    PhotoGroup(
+                        [chosen[number] for number in members],
+                        np.concatenate([rows[number] for number in members]),
+                        np.repeat([chosen[number] for number in members], length),
+                    )
+                )
+        return found
+
+    def _rows(self, photo: int, known: NDArray[np.bool_]) -> NDArray[np.int64]:
+        rows = self.cloud.rows_of(photo)
+        return rows[known[self.cloud.seen_point[rows]]]
+
+    def _times_seen(self, visible: NDArray[np.bool_]) -> NDArray[np.int64]:
+        hidden = [self.cloud.rows_of(photo) for photo in np.flatnonzero(~visible).tolist()]
+        if not hidden:
+            return self.times_seen
+        unseen = self.cloud.seen_point[np.concatenate(hidden)]
+        return self.times_seen - np.bincount(unseen, minlength=len(self.times_seen))
+
+
+def _connected(together: NDArray[np.bool_], start: int) -> set[int]:
+    inside, border = {start}, [start]
+    while border:
+        beside = np.flatnonzero(together[border.pop()]).tolist()
+        border += [other for other in beside if other not in inside]
+        inside |= set(beside)
+    return inside
+
+
+def observed_twice(point: NDArray[np.int64], photo: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Mark observations, (m,), of points that at least two photos see; of several by one photo the first."""
+    pairs = np.stack([point, photo], 1)
+    _, first = np.unique(pairs, axis=0, return_index=True)
+    once = np.zeros(len(point), np.bool_)
+    once[first] = True
+    times = np.bincount(point[once], minlength=int(point.max(initial=-1)) + 1)
+    return once & (times[point] >= _LEAST_SEEN)

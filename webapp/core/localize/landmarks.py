@@ -1,0 +1,265 @@
+"""Method `landmarks`: the camera is solved from points of a reconstruction that the query shows.
+
+1. Retrieve: as in `verified`, the map's photos with most votes are the shortlist.
+2. Match: those of them that see the same points are a group; the query's descriptors are matched to these.
+3. Pose: three points and a RANSAC give the camera in the reconstruction; the placed photos around it say
+   where that is on the map (`landmarks.placing`).
+4. Probability: as in `verified`. Where too few points agree there is no place at all.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Features
+from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.camera_pose import CameraPose
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.geometry.relative_pose import Camera, RelativePose
+from webapp.core.hypotheses.calibration import DEFAULT, weigh
+from webapp.core.hypotheses.model import Answer
+from webapp.core.landmarks.absolute_pose import (
+    AbsolutePose,
+    Lens,
+    SolvedCamera,
+    angle_jacobian,
+    angles_of,
+    solve_camera,
+)
+from webapp.core.landmarks.cloud import LaidCloud, PhotoGroup
+from webapp.core.landmarks.placing import LaidPiece, LaidPoint
+from webapp.core.localize.evidence import Spots, evidence_vectors
+from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, voters_of
+from webapp.core.localize.verified import PlaceSearch
+from webapp.core.localize.vote import match_statistics
+from webapp.core.retrieval.indexed import IndexedMap, candidates
+from webapp.core.retrieval.shortlist import (
+    ShortlistedPhoto,
+    filter_by_rotation,
+    shortlist,
+    weighted_votes,
+)
+from webapp.core.retrieval.similar import standard_scores, with_similar
+
+Array = NDArray[np.float64]
+
+_GROUPS = 4
+"""Groups of photos that are tried, those with the best photos."""
+
+_RADIUS_OVER_SIGMA = 1.515
+"""68 % radius of an error that is normal in the plane, over its standard deviation in each direction."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Query:
+    features: Features
+    fov_deg: float
+    votes: Array
+
+
+def find_by_landmarks(
+    indexed: IndexedMap,
+    query: Features,
+    *,
+    fov_deg: float,
+    laid: LaidCloud,
+    hide: Collection[int] = (),
+) -> PlaceSearch:
+    """Look for the places where a photo may have been taken, by the landmarks that it shows.
+
+    Parameters
+    ----------
+    indexed : IndexedMap
+        With the features of the cloud: SIFT.
+    fov_deg : float
+        Horizontal field of view of the upright query.
+    hide : collection of int
+        Experience ids to leave out. Landmarks that fewer than two others see are left out, too; where the
+        others are was estimated with those that are hidden.
+    """
+    clock = [time.perf_counter()]
+    tuning = indexed.tuning.retrieval
+    nearest = candidates(indexed, query.descriptors, k=tuning.neighbours + 1, hide=hide)
+    found = filter_by_rotation(indexed, query, found=nearest)
+    votes = weighted_votes(found, len(indexed.ids))
+    voting = shortlist(indexed, query, found=found, votes=votes, most=max(tuning.voters, tuning.shortlist))
+    listed, further = voting[: tuning.shortlist], voting[tuning.shortlist :]
+    alike = standard_scores(indexed, query, hide=hide)
+    if alike is not None:
+        listed, further = with_similar(indexed, query, voting=voting, votes=votes, alike=alike)
+    clock.append(time.perf_counter())
+    photos = np.array([one.photo for one in listed], np.int64)
+    places = _places(indexed, _Query(query, fov_deg, votes), photos, laid=laid, hide=hide)
+    clock.append(time.perf_counter())
+    by_pose = [photo for place in places for photo in place.photos]
+    named = {photo.matched.photo for photo in by_pose}
+    by_votes = [VerifiedPhoto.by_votes(one) for one in [*listed, *further] if one.photo not in named]
+    at = Spots(
+        np.array([place.position for place in places], np.float64).reshape(-1, 2),
+        np.array([place.area for place in places], np.int64),
+    )
+    voters = voters_of([*by_pose, *by_votes])
+    evidence = evidence_vectors(indexed, voters, at=at, score=[p.score for p in places], alike=alike)
+    order = np.argsort(-weigh(evidence, DEFAULT), kind="stable")
+    clock.append(time.perf_counter())
+    distance = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
+    reason = "too few landmarks of the map agree with it" if len(query) else "no keypoints"
+    stages = ("retrieve", "verify", "position")
+    return PlaceSearch(
+        [places[n] for n in order],
+        evidence[order],
+        Answer(
+            hypotheses=(),
+            off_map_probability=1.0,
+            other_probability=0.0,
+            no_pose=None if places else NoPose(reason),
+            statistics=match_statistics(len(query), distance, pruned=int((found.photo[:, 0] >= 0).sum())),
+            seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
+        ),
+    )
+
+
+def _places(
+    indexed: IndexedMap,
+    query: _Query,
+    photos: NDArray[np.int64],
+    *,
+    laid: LaidCloud,
+    hide: Collection[int],
+) -> list[PlaceCandidate]:
+    """Solve the camera for each group of photos; those with most landmarks first, no two at one place."""
+    hidden = np.append(np.isin(indexed.ids, [*hide]), False)[laid.map_photo]
+    found = [
+        place
+        for group in laid.groups(photos, visible=~hidden, most=_GROUPS)
+        for place in [_place(indexed, query, group, laid=laid, hidden=hidden)]
+        if place is not None
+    ]
+    found.sort(key=lambda place: -(place.camera.landmarks if place.camera else 0))
+    places: list[PlaceCandidate] = []
+    for place in found:
+        radius = indexed.tuning.places.apart * indexed.place_radius_px
+        if all(math.dist(place.position, other.position) > radius for other in places):
+            places.append(place)
+    return places
+
+
+def _place(
+    indexed: IndexedMap,
+    query: _Query,
+    group: PhotoGroup,
+    *,
+    laid: LaidCloud,
+    hidden: NDArray[np.bool_],
+) -> PlaceCandidate | None:
+    cloud = laid.cloud
+    number = int(cloud.piece[cloud.seen_point[group.rows[0]]])
+    on_map = laid.laid[number]
+    if not isinstance(on_map, LaidPiece):
+        return None
+    transform = on_map.transform.without(hidden[laid.pieces[number].photo])
+    if transform is None:
+        return None
+    lenses = _lenses(indexed, query, group, laid=laid)
+    solved = solve_camera(query.features, cloud, rows=group.rows, lenses=lenses)
+    pose = solved.pose
+    if isinstance(pose, NoPose):
+        return None
+    at = transform.lay(pose.centre)
+    camera, heading = _on_map(pose, transform.frame, at)
+    supporting = _supporting(query, group, solved, pose=pose, laid=laid)
+    sigma_px = math.sqrt(camera.covariance[0, 0] + camera.covariance[1, 1])
+    # What is known worse than a place is wide is no position.
+    if not supporting or sigma_px > indexed.tuning.places.max_sigma * indexed.place_radius_px:
+        return None
+    position = MapPixel(at.at.real, at.at.imag)
+    score = sum(photo.weight for photo in supporting)
+    return PlaceCandidate("position", position, heading, sigma_px, supporting, score, position, camera=camera)
+
+
+def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, laid: LaidCloud) -> list[Lens]:
+    """List what the query may have been taken with: the lens that is stated, and that of photos of its size.
+
+    The reconstruction knows theirs better than EXIF does, and what is stated may be a guess.
+    """
+    size = query.features.photo_size
+    stated = Lens(*size, Camera(*size, query.fov_deg).focal_px)
+    same = [n for n in group.photos if indexed.photo_size(int(laid.map_photo[n])) == size]
+    if not same:
+        return [stated]
+    theirs = laid.cloud.focal_px[same], laid.cloud.distortion[same]
+    return [stated, Lens(*size, *(float(np.median(one)) for one in theirs))]
+
+
+def _on_map(pose: AbsolutePose, frame: Array, at: LaidPoint) -> tuple[CameraPose, float]:
+    """Turn a camera of a piece to the map; returns it and its heading, radians clockwise from up."""
+    turn = np.array([[at.factor.real, -at.factor.imag, 0.0], [at.factor.imag, at.factor.real, 0.0]])
+    scale = abs(at.factor)
+    to_map = np.vstack([turn, [0.0, 0.0, -scale]]) @ frame
+    level = np.vstack([turn / scale, [0.0, 0.0, 1.0]]) @ frame
+    rotation = pose.rotation @ level.T
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = to_map
+    jacobian[3:, 3:] = np.degrees(angle_jacobian(rotation))
+    covariance = jacobian @ pose.covariance @ jacobian.T
+    laid_variance = (at.radius_px / _RADIUS_OVER_SIGMA) ** 2
+    covariance[[0, 1, 2], [0, 1, 2]] += laid_variance
+    heading, pitch, roll = angles_of(rotation).tolist()
+    found = CameraPose(
+        at.height_px, math.degrees(pitch), math.degrees(roll), covariance, int(pose.inlier.sum())
+    )
+    return found, heading
+
+
+def _supporting(
+    query: _Query,
+    group: PhotoGroup,
+    solved: SolvedCamera,
+    *,
+    pose: AbsolutePose,
+    laid: LaidCloud,
+) -> list[VerifiedPhoto]:
+    """List the photos that see the landmarks, with their matches as if they had been verified."""
+    cloud, row = laid.cloud, solved.query_row
+    point = cloud.seen_point[solved.seen]
+    none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), (0.0, 0.0)
+    verified = []
+    for photo in group.photos:
+        own = group.rows[group.photo_of_row == photo]
+        _, match, theirs = np.intersect1d(point, cloud.seen_point[own], return_indices=True)
+        inlier = pose.inlier[match]
+        if not inlier.any():
+            continue
+        number, match_row, own = int(laid.map_photo[photo]), row[match], own[theirs]
+        xy = query.features.xy[match_row]
+        votes = float(query.votes[number])
+        listed = ShortlistedPhoto(number, votes, match_row, own, xy, cloud.seen_xy[own])
+        relative = _relative_pose(pose, photo, inlier=inlier, laid=laid)
+        verified.append(VerifiedPhoto(listed, relative, *none))
+    return sorted(verified, key=lambda photo: (-photo.inliers, photo.matched.photo))
+
+
+def _relative_pose(
+    pose: AbsolutePose, photo: int, *, inlier: NDArray[np.bool_], laid: LaidCloud
+) -> RelativePose:
+    """Derive the relative pose to a photo of the cloud."""
+    piece = laid.piece_of(photo)
+    row = int(np.flatnonzero(piece.photo == photo)[0])
+    rotation = piece.rotation[row] @ pose.rotation.T
+    apart = pose.centre - piece.centre[row]
+    translation = piece.rotation[row] @ apart
+    to_photo = -pose.rotation @ apart
+    length = float(np.linalg.norm(apart)) or 1.0
+    return RelativePose(
+        bearing=math.atan2(to_photo[0], to_photo[2]),
+        parallax=0.0,
+        inlier=inlier,
+        rotation=rotation,
+        translation=translation / length,
+    )

@@ -1,0 +1,1 @@
+"""Reconstructions on disk: matches and models as pycolmap has them, pieces, and clouds of landmarks."""

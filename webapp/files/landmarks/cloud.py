@@ -1,0 +1,174 @@
+"""The cloud of a map's landmarks on disk, and how it is read out of pycolmap's models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.cloud import LandmarkCloud, observed_twice
+from webapp.core.landmarks.joints import rigid_parts
+from webapp.errors import IndexDamaged
+from webapp.files.landmarks.colmap import StoredPieces, as_model, pycolmap
+from webapp.files.localize.arrays import read_arrays, write_arrays
+
+CLOUD_FILE = "cloud.arrays"
+_FORMAT = 1
+
+Descriptors = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredCloud:
+    """A cloud, and `key` of the pieces that it belongs to."""
+
+    cloud: LandmarkCloud
+    key: str
+
+
+class _Seen(NamedTuple):
+    """Observations of a part of a model: of which of its points, by which photos of the cloud, with which
+    keypoints; and the points."""
+
+    point: NDArray[np.int64]
+    photo: NDArray[np.int64]
+    keypoint: NDArray[np.int64]
+    at: NDArray[np.float64]
+
+
+def read_models(
+    folders: Iterable[Path], stored: StoredPieces, *, described: Callable[[str], tuple[Any, Descriptors]]
+) -> LandmarkCloud:
+    """Gather the points of models that belong to pieces, with the descriptors of their observations.
+
+    Parameters
+    ----------
+    folders : iterable of Path
+        Of the models that the pieces were cut from.
+    described : callable
+        Keypoints (n, 2) and descriptors (n, d) of a photo, by its content.
+    """
+    number = {content: n for n, content in enumerate(stored.contents)}
+    piece_of = {frozenset(piece.photo.tolist()): n for n, piece in enumerate(stored.pieces)}
+    camera = np.zeros((2, len(number)))
+    parts: list[tuple[int, _Seen]] = []
+    for folder in folders:
+        reconstruction = pycolmap().Reconstruction(folder)
+        model = as_model(reconstruction)
+        for part in rigid_parts(model.shared):
+            photos = {
+                model.contents[i]: number[model.contents[i]] for i in part if model.contents[i] in number
+            }
+            piece = piece_of.get(frozenset(photos.values()))
+            if piece is not None:
+                parts.append((piece, _observations(reconstruction, photos, camera=camera)))
+    return _gather(parts, stored.contents, camera=camera, described=described)
+
+
+def _observations(reconstruction: Any, photos: Mapping[str, int], *, camera: NDArray[np.float64]) -> _Seen:
+    """Read what photos of a model see, and note their cameras."""
+    photo_of = {}
+    for id in reconstruction.reg_image_ids():
+        image = reconstruction.image(id)
+        if image.name in photos:
+            photo_of[id] = photos[image.name]
+            lens = image.camera
+            camera[:, photos[image.name]] = lens.mean_focal_length(), lens.params[-1]
+    rows: list[tuple[int, int, int]] = []
+    at: list[NDArray[np.float64]] = []
+    for point in reconstruction.points3D.values():
+        elements = point.track.elements
+        rows += [(len(at), photo_of[e.image_id], e.point2D_idx) for e in elements if e.image_id in photo_of]
+        at.append(point.xyz)
+    seen = np.array(rows, np.int64).reshape(-1, 3)
+    seen = seen[observed_twice(seen[:, 0], seen[:, 1])]
+    return _Seen(seen[:, 0], seen[:, 1], seen[:, 2], np.array(at, np.float64).reshape(-1, 3))
+
+
+def _gather(
+    parts: Sequence[tuple[int, _Seen]],
+    contents: tuple[str, ...],
+    *,
+    camera: NDArray[np.float64],
+    described: Callable[[str], tuple[Any, Descriptors]],
+) -> LandmarkCloud:
+    used = [np.unique(seen.point, return_inverse=True) for _, seen in parts]
+    start = np.cumsum([0, *(len(kept) for kept, _ in used)])
+    none = np.zeros(0, np.int64)
+    point = np.concatenate([none, *(row + first for (_, row), first in zip(used, start, strict=False))])
+    photo = np.concatenate([none, *(seen.photo for _, seen in parts)])
+    keypoint = np.concatenate([none, *(seen.keypoint for _, seen in parts)])
+    order = np.argsort(photo, kind="stable")
+    first = np.searchsorted(photo[order], np.arange(len(contents) + 1))
+    xy, descriptors = _described(contents, keypoint[order], first, described=described)
+    pieces = [np.full(len(kept), piece) for (piece, _), (kept, _) in zip(parts, used, strict=True)]
+    return LandmarkCloud(
+        contents,
+        np.concatenate(
+            [np.zeros((0, 3)), *(s.at[kept] for (_, s), (kept, _) in zip(parts, used, strict=True))]
+        ),
+        np.concatenate([none, *pieces]).astype(np.int32),
+        first.astype(np.int64),
+        point[order].astype(np.int32),
+        xy,
+        descriptors,
+        camera[0],
+        camera[1],
+    )
+
+
+def _described(
+    contents: Sequence[str],
+    keypoint: NDArray[np.int64],
+    first: NDArray[np.int64],
+    *,
+    described: Callable[[str], tuple[Any, Descriptors]],
+) -> tuple[NDArray[np.float32], Descriptors]:
+    def each() -> Iterator[tuple[NDArray[np.float32], Descriptors]]:
+        for number, content in enumerate(contents):
+            rows = keypoint[first[number] : first[number + 1]]
+            if len(rows):
+                xy, descriptors = described(content)
+                yield xy[rows], descriptors[rows]
+
+    found = [*each()]
+    if not found:
+        return np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8)
+    return np.concatenate([xy for xy, _ in found]), np.concatenate([rows for _, rows in found])
+
+
+def write_cloud(path: Path, stored: StoredCloud) -> None:
+    """Replace the file, whole or not at all.
+
+    Raises
+    ------
+    StorageError
+    """
+    cloud = stored.cloud
+    arrays: dict[str, NDArray[Any]] = {
+        "point": cloud.point,
+        "piece": cloud.piece,
+        "first": cloud.first,
+        "seen_point": cloud.seen_point,
+        "seen_xy": cloud.seen_xy,
+        "descriptors": cloud.descriptors,
+        "focal_px": cloud.focal_px,
+        "distortion": cloud.distortion,
+    }
+    meta = {"format": _FORMAT, "key": stored.key, "contents": list(cloud.contents)}
+    write_arrays(path, arrays, meta=meta)
+
+
+def read_cloud(path: Path) -> StoredCloud | None:
+    """Read the file; None when there is none that this program can use, so that it is made again."""
+    try:
+        arrays, meta = read_arrays(path)
+        if meta["format"] != _FORMAT:
+            return None
+        return StoredCloud(LandmarkCloud(tuple(meta["contents"]), **arrays), str(meta["key"]))
+    except (IndexDamaged, KeyError, TypeError):
+        return None

@@ -1,0 +1,32 @@
+"""Where photos are known to be, and how exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from webapp.core.landmarks.placing import KnownPositions
+from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
+
+_CLICK_PX = 1.0
+"""Standard deviation of a position that somebody clicked."""
+
+_RADIUS_OVER_SIGMA = 1.515
+"""68 % radius of an error that is normal in the plane, over its standard deviation in each direction."""
+
+AnyPhoto = Experience | UnplacedPhoto
+
+
+def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPositions:
+    """Gather the positions of photos, and how exact they are; those that are None have none."""
+    at = np.full(len(photos), complex(math.nan, math.nan))
+    sigma = np.full(len(photos), _CLICK_PX)
+    for number, photo in enumerate(photos):
+        if isinstance(photo, Experience):
+            at[number] = complex(*photo.position)
+            if photo.gps_accuracy_m is not None and the_map.georeference is not None:
+                accuracy_px = photo.gps_accuracy_m / the_map.georeference.metres_per_pixel(photo.position)
+                sigma[number] = max(accuracy_px / _RADIUS_OVER_SIGMA, _CLICK_PX)
+    return KnownPositions(at, sigma)

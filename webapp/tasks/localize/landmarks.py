@@ -1,0 +1,105 @@
+"""Gives method `landmarks` the cloud of a map's reconstruction, laid on the map as it is now."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from webapp.core.features.types import Features
+from webapp.core.landmarks.cloud import LaidCloud
+from webapp.core.landmarks.placing import lay_piece
+from webapp.core.localize import verified
+from webapp.core.localize.landmarks import find_by_landmarks
+from webapp.core.localize.verified import PlaceSearch
+from webapp.core.reconstruction.depths import DepthsExcluding
+from webapp.errors import UsageError
+from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
+from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
+from webapp.progress import Progress
+from webapp.tasks.landmarks.known import known_positions
+from webapp.tasks.localize import orient_map
+from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.localize.open_map import OpenMap
+
+
+def prepare_geometry(opened: OpenMap, *, progress: Progress) -> OpenMap:
+    """Attach what a method computes positions by: landmarks, or the orientations of the map's photos.
+
+    Raises
+    ------
+    UsageError
+        The method is `landmarks`, and there are none.
+    StorageError, Cancelled
+    """
+    if opened.method == "landmarks":
+        return with_landmarks(opened, progress=progress)
+    fov = opened.options.map_fov_deg
+    return orient_map.estimate_orientations(opened, map_fov_deg=fov, progress=progress)
+
+
+def find_places(
+    opened: OpenMap,
+    query: Features,
+    *,
+    fov_deg: float,
+    hide: Collection[int] = (),
+    closer: Collection[int] = (),
+    depths: DepthsExcluding | None = None,
+) -> PlaceSearch:
+    """Look for the places where a photo may have been taken, by landmarks or as `verified` does."""
+    if opened.landmarks is not None:
+        return find_by_landmarks(opened.indexed, query, fov_deg=fov_deg, laid=opened.landmarks, hide=hide)
+    return verified.find_places(
+        opened.indexed, query, fov_deg=fov_deg, hide=hide, closer=closer, depths=depths
+    )
+
+
+def with_stored_geometry(opened: OpenMap) -> OpenMap:
+    """Attach what is there of that now.
+
+    Raises
+    ------
+    UsageError
+        As from `prepare_geometry`.
+    """
+    if opened.method == "landmarks":
+        return with_landmarks(opened, progress=Progress())
+    return orient_map.with_orientations(opened, orient_map.newest(opened))
+
+
+def paths(opened: OpenMap) -> list[Path]:
+    """List the files of the landmarks, where the method asks for them."""
+    return [landmarks_folder(opened.cfg) / CLOUD_FILE] if opened.method == "landmarks" else []
+
+
+def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
+    """Lay the cloud of a map by its photos, and attach it.
+
+    Raises
+    ------
+    UsageError
+        There is none, or none that this program can use.
+    """
+    folder = landmarks_folder(opened.cfg)
+    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
+    if stored is None or pieces is None or stored.key != pieces.key:
+        is_there = (folder / CLOUD_FILE).exists()
+        raise UsageError(
+            "the landmarks of the map are of another version" if is_there else "the map has no landmarks",
+            where=str(opened.cfg),
+            hint=f"run expmap landmarks build {opened.cfg}",
+        )
+    number = {content: n for n, content in reversed([*enumerate(opened.contents)]) if content}
+    map_photo = np.array([number.get(content, -1) for content in pieces.contents], np.int64)
+    missing = len(number.keys() - set(pieces.contents))
+    if missing:
+        progress.note(
+            f"{missing} photos of the map show no landmarks; where they are new, run expmap landmarks build"
+        )
+    photos = [opened.map.experiences[n] if n >= 0 else None for n in map_photo.tolist()]
+    known = known_positions(photos, opened.map)
+    laid = tuple(lay_piece(piece, known) for piece in pieces.pieces)
+    return replace(opened, landmarks=LaidCloud(stored.cloud, stored.key, map_photo, pieces.pieces, laid))
