@@ -197,6 +197,26 @@ class TileSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class GeocoderSettings:
+    """How places are searched by their names: by asking another host, or not at all."""
+
+    address: str | None = None
+    """Of a search that speaks Nominatim's API; none: places are not searched."""
+
+    attribution: str = "© OpenStreetMap contributors"
+    """Who is named below what was found."""
+
+    requests_per_second: float = 1.0
+    """To this host, from all processes together."""
+
+    timeout_s: float = 10.0
+    """Seconds without an answer after which a search fails."""
+
+    cache_days: float = 30.0
+    """Days that results stay in the cache."""
+
+
+@dataclass(frozen=True, slots=True)
 class MissionSettings:
     """What robots send."""
 
@@ -230,6 +250,7 @@ class Settings:
     jobs: JobSettings = field(default_factory=JobSettings)
     satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
     tiles: TileSettings = field(default_factory=TileSettings)
+    geocoder: GeocoderSettings = field(default_factory=GeocoderSettings)
     missions: MissionSettings = field(default_factory=MissionSettings)
     library: Path = Path("maps")
     """Folder of the maps."""

@@ -17,6 +17,7 @@ from tests.browser.app import App, expmap
 from tests.browser.edit_page import EditPage, spots
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS, Watch
+from tests.geocoder_server import GeocoderServer, geocoding
 from tests.ports import reserved_port
 from tests.tile_server import TileServer, serving
 
@@ -43,14 +44,26 @@ def tiles() -> Iterator[TileServer]:
 
 
 @pytest.fixture(scope="session")
-def app(tmp_path_factory: pytest.TempPathFactory, sample_folder: Path, tiles: TileServer) -> Iterator[App]:
+def geocoder() -> Iterator[GeocoderServer]:
+    """The place search that the program asks."""
+    with geocoding() as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
+def app(
+    tmp_path_factory: pytest.TempPathFactory,
+    sample_folder: Path,
+    tiles: TileServer,
+    geocoder: GeocoderServer,
+) -> Iterator[App]:
     """The program with a library that has the sample's files already, so that the start is quick."""
     library = tmp_path_factory.mktemp("served") / "maps"
     shutil.copytree(sample_folder, library / "sample")
     services = library.with_name("services.json")
     one = {"name": "Local imagery", "url": tiles.url, "attribution": "© these tests", "max_zoom": 19}
     services.write_text(json.dumps([one]), encoding="utf-8")
-    environ = {"EXPMAP_TILES": str(services)}
+    environ = {"EXPMAP_TILES": str(services), "EXPMAP_GEOCODER_ADDRESS": geocoder.address}
     with reserved_port() as port, App(library, port=port, environ=environ) as running:
         yield running
 

@@ -75,6 +75,31 @@ def test_an_area_of_a_tile_service(image_page):
     expect(page.get_by_text("© these tests")).to_be_visible()
 
 
+def test_a_place_is_found_by_its_name_when_asked(image_page, geocoder):
+    page, _ = image_page
+    by_id(page, "way-tiles").click()
+    field = page.get_by_label("Go to").first
+    geocoder.asked.clear()
+    field.press_sequentially("Lund")
+    field.blur()
+    assert not geocoder.asked, "nothing is searched while somebody types"
+    page.get_by_role("button", name="Search for the place").click()
+    places = by_id(page, "tile-places")
+    expect(places).to_contain_text("© OpenStreetMap contributors")
+    assert axe.findings(page) == []
+    places.get_by_role("button", name="Lund, Lunds kommun").click()
+    expect(places).to_be_hidden()
+    by_id(page, "tile-view").click()
+    north, south = (float(page.locator(f"#tile-{side}").input_value()) for side in ("north", "south"))
+    assert south < 55.7029 < north
+    field.fill("Atlantis")
+    field.press("Enter")
+    expect(places).to_contain_text("No place called Atlantis was found.")
+    field.fill("50.0772, 14.4175")
+    field.press("Enter")
+    assert [query["q"] for query in geocoder.asked] == [["Lund"], ["Atlantis"]]
+
+
 def test_the_area_is_chosen_by_the_keyboard(image_page):
     page, _ = image_page
     choose_area(page)

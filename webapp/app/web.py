@@ -30,7 +30,7 @@ from webapp.web.localize import api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
 from webapp.web.maps import api_checks, api_exchange, api_maps, api_photos, api_placing
 from webapp.web.maps import pages as maps_pages
-from webapp.web.satellite import api_georeference, api_satellite
+from webapp.web.satellite import api_georeference, api_places, api_satellite
 from webapp.web.satellite import pages as satellite_pages
 from webapp.web.sharing import api_shared, api_shares
 from webapp.web.sharing import pages as sharing_pages
@@ -76,6 +76,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     operate.jobs_api,
     operate.jobs_pages,
     api_georeference.blueprint,
+    api_places.blueprint,
     api_satellite.blueprint,
     satellite_pages.blueprint,
     api_shared.blueprint,

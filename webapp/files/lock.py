@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from webapp.errors import StorageError
+from webapp.errors import Busy, StorageError
 
 
 @contextmanager
@@ -44,6 +46,47 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
     try:
         yield
     finally:
+        lock.release()
+
+
+@contextmanager
+def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
+    """Do something in one process at a time, and not too often.
+
+    Parameters
+    ----------
+    path : Path
+        Of the lock; its folder is made when missing.
+    gap_s : float
+        Seconds from the end of one turn to the next.
+    wait_s : float
+        Seconds to wait for others.
+
+    Raises
+    ------
+    Busy
+        Others had their turns for so long.
+    StorageError
+        The folder cannot be written.
+    """
+    ended = path.with_name(f"{path.name}.ended")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path, timeout=wait_s)
+        lock.acquire()
+    except Timeout as error:
+        raise Busy("others are being served", wait_s=math.ceil(wait_s), hint="try again in a moment") from error
+    except OSError as error:
+        raise StorageError(
+            f"the folder cannot be written: {error.strerror}", where=str(path.parent)
+        ) from error
+    try:
+        since_s = time.time() - ended.stat().st_mtime if ended.exists() else gap_s
+        if since_s < gap_s:
+            time.sleep(min(gap_s - since_s, gap_s))  # a clock that was set back does not stop it
+        yield
+    finally:
+        ended.touch()
         lock.release()
 
 

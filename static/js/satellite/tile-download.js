@@ -8,6 +8,7 @@ import { toastError } from "../shared/toast.js";
 import { cut } from "./mercator.js";
 import { outsideChoices } from "./outside-photos.js";
 import { base, movedPhotoNotes, note, page, toEditor } from "./page.js";
+import { placeSearch } from "./place-search.js";
 import { Rectangle } from "./rectangle.js";
 import { goHere, goTo, slippyMap } from "./tile-map.js";
 
@@ -25,7 +26,7 @@ export class TilesPanel {
     this.zoom = byId("tile-zoom", HTMLInputElement);
     this.slippy = null;
     this.job = null;
-    goTo(byId("tile-goto"), () => this.slippy?.map);
+    this._goTo();
     goHere(byId("tile-here"), () => this.slippy?.map);
     byId("tile-service").addEventListener("change", () => this._service());
     byId("tile-view").addEventListener("click", () => this.rectangle.ofView());
@@ -52,6 +53,12 @@ export class TilesPanel {
     if (this.rectangle.box) this._goodZoom();
     this._estimate();
     this._resume();
+  }
+
+  _goTo() {
+    const map = () => this.slippy?.map;
+    const go = goTo(byId("tile-goto"), map, page.geocoder ? placeSearch(byId("tile-places"), map) : null);
+    if (page.geocoder) byId("tile-search").addEventListener("click", go);
   }
 
   _service() {

@@ -49,19 +49,23 @@ export function slippyMap(element, select, { load = null } = {}) {
  * Let a field move a map to a written place.
  * @param {HTMLInputElement} input
  * @param {function(): ?L.Map} map
+ * @param {?function(string): void} [search] for what is no position, when it is asked for
  */
-export function goTo(input, map) {
-  const go = () => {
+export function goTo(input, map, search = null) {
+  const go = ({ asked }) => {
     const place = parseLatLon(input.value);
+    const text = input.value.trim();
     if (place) map()?.setView(place, Math.max(map().getZoom(), 16));
-    else if (input.value.trim()) toast(t("Enter it as 50.0875, 14.4213"), { kind: "error" });
+    else if (text && search) asked && search(text);
+    else if (text) toast(t("Enter it as 50.0875, 14.4213"), { kind: "error" });
   };
-  input.addEventListener("change", go);
+  input.addEventListener("change", () => go({ asked: false }));
   input.addEventListener("keydown", (event) => {
     if (event.key !== "Enter") return;
     event.preventDefault();
-    go();
+    go({ asked: true });
   });
+  return () => go({ asked: true });
 }
 
 /**

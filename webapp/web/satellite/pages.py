@@ -29,6 +29,7 @@ _MOST_DRAWN = 1000
 def show(slug: str) -> str:
     """Show the image, the three ways to another one, and the three ways to a georeference."""
     record = open_map(slug)
+    geocoder = settings().geocoder
     services = tile_services(settings().tile_services)
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
@@ -44,6 +45,7 @@ def show(slug: str) -> str:
         "earth": _earth(record),
         "services": [service_json(service) for service in services],
         "photos": _where(photos),
+        "geocoder": None if geocoder.address is None else geocoder.attribution,
     }
     return render_template(
         "satellite/image.html",

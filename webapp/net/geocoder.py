@@ -1,0 +1,106 @@
+"""Asks a host for places by their names: Nominatim, or what speaks its API."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+
+import requests
+
+from webapp import __version__
+from webapp.core.geo.tilegrid import GeoBox
+from webapp.core.geo.types import LatLon
+from webapp.errors import InputError
+from webapp.settings import GeocoderSettings
+
+_USER_AGENT = f"experience-map/{__version__} (search for a place by a person)"
+_MOST = 5
+_MAX_BYTES = 1_000_000
+_CHUNK = 65_536
+_MAX_NAME = 300
+_WHERE = "place search"
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPlace:
+    """A place that a name may mean.
+
+    Attributes
+    ----------
+    name : str
+        With what it is a part of, for people.
+    box : GeoBox
+        Its extent.
+    """
+
+    name: str
+    position: LatLon
+    box: GeoBox
+
+
+def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[FoundPlace, ...]:
+    """Ask the host once.
+
+    Parameters
+    ----------
+    language : str
+        That names should be in, such as `cs`.
+
+    Returns
+    -------
+    tuple of FoundPlace
+        The likeliest first; empty where nothing has this name.
+
+    Raises
+    ------
+    InputError
+        The host does not answer, refuses, or answers something else.
+    """
+    wish = {"q": text, "format": "jsonv2", "limit": str(_MOST), "accept-language": language}
+    try:
+        content = json.loads(_ask(str(settings.address), wish, timeout_s=settings.timeout_s))
+    except ValueError as error:
+        raise InputError("it sent something else than places", where=_WHERE) from error
+    if not isinstance(content, list):
+        raise InputError("it sent something else than places", where=_WHERE)
+    found = (_place(item) for item in content[:_MOST])
+    return tuple(place for place in found if place is not None)
+
+
+def _ask(address: str, wish: dict[str, str], *, timeout_s: float) -> bytes:
+    data = bytearray()
+    headers = {"User-Agent": _USER_AGENT, "Accept": "application/json"}
+    try:
+        # a redirect could lead to a host that nobody has configured
+        with requests.get(
+            address, params=wish, headers=headers, timeout=timeout_s, stream=True, allow_redirects=False
+        ) as answer:
+            if answer.status_code != requests.codes.ok:
+                message = f"it answered {answer.status_code}"
+                raise InputError(message, where=_WHERE, hint="try again later, or give the coordinates")
+            for chunk in answer.iter_content(_CHUNK):
+                data += chunk
+                if len(data) > _MAX_BYTES:
+                    raise InputError("it sent far too much", where=_WHERE)
+    except requests.RequestException as error:
+        message = f"it cannot be reached ({type(error).__name__})"
+        raise InputError(message, where=_WHERE, hint="try again later, or give the coordinates") from error
+    return bytes(data)
+
+
+def _place(item: object) -> FoundPlace | None:
+    """Read one place; None for one that is not on the Earth, or has no name."""
+    try:
+        fields: dict[str, object] = dict(item)  # type: ignore[call-overload]
+        south, north, west, east = (float(str(side)) for side in fields["boundingbox"])  # type: ignore[attr-defined]
+        lat, lon = float(str(fields["lat"])), float(str(fields["lon"]))
+        name = str(fields["display_name"])[:_MAX_NAME].strip()
+    except (KeyError, TypeError, ValueError):
+        return None
+    latitudes, longitudes = (lat, south, north), (lon, west, east)
+    sound = all(math.isfinite(value) for value in (*latitudes, *longitudes))
+    sound = sound and max(map(abs, latitudes)) <= 90.0 and max(map(abs, longitudes)) <= 180.0
+    if not (sound and name and south <= north):
+        return None
+    return FoundPlace(name, LatLon(lat, lon), GeoBox(north, south, west, east))

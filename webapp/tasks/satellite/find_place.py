@@ -1,0 +1,78 @@
+"""Finds places by their names, politely: only where it is switched on, one request at a time, each once.
+
+The usage policy of Nominatim asks for at most one request a second from a server, all its processes
+together, for a `User-Agent` that names the software, for a cache, for the attribution, and that nothing is
+searched while somebody types: https://operations.osmfoundation.org/policies/nominatim/
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from pathlib import Path
+
+from webapp.core.geo.tilegrid import GeoBox
+from webapp.core.geo.types import LatLon
+from webapp.errors import NotFound
+from webapp.files.atomic import write_text
+from webapp.files.lock import paced
+from webapp.net import geocoder
+from webapp.net.geocoder import FoundPlace
+from webapp.settings import GeocoderSettings
+
+_PATIENCE_S = 8.0
+"""So long a search waits for those before it."""
+
+
+def find_place(
+    text: str, *, language: str, cache: Path, settings: GeocoderSettings
+) -> tuple[FoundPlace, ...]:
+    """Find places with a name.
+
+    Parameters
+    ----------
+    language : str
+        That names should be in, such as `cs`.
+    cache : Path
+        Folder of what was found before; is made when missing.
+
+    Raises
+    ------
+    NotFound
+        The search is switched off.
+    Busy
+        Too many others are searching.
+    InputError
+        The host does not answer, or answers something else.
+    StorageError
+        The cache cannot be written.
+    """
+    if settings.address is None:
+        raise NotFound(
+            "places are not searched here", hint="give coordinates, or set geocoder.address on the server"
+        )
+    wanted = " ".join(text.split())
+    key = hashlib.sha256("\n".join((settings.address, language, wanted.casefold())).encode()).hexdigest()
+    kept = cache / f"{key[:32]}.json"
+    found = _cached(kept, days=settings.cache_days)
+    if found is not None:
+        return found
+    with paced(cache / "turn", gap_s=1.0 / settings.requests_per_second, wait_s=_PATIENCE_S):
+        found = geocoder.search(wanted, language=language, settings=settings)
+    write_text(kept, json.dumps([[*place] for place in map(_fields, found)]))
+    return found
+
+
+def _fields(place: FoundPlace) -> tuple[object, ...]:
+    return place.name, place.position, place.box
+
+
+def _cached(path: Path, *, days: float) -> tuple[FoundPlace, ...] | None:
+    try:
+        if time.time() - path.stat().st_mtime > days * 86400:
+            return None
+        content = json.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        return None
+    return tuple(FoundPlace(name, LatLon(*position), GeoBox(*box)) for name, position, box in content)
