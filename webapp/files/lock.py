@@ -75,7 +75,9 @@ def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
         lock = FileLock(path, timeout=wait_s)
         lock.acquire()
     except Timeout as error:
-        raise Busy("others are being served", wait_s=math.ceil(wait_s), hint="try again in a moment") from error
+        raise Busy(
+            "others are being served", wait_s=math.ceil(wait_s), hint="try again in a moment"
+        ) from error
     except OSError as error:
         raise StorageError(
             f"the folder cannot be written: {error.strerror}", where=str(path.parent)
