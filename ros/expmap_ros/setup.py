@@ -4,7 +4,7 @@ from pathlib import Path
 
 from setuptools import setup
 
-NODES = ("pose_estimator",)
+NODES = ("pose_estimator", "image_publisher", "mission_bridge", "fix_bridge", "visualizer")
 
 setup(
     name="expmap_ros",

@@ -420,3 +420,16 @@ def test_waits_double_up_to_the_longest_with_jitter():
     assert backoff.next_delay(at_least_s=7) == 17
     backoff.reset()
     assert backoff.next_delay() == 1
+
+
+def test_a_new_start_knows_when_the_newest_of_each_track_was(start, server):
+    client = start()
+    send(client, 3)
+    client.pose(50, 14, time_s=7, source="odometry", track="left")
+    client.pose(50, 14, time_s=5, source="odometry", track="left")
+    client.object("car 1", "car", lat=50, lon=14, time_s=9)
+    client.end()
+    assert client.upload(wait_s=60)
+    client.close()
+    times = {("gps", ""): 2.0, ("odometry", "left"): 7.0, ("object", "car 1"): 9.0}
+    assert start().last_times_s() == times

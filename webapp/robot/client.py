@@ -19,6 +19,7 @@ from .records import (
     ObjectFields,
     PoseFields,
     end_record,
+    last_times_s,
     object_record,
     parse_record,
     pose_record,
@@ -280,6 +281,10 @@ class RobotClient:
         self._wake.set()
         with self._idle:
             return self._idle.wait_for(self._is_done, timeout=wait_s)
+
+    def last_times_s(self) -> dict[tuple[str, str], float]:
+        """Return when the newest record of each track, (source, name), and object, ("object", id), was."""
+        return last_times_s(self._spool.recent())
 
     def status(self) -> RobotStatus:
         """Return how many records wait, and what is wrong."""

@@ -116,15 +116,19 @@ class Spool:
 
     def travelled_m(self, track: tuple[str, str]) -> float:
         """Return the distance travelled at the last pose of a track (source and name); 0 if it is unknown."""
-        rows = self._database.select(
-            "SELECT CAST(text AS BLOB) FROM records ORDER BY number DESC LIMIT ?", _RECENT_RECORDS
-        )
-        for (text,) in rows:
+        for text in self.recent():
             if b'"travelled_m"' in text:
                 pose = json.loads(text)
                 if (pose.get("source", "gps"), pose.get("track", "")) == track and "travelled_m" in pose:
                     return float(pose["travelled_m"])
         return 0.0
+
+    def recent(self) -> Iterator[bytes]:
+        """Yield the last 20 000 records as JSON, the newest first; those the server has may be gone."""
+        rows = self._database.select(
+            "SELECT CAST(text AS BLOB) FROM records ORDER BY number DESC LIMIT ?", _RECENT_RECORDS
+        )
+        yield from (text for (text,) in rows)
 
     def append(self, text: bytes, *, sync: bool) -> int:
         """Add a record.

@@ -56,3 +56,32 @@ def test_packages_that_are_imported_are_declared():
                 imported.add(tree.module.partition(".")[0])
     needed = {name for name in imported if name.endswith(("_msgs", "_srvs", "_interfaces", "rclpy"))}
     assert needed - optional == declared
+
+
+@pytest.mark.parametrize(
+    "path", sorted((PACKAGE / "launch").glob("*.launch.xml")), ids=lambda path: path.name
+)
+def test_launch_files_start_nodes_with_parameters_they_have(path):
+    root = ET.parse(path).getroot()
+    given = {arg.get("name") for arg in root.iter("arg")}
+    assert set(re.findall(r"\$\(var (\w+)\)", path.read_text("utf-8"))) == given
+    assert path.name in PAGE
+    for node in root.iter("node"):
+        assert node.get("pkg") == "expmap_ros" and node.get("exec") in NODES
+        known = {p.name for p in importlib.import_module(f"expmap_ros.{node.get('exec')}").PARAMETERS}
+        assert {param.get("name") for param in node.iter("param")} <= known
+
+
+def test_nodes_in_the_documentation_can_be_started_as_written():
+    """Each `ros2 run` and `python -m` line names a node, and parameters and topics that it has."""
+    text = re.sub(r"\\\n\s*", " ", PAGE)
+    lines = re.findall(
+        r"^(?:ros2 run expmap_ros |\S*python -m expmap_ros\.)(\w+) --ros-args (.+)$", text, re.M
+    )
+    assert {node for node, _ in lines} == set(NODES)
+    for node, rest in lines:
+        known = {p.name for p in importlib.import_module(f"expmap_ros.{node}").PARAMETERS}
+        names = re.findall(r"-p (\w+):=", rest)
+        assert names and set(names) <= known, (node, rest)
+        source = (PACKAGE / "expmap_ros" / f"{node}.py").read_text("utf-8")
+        assert all(topic in source for topic in re.findall(r"-r (\S+):=", rest)), (node, rest)

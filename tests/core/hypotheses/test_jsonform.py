@@ -7,7 +7,12 @@ import pytest
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
+from webapp.core.hypotheses.jsonform import (
+    AnswerSource,
+    answer_from_json,
+    answer_to_json,
+    failure_to_json,
+)
 from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics
 
 KEYS = [
@@ -89,3 +94,13 @@ def test_no_pose_is_an_empty_list() -> None:
 
 def test_failed_photo() -> None:
     assert failure_to_json(query="q.jpg", error="not a photo") == {"query": "q.jpg", "error": "not a photo"}
+
+
+def test_what_is_written_can_be_read_for_pictures() -> None:
+    source = AnswerSource("verified", "sift", GEOREFERENCE, 0)
+    form = json.loads(json.dumps(answer_to_json(ANSWER, query="q.jpg", source=source)))
+    read = answer_from_json(form)
+    assert (read.hypotheses, read.abstained) == (ANSWER.hypotheses, False)
+    assert (read.off_map_probability, read.other_probability) == (0.2, 0.1)
+    nothing = answer_from_json({"hypotheses": [], "off_map_probability": 1.0})
+    assert nothing.abstained and nothing.no_pose is not None

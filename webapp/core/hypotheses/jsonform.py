@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.camera_pose import CameraPose
-from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.places import MapKind
 
 STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
@@ -73,6 +75,31 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "looks": list(answer.looks),
         **({"sequence": True} if source.sequence else {}),
     }
+
+
+def answer_from_json(form: Mapping[str, Any]) -> Answer:
+    """Read what `answer_to_json` makes, as far as pictures of the map show it: not the matches."""
+    hypotheses = tuple(
+        Hypothesis(
+            rank,
+            h.get("kind", "position"),
+            MapPixel(h["x_px"], h["y_px"]),
+            probability=h["probability"],
+            radius_px=h["radius_px"],
+            heading_deg=h["heading_deg"],
+            experiences=tuple(h["experiences"]),
+            inliers=h.get("inliers"),
+            matches=h.get("matches", 0),
+        )
+        for rank, h in enumerate(form["hypotheses"], 1)
+    )
+    return Answer(
+        hypotheses,
+        form["off_map_probability"],
+        form.get("other_probability", 0.0),
+        no_pose=None if hypotheses else NoPose("nothing on this map matches"),
+        statistics=MatchStatistics(0, 0, 0, None, None, None, None),
+    )
 
 
 def failure_to_json(*, query: str, error: str) -> dict[str, Any]:
