@@ -21,7 +21,12 @@ REPORT = RestReport(
         SuggestedPlace(3, "photos/3.jpg", MapPixel(410.0, 90.0), 80.0, None, (1,)),
     ),
     left=(LeftPhoto(4, "photos/4.jpg", "too few photos show enough of the same", (0,)),),
-    checked=(CheckedPhoto(0, "photos/0.jpg", 3.5, False), CheckedPhoto(1, "photos/1.jpg", 250.0, True)),
+    checked=(
+        CheckedPhoto(0, "photos/0.jpg", 3.5, False, MapPixel(103.5, 90.0)),
+        CheckedPhoto(1, "photos/1.jpg", 250.0, True, MapPixel(40.0, 300.25), 14.0),
+        CheckedPhoto(5, "photos/5.jpg", 30.0, False, MapPixel(7.0, 8.0)),
+        CheckedPhoto(6, "photos/6.jpg", None, False),
+    ),
     place_next=(3, 4),
 )
 
@@ -51,7 +56,7 @@ def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):
         "photos/3.jpg  x 410.0, y 90.0, within 80.0 px",
         "photos/4.jpg  too few photos show enough of the same",
     ]
-    assert "photos/1.jpg (id 1) contradicts the other placed photos: they have it 250 px away" in err
+    assert "photos/1.jpg (id 1) contradicts the other placed photos: they have it 250 px (14 m) away" in err
     assert "2 photos joined, 1 not" in err
     assert "help most (ids): 3, 4" in err
     assert cfg.read_bytes() == before
@@ -77,8 +82,33 @@ def test_json_has_everything(expmap, cfg):
         "error": "too few photos show enough of the same",
         "place_first": [0],
     }
-    assert [photo["contradicts"] for photo in told["checked"]] == [False, True]
+    assert [photo["contradicts"] for photo in told["checked"]] == [False, True, False, False]
+    assert told["checked"][1] == {
+        "id": 1,
+        "photo": "photos/1.jpg",
+        "residual_px": 250.0,
+        "residual_m": 14.0,
+        "x_px": 40.0,
+        "y_px": 300.25,
+        "contradicts": True,
+    }
+    assert told["checked"][3]["x_px"] is None
     assert told["place_next"] == [3, 4]
+
+
+def test_placed_photos_are_checked_those_that_contradict_the_others_first(expmap, cfg):
+    before = cfg.read_bytes()
+    code, out, _ = expmap("map", "place-rest", cfg, "--check")
+    assert code == 0
+    assert out.splitlines() == [
+        "photos/1.jpg  250.0 px (14.0 m) from where the others have it, x 40.0, y 300.2; contradicts them",
+        "photos/5.jpg  30.0 px from where the others have it, x 7.0, y 8.0",
+        "photos/0.jpg  3.5 px from where the others have it, x 103.5, y 90.0",
+    ]
+    assert cfg.read_bytes() == before
+    code, _, err = expmap("map", "place-rest", cfg, "--check", "--accept")
+    assert code == 2
+    assert "--check changes nothing" in err
 
 
 def test_photos_within_a_radius_are_accepted_in_the_files(expmap, cfg):

@@ -25,20 +25,24 @@ from webapp.tasks.landmarks.stored import as_json as report_as_json
     metavar="PX",
     help="With --accept: only photos whose radius is at most so many pixels.",
 )
+@click.option("--check", is_flag=True, help="List the placed photos by how far off the others have them.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def place_rest(cfg: Path, accept: bool, within: float | None, as_json: bool) -> None:
+def place_rest(cfg: Path, accept: bool, within: float | None, check: bool, as_json: bool) -> None:
     """Suggest where the photos in the tray of a map were taken, by the photos that are placed.
 
     All photos are joined by structure from motion, and laid on the map by those that have a place; a dozen
     of those are often enough. What cannot be joined stays in the tray, with the reason. Nothing is changed
     without --accept. It can be interrupted at any moment; the next time only new photos are computed.
+    With --check the photos that are placed are listed instead, those first that contradict the others.
     """
+    if check and accept:
+        raise click.UsageError("--check changes nothing: it does not go with --accept")
     if within is not None and not accept:
         raise click.UsageError("--within goes with --accept only")
     keep_freed_memory()
     with library_of(cfg) as there:
         with terminal_progress("photos") as progress:
-            report = suggest_rest(cfg, settings=load_settings(), progress=progress)
+            report = suggest_rest(cfg, settings=load_settings(), progress=progress, check=check)
         chosen = [one for one in report.suggested if within is None or one.radius_px <= within]
         if accept and chosen:
             if there is None:
@@ -50,6 +54,8 @@ def place_rest(cfg: Path, accept: bool, within: float | None, as_json: bool) -> 
     click.echo(
         json.dumps(report_as_json(report, accepted=accepted), indent=1)
         if as_json
+        else _check_table(report)
+        if check
         else _table(report, accepted)
     )
     _print_notes(cfg, report, accepted)
@@ -69,13 +75,29 @@ def _table(report: RestReport, accepted: set[int]) -> str:
     return "\n".join(lines)
 
 
+def _check_table(report: RestReport) -> str:
+    """List the placed photos that are joined with others: contradictions first, then the farthest off."""
+    known = [one for one in report.checked if one.others_have is not None]
+    known.sort(key=lambda one: (not one.contradicts, -(one.residual_px or 0.0)))
+    width = max((len(one.photo) for one in known), default=0)
+    lines = []
+    for one in known:
+        x, y = one.others_have or (0.0, 0.0)
+        metres = "" if one.residual_m is None else f" ({one.residual_m:.1f} m)"
+        word = "; contradicts them" if one.contradicts else ""
+        off = f"{one.residual_px or 0.0:.1f} px{metres}"
+        lines.append(f"{one.photo:{width}}  {off} from where the others have it, x {x:.1f}, y {y:.1f}{word}")
+    return "\n".join(lines) or "no placed photo is joined with two others"
+
+
 def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
     """Print on standard error what is not a result: contradictions, counts, which photos to place next."""
     for one in report.checked:
         if one.contradicts:
+            metres = "" if one.residual_m is None else f" ({one.residual_m:.0f} m)"
             click.echo(
                 f"warning: {one.photo} (id {one.id}) contradicts the other placed photos: they have it "
-                f"{one.residual_px or 0.0:.0f} px away",
+                f"{one.residual_px or 0.0:.0f} px{metres} away",
                 err=True,
             )
     done = f", {len(accepted)} placed" if accepted else ""

@@ -154,3 +154,21 @@ def test_accepted_photos_are_in_the_files(court):
     placed = the_map.experiences[1]
     assert np.hypot(*(placed.position - court.at[1])) < 1.0
     assert turned(placed.heading_deg, court.headings[1]) < 1.0
+
+
+def test_a_photo_that_is_placed_wrongly_is_where_the_others_have_it(court):
+    accept_in_folder(court.cfg, suggest(court.cfg).suggested)
+    whole = read_map(court.cfg)
+    wrong = tuple(
+        replace(e, position=MapPixel(e.position.x + 90.0, e.position.y)) if e.id == 3 else e
+        for e in whole.experiences
+    )
+    write_map(court.cfg, replace(whole, experiences=wrong, unplaced=()))
+    with pytest.raises(UsageError, match="no photo without a place"):
+        suggest(court.cfg)
+    report = suggest_rest(court.cfg, settings=Settings(), progress=Progress(), check=True)
+    assert [one.id for one in report.checked if one.contradicts] == [3]
+    (found,) = (one for one in report.checked if one.id == 3)
+    assert found.residual_px == pytest.approx(90.0, abs=1.0)
+    assert np.hypot(*(found.others_have - court.at[3])) < 1.0
+    assert all(one.residual_px < 2.0 for one in report.checked if one.id != 3)

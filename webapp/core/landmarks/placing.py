@@ -82,6 +82,8 @@ class LaidPiece:
         Where each looks, clockwise from image-up.
     residual_px : (n,) float64
         Of placed photos, from where the others have them; NaN for all others and where there are too few.
+    others_have : (n,) complex128
+        Where the others have them, of photos with a residual.
     contradicting : (n,) bool
         Placed photos that were left out, because they contradict the others.
     transform : PlanTransform
@@ -92,6 +94,7 @@ class LaidPiece:
     radius_px: Array
     angle_deg: Array
     residual_px: Array
+    others_have: Points
     contradicting: NDArray[np.bool_]
     transform: PlanTransform
 
@@ -232,7 +235,7 @@ def _global_rms(plan: Points, at: Points) -> float:
 
 def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
     kept = np.ones(len(known.row), np.bool_)
-    exponent, error, relative = _leave_one_out(view.position, known)
+    exponent, moved, error, relative = _leave_one_out(view.position, known)
     while len(error) >= _FEW:
         worst = int(np.argmax(error))
         usual = max(float(np.median(error)), 1.0)
@@ -240,13 +243,15 @@ def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
         if not is_wrong or kept.sum() * 3 <= 2 * len(kept):
             break
         kept[np.flatnonzero(kept)[worst]] = False
-        exponent, error, relative = _leave_one_out(view.position, known.subset(kept))
+        exponent, moved, error, relative = _leave_one_out(view.position, known.subset(kept))
     used = known.subset(kept)
     at, factor = _moved(view.position, used, exponent=exponent, plan=view.position)
     residual = np.full(len(view.position), np.nan)
-    residual[used.row] = error if len(used.row) > 2 else np.nan
+    others_have = np.full(len(view.position), complex(np.nan, np.nan))
+    if len(used.row) > 2:
+        residual[used.row], others_have[used.row] = error, moved
     wrong = known.row[~kept]
-    residual[wrong] = np.abs(known.at[~kept] - at[wrong])
+    residual[wrong], others_have[wrong] = np.abs(known.at[~kept] - at[wrong]), at[wrong]
     contradicting = np.zeros(len(at), np.bool_)
     contradicting[wrong] = True
     return LaidPiece(
@@ -254,6 +259,7 @@ def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
         _radius(view.position, used, factor=factor, relative=relative),
         np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,
         residual,
+        others_have,
         contradicting,
         PlanTransform(
             view.frame, used.row, piece.centre[used.row], used.at, used.sigma_px, exponent, relative
@@ -272,28 +278,30 @@ def _radius(plan: Points, known: _Known, *, factor: Points, relative: Array) -> 
     return radius
 
 
-def _leave_one_out(plan: Points, known: _Known) -> tuple[float, Array, Array]:
+def _leave_one_out(plan: Points, known: _Known) -> tuple[float, Points, Array, Array]:
     """Choose the exponent by which placed photos place each other best.
 
     Returns
     -------
     exponent : float
+    moved : (k,) complex128
+        Where the others have each, map pixels.
     error : (k,) float64
-        Map pixels.
+        How far that is off.
     relative : (k,) float64
-        Over the distance to the nearest other placed photo; both are empty for two photos, which say nothing.
+        Over the distance to the nearest other placed photo; all are empty for two photos, which say nothing.
     """
     if len(known.row) < 3:
-        return 0.0, np.zeros(0), np.zeros(0)
-    best: tuple[float, Array, Array] | None = None
+        return 0.0, np.zeros(0, np.complex128), np.zeros(0), np.zeros(0)
+    best: tuple[float, Points, Array, Array] | None = None
     for exponent in _EXPONENTS:
         moved, factor = _moved(plan[known.row], known, exponent=exponent, plan=plan, leave_out=True)
         error = np.abs(moved - known.at)
-        if best is None or np.median(error) < np.median(best[1]):
+        if best is None or np.median(error) < np.median(best[2]):
             apart = np.abs(plan[known.row][:, None] - plan[known.row])
             np.fill_diagonal(apart, np.inf)
             away = np.maximum(apart.min(1) * np.abs(factor), 1.0)
-            best = exponent, error, error / away
+            best = exponent, moved, error, error / away
     assert best is not None
     return best
 

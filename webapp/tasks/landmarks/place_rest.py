@@ -69,12 +69,18 @@ class CheckedPhoto:
         Distance from where the other placed photos have it; None where they are too few.
     contradicts : bool
         It was left out: the others agree on another place.
+    others_have : MapPixel or None
+        That place.
+    residual_m : float or None
+        The residual in metres, on a map with a georeference.
     """
 
     id: int
     photo: str
     residual_px: float | None
     contradicts: bool
+    others_have: MapPixel | None = None
+    residual_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +99,13 @@ class RestReport:
     place_next: tuple[int, ...]
 
 
-def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress) -> RestReport:
+def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bool = False) -> RestReport:
     """Suggest places for the photos in the tray of a map; nothing is changed.
+
+    Parameters
+    ----------
+    check : bool
+        The photos that are placed are to be checked: the tray may be empty.
 
     Raises
     ------
@@ -108,7 +119,7 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress) -> RestRe
     """
     pycolmap()  # what is missing is said before anything is read
     the_map = read_map(cfg)
-    if not the_map.unplaced:
+    if not the_map.unplaced and not check:
         raise UsageError("the map has no photo without a place", where=str(cfg))
     found = reconstruct(cfg, the_map, settings=settings, progress=progress)
     return suggest_from(found, the_map)
@@ -129,7 +140,7 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
         one
         for piece, result in zip(found.pieces, laid, strict=True)
         if isinstance(result, LaidPiece)
-        for one in _checked(piece, result, photos=found.photos)
+        for one in _checked(piece, result, photos=found.photos, the_map=the_map)
     ]
     return RestReport(
         tuple(sorted(suggested, key=lambda one: one.id)),
@@ -190,10 +201,29 @@ def _unjoined(found: Reconstruction) -> Iterator[LeftPhoto]:
 
 
 def _checked(
-    piece: RigidPiece, laid: LaidPiece, *, photos: Sequence[Experience | UnplacedPhoto]
+    piece: RigidPiece,
+    laid: LaidPiece,
+    *,
+    photos: Sequence[Experience | UnplacedPhoto],
+    the_map: Map,
 ) -> Iterator[CheckedPhoto]:
+    georeference = the_map.georeference
     for row, number in enumerate(piece.photo.tolist()):
         photo, residual = photos[number], float(laid.residual_px[row])
-        if isinstance(photo, Experience):
-            known = None if math.isnan(residual) else residual
-            yield CheckedPhoto(photo.id, photo.photo, known, bool(laid.contradicting[row]))
+        if not isinstance(photo, Experience):
+            continue
+        if math.isnan(residual):
+            yield CheckedPhoto(photo.id, photo.photo, None, False)
+            continue
+        metres = None
+        if georeference is not None:
+            metres = residual * georeference.metres_per_pixel(photo.position)
+        there = complex(laid.others_have[row])
+        yield CheckedPhoto(
+            photo.id,
+            photo.photo,
+            residual,
+            bool(laid.contradicting[row]),
+            MapPixel(there.real, there.imag),
+            metres,
+        )

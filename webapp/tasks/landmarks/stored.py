@@ -41,6 +41,9 @@ def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, 
             "id": one.id,
             "photo": one.photo,
             "residual_px": None if one.residual_px is None else round(one.residual_px, 2),
+            "residual_m": None if one.residual_m is None else round(one.residual_m, 2),
+            "x_px": None if one.others_have is None else round(one.others_have.x, 2),
+            "y_px": None if one.others_have is None else round(one.others_have.y, 2),
             "contradicts": one.contradicts,
         }
         for one in report.checked
