@@ -19,6 +19,12 @@ const JOBS = {
   import: () => t("Importing"),
   export: () => t("Exporting"),
 };
+/** What the page gains by a job. */
+const REASONS = {
+  index: () => t("New photos will be found on this map."),
+  evaluate: () => t("It tells how often and how exactly photos are found here."),
+  "satellite-pyramid": () => t("Large images are shown in tiles, so that they move smoothly."),
+};
 const FAILURES_SHOWN = 100;
 
 /** The card of uploads and jobs; hidden when there is nothing to show. */
@@ -146,6 +152,7 @@ export class Activity {
         h("strong", {}, name),
         h("span", { class: "small soft" }, words[state]()),
         this._jobButton(job, going)),
+      going && kind in REASONS && h("p", { class: "small soft" }, REASONS[kind]()),
       going && h("progress", { class: "progress", "aria-label": name, ...(state === "running" ? value : { value: 0, max: 1 }) }),
       error && h("p", { class: "small ed-job__error" }, [error.message, error.hint].filter(Boolean).map(sentence).join(". ")),
       state === "failed" && this._hide(id));

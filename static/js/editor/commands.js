@@ -88,6 +88,13 @@ export class Commands {
     this.say(tn("{n} photo turned.", "{n} photos turned.", changes.length));
   }
 
+  /** Correct the times of photos whose camera had a wrong clock. @param {Map<number, string>} times by id */
+  retime(times) {
+    if (!times.size) return;
+    this._edit("retime", [...times].map(([id, taken_at]) => ({ id, taken_at })));
+    this.say(tn("The time of {n} photo is corrected.", "The times of {n} photos are corrected.", times.size));
+  }
+
   /** Turn the current photo by some degrees; one without a heading starts at north. */
   turnBy(degrees) {
     const { current, canEdit } = this.store;

@@ -10,6 +10,9 @@ const COARSE_STEP = 15;
 /** A second click so soon and so near is the same click: it places no second photo. */
 const DOUBLE_MS = 500;
 const DOUBLE_PX = 10;
+/** So many dots on each other are spread around their spot; where there are more, the view goes nearer. */
+const MOST_SPREAD = 40;
+const NEARER = 2;
 
 /** Turns pointer events into commands. */
 export class EditGestures {
@@ -23,6 +26,8 @@ export class EditGestures {
     this.dots = dots;
     this.commands = commands;
     this.store = commands.store;
+    /** @type {?import("./measure.js").Measure} takes the clicks while it is active */
+    this.measure = null;
     /** @type {?Object<string, *>} what the pointer is doing */
     this.gesture = null;
     const { element } = view;
@@ -51,6 +56,7 @@ export class EditGestures {
   }
 
   _down(event) {
+    const { dots } = this;
     if (!this.store.satellite || event.target.closest("button, a, input, .ed-overlay")) return;
     if (this.gesture) {
       this.cancel(); // a second finger: a pinch
@@ -63,6 +69,7 @@ export class EditGestures {
     /** @type {Object<string, *>} */
     const gesture = { id: event.pointerId, pointer, point, start: this.view.pixelAt(event), moved: false };
     Object.assign(gesture, this._meaning(event, point, pointer));
+    if (dots.isFanned && gesture.hit !== undefined) gesture.start = this.store.position(gesture.hit); // it is drawn elsewhere
     if (gesture.mode !== "pan") this.view.map.dragging.disable();
     if (pointer === "touch") gesture.timer = setTimeout(() => this._longPress(), LONG_PRESS_MS);
     this.gesture = gesture;
@@ -71,13 +78,14 @@ export class EditGestures {
   /** What a press there would do when it moves. */
   _meaning(event, point, pointer) {
     const { store, dots } = this;
+    if (this.measure?.active) return { mode: "pan" };
     if (store.canEdit && dots.onHandle(point, pointer)) return { mode: "turn", target: store.currentId };
     const [hit] = dots.near(point, pointer);
     if (hit === undefined) return { mode: event.shiftKey ? "box" : "pan" };
     const chosen = store.selection.has(hit) || hit === store.currentId;
     if (!store.canEdit || (pointer === "touch" && !chosen)) return { mode: "pan" };
     const ids = store.selection.has(hit) ? [...store.selection].filter((id) => store.isPlaced(id)) : [hit];
-    return { mode: "drag", from: new Map(ids.map((id) => [id, store.position(id)])) };
+    return { mode: "drag", hit, from: new Map(ids.map((id) => [id, store.position(id)])) };
   }
 
   _move(event) {
@@ -104,6 +112,7 @@ export class EditGestures {
   }
 
   _drag(gesture, [x, y]) {
+    if (this.dots.isFanned) this.dots.fan([]);
     const [dx, dy] = [x - gesture.start[0], y - gesture.start[1]];
     const to = ([fromX, fromY]) => clamped([fromX + dx, fromY + dy], this.store.satellite);
     gesture.to = new Map([...gesture.from].map(([id, position]) => [id, to(position)]));
@@ -147,19 +156,36 @@ export class EditGestures {
   /** @param {PointerEvent} event @param {Object<string, *>} gesture */
   _click(event, { point, pointer, mode }) {
     if (mode === "turn") return;
-    const { store } = this;
-    const hits = this.dots.near(point, pointer);
+    const { store, dots } = this;
+    if (this.measure?.active) {
+      this.measure.add(clamped(this.view.pixelAt(event), store.satellite));
+      return;
+    }
+    const hits = dots.near(point, pointer);
     const choosing = event.shiftKey || event.ctrlKey || event.metaKey || (pointer === "touch" && store.selection.size);
     if (choosing) {
       if (hits.length) store.toggleSelected(hits[0]);
     } else if (store.tool === "place" && store.current && !store.isPlaced(store.currentId)) {
       this._place(event);
-    } else if (hits.length) {
-      const at = hits.indexOf(store.currentId);
-      store.setCurrent(hits[(at + 1) % hits.length]);
-    } else if (store.selection.size) {
-      store.setSelection([]);
+    } else if (hits.length > 1) {
+      this._open(hits, point);
+    } else {
+      if (!hits.length) dots.fan([]);
+      if (hits.length) store.setCurrent(hits[0]);
+      else if (store.selection.size) store.setSelection([]);
     }
+  }
+
+  /** Spread dots that lie on each other; of too many of them, go nearer. */
+  _open(hits, point) {
+    const { dots, store, view } = this;
+    const { map } = view;
+    if (hits.length > MOST_SPREAD && map.getZoom() < map.getMaxZoom()) {
+      map.setZoomAround(point, map.getZoom() + NEARER);
+      return;
+    }
+    if (!dots.isFanned) dots.fan(hits.slice(0, MOST_SPREAD));
+    store.setCurrent(hits[(hits.indexOf(store.currentId) + 1) % hits.length]);
   }
 
   _place(event) {

@@ -18,6 +18,8 @@ export function showHelp() {
       ["C", t("show the current photo on the image")],
       ["M", t("go to the image")],
       ["F", t("the photo on the whole screen; arrow keys go on from there")],
+      ["D", t("measure a distance")],
+      ["Ctrl + V", t("add a picture from the clipboard")],
       ["Delete", t("remove from the map")],
       ["Backspace", t("back to the tray")],
       ["Ctrl + Z", t("undo")],

@@ -22,7 +22,7 @@ export const singleKeys = {
 
 /**
  * Listen to keys.
- * @param {{view: Object, dots: Object, gestures: Object, crosshair: Object, commands: Object, help: function(): void}} page
+ * @param {{view: Object, dots: Object, gestures: Object, crosshair: Object, measure: Object, commands: Object, help: function(): void}} page
  */
 export function connectKeyboard(page) {
   document.addEventListener("keydown", (event) => {
@@ -66,19 +66,21 @@ function onImage(event, { crosshair, commands, view, dots }) {
   return () => (choose ? store.setCurrent(under) : commands.placeCurrent(crosshair.pixel));
 }
 
-function anywhere(event, { commands, gestures }) {
+function anywhere(event, { commands, dots, gestures, measure }) {
   const { store } = commands;
   if (event.key === "Delete" && store.canEdit) return () => commands.remove(commands.chosen());
   if (event.key === "Backspace" && store.canEdit) return () => commands.toTray(commands.chosen());
   if (event.key !== "Escape") return null;
   return () => {
     if (gestures.gesture) gestures.cancel();
+    else if (measure.active) measure.stop();
+    else if (dots.isFanned) dots.fan([]);
     else if (store.selection.size) store.setSelection([]);
     else store.setTool("select");
   };
 }
 
-function single(event, { commands, view, help }) {
+function single(event, { commands, view, measure, help }) {
   const { store } = commands;
   const position = store.currentId === null ? null : store.position(store.currentId);
   const actions = {
@@ -95,6 +97,7 @@ function single(event, { commands, view, help }) {
     c: () => position && view.reveal(position, { margin: 120 }),
     m: () => view.element.focus(),
     f: () => openViewer(commands),
+    d: () => (measure.active ? measure.stop() : store.satellite && measure.start()),
     "?": help,
   };
   return actions[event.key.toLowerCase()] || null;

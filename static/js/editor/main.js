@@ -1,7 +1,7 @@
 /** The page on which photos are put on the image of a map: makes the parts and connects them. */
 
 import { byId } from "../shared/dom.js";
-import { listenToDrops, usable } from "../shared/drop-files.js";
+import { listenToDrops, listenToPastes, usable } from "../shared/drop-files.js";
 import { takeNotes } from "../shared/kept-notes.js";
 import { Crosshair } from "../shared/map/crosshair.js";
 import { MapPolling } from "../shared/map/map-polling.js";
@@ -31,6 +31,7 @@ import { PhotoMenu } from "./photos/photo-menu.js";
 import { PhotoOrder } from "./photos/photo-order.js";
 import { openViewer } from "./photos/photo-viewer.js";
 import { connectSelection } from "./photos/selection-bar.js";
+import { Measure } from "./measure.js";
 import { choosePlacement } from "./placements.js";
 import { satelliteInput } from "./satellite-input.js";
 import { connectUndoRedo } from "./undo-redo.js";
@@ -48,7 +49,9 @@ const view = new MapView(byId("map-canvas"), store);
 const dots = new PhotoDots(store).addTo(view.map);
 const gestures = new EditGestures(view, dots, commands);
 const crosshair = new Crosshair(view, say);
-const page = { store, server, refresh, view, dots, gestures, crosshair, commands, say, help: showHelp };
+const measure = new Measure(view, say);
+gestures.measure = measure;
+const page = { store, server, refresh, view, dots, gestures, crosshair, measure, commands, say, help: showHelp };
 
 new CurrentPhoto(commands, view, server);
 const menu = new PhotoMenu(commands, order, page);
@@ -106,6 +109,7 @@ function takeFiles() {
     else if (lists.length) (await isTrack(lists[0]) ? bulk.track : bulk.positions)(lists[0]);
   };
   listenToDrops(byId("drop"), take);
+  listenToPastes(take);
   for (const input of [byId("photo-input", HTMLInputElement), byId("folder-input", HTMLInputElement)]) {
     input.addEventListener("change", () => {
       const files = usable(input.files);

@@ -9,6 +9,7 @@ const KINDS = {
   place: (n) => tn("placing {n} photo", "placing {n} photos", n),
   move: (n) => tn("moving {n} photo", "moving {n} photos", n),
   turn: (n) => tn("turning {n} photo", "turning {n} photos", n),
+  retime: (n) => tn("correcting the time of {n} photo", "correcting the times of {n} photos", n),
   unplace: (n) => tn("moving {n} photo back to the tray", "moving {n} photos back to the tray", n),
   remove: (n) => tn("removing {n} photo", "removing {n} photos", n),
   "place-gps": (n) => tn("placing {n} photo by GPS", "placing {n} photos by GPS", n),

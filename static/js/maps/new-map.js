@@ -7,7 +7,7 @@
 import { patch, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h } from "../shared/dom.js";
-import { listenToDrops, usable } from "../shared/drop-files.js";
+import { listenToDrops, listenToPastes, usable } from "../shared/drop-files.js";
 import { locale, t, tn } from "../shared/i18n.js";
 import { keepNotes } from "../shared/kept-notes.js";
 import { rafThrottle } from "../shared/timing.js";
@@ -38,6 +38,7 @@ for (const [button, input] of [["photos-button", "photo-input"], ["folder-button
   });
 }
 listenToDrops(byId("drop"), take);
+listenToPastes(take);
 byId("again").addEventListener("click", () => uploads.retry());
 byId("stop").addEventListener("click", () => (uploads.busy ? uploads.cancel() : goOn()));
 for (const control of document.querySelectorAll("#new-map [disabled]")) control.removeAttribute("disabled"); // until now it would have been lost

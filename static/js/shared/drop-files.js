@@ -1,5 +1,9 @@
-/** Files that are dropped or chosen: folders are walked, and what belongs to the system is left out. */
+/** Files that are dropped, pasted or chosen: folders are walked, and what belongs to the system is left out. */
 
+import { takesText } from "./dom.js";
+import { t } from "./i18n.js";
+
+const UNNAMED = "image.png";
 const SYSTEM = /^(\.|thumbs\.db$|desktop\.ini$|ehthumbs)/i;
 
 /**
@@ -23,6 +27,25 @@ export function listenToDrops(shade, take) {
     over(-depth);
     take(usable(await filesOf(event.dataTransfer)));
   });
+}
+
+/**
+ * Listen to pictures that are pasted; what the clipboard makes of a picture has no name of its own.
+ * @param {function(File[]): void} take
+ */
+export function listenToPastes(take) {
+  document.addEventListener("paste", (event) => {
+    const files = usable(event.clipboardData?.files ?? []);
+    if (!files.length || takesText(event.target) || document.querySelector("dialog[open]")) return;
+    event.preventDefault();
+    take(files.map((file) => (file.name === UNNAMED ? named(file) : file)));
+  });
+}
+
+function named(file) {
+  const moment = new Date(file.lastModified - new Date(file.lastModified).getTimezoneOffset() * 60_000);
+  const name = `${t("pasted")} ${moment.toISOString().slice(0, 19).replaceAll(":", ".").replace("T", " ")}.png`;
+  return new File([file], name, { type: file.type, lastModified: file.lastModified });
 }
 
 /** Leave out what file managers leave behind. @param {Iterable<File>} files */

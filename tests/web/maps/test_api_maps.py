@@ -129,6 +129,18 @@ def test_changes_are_only_what_is_new(client, sign_in, ben, park):
     assert "satellite" in client.get(f"{API}/{park}/changes?since=0").json
 
 
+def test_times_are_corrected_and_undone(client, park):
+    taken = "2026-05-31T14:05:00"
+    assert edit(client, park, {"id": 0, "taken_at": taken}, kind="retime").status_code == 200
+    first, second, _ = state(client, park)["photos"]
+    assert (first["taken_at"], second["taken_at"]) == (taken, None)
+    assert state(client, park)["undo"] == {"kind": "retime", "count": 1}
+    assert client.post(f"{API}/{park}/undo").status_code == 200
+    assert state(client, park)["photos"][0]["taken_at"] is None
+    answer = edit(client, park, {"id": 0, "taken_at": "half past"}, kind="retime")
+    assert answer.status_code == 400 and answer.json["error"]["message"] == "taken_at is not a time"
+
+
 def test_removed_photos_come_back_by_undo(client, park):
     edit(client, park, {"id": 0, "x_px": 5, "y_px": 6})
     assert client.delete(f"{API}/{park}/experiences", json={"ids": [0, 1]}).status_code == 200

@@ -22,7 +22,7 @@ from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 
 Fields = dict[str, Any]
 
-PHOTO_FIELDS = frozenset({"x_px", "y_px", "heading_deg", "removed"})
+PHOTO_FIELDS = frozenset({"x_px", "y_px", "heading_deg", "taken_at", "removed"})
 MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
 
 

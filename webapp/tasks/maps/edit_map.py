@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any, Literal
 
 from webapp.errors import UsageError
@@ -14,7 +15,7 @@ from webapp.store.maps.edits import UndoResult
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import placements
 
-KINDS = ("place", "move", "turn", "unplace", "remove")
+KINDS = ("place", "move", "turn", "unplace", "retime", "remove")
 """Words for a step."""
 
 
@@ -27,8 +28,8 @@ class RequestedEdit:
     kind : str
         One of `KINDS`.
     changes : mapping of int to mapping
-        New values of `x_px`, `y_px`, `heading_deg` or `removed` by photo. x and y come together; None for
-        both puts the photo back into the tray.
+        New values of `x_px`, `y_px`, `heading_deg`, `taken_at` or `removed` by photo. x and y come together;
+        None for both puts the photo back into the tray.
     placement : str or None
         Whose positions change; None for the main one.
     seen : int or None
@@ -90,6 +91,8 @@ def _targets(
         raise UsageError("x_px and y_px go together", where=f"photo/{id}", hint="give both")
     if known.get("heading_deg") is not None:
         known["heading_deg"] = _heading(known["heading_deg"], id)
+    if known.get("taken_at") is not None:
+        known["taken_at"] = _time(known["taken_at"], id)
     if "x_px" not in known:
         return {f"photo/{id}": known} if known else {}
     at = {axis: known.pop(axis) for axis in ("x_px", "y_px")}
@@ -108,6 +111,15 @@ def _heading(value: float, id: int) -> float:
             "the heading is not a number", where=f"photo/{id}", hint="degrees clockwise from north"
         )
     return float(value % 360.0 % 360.0)  # -1e-20 % 360 is 360
+
+
+def _time(text: str, id: int) -> str:
+    try:
+        return datetime.fromisoformat(text).isoformat(timespec="seconds")
+    except ValueError as error:
+        raise UsageError(
+            "taken_at is not a time", where=f"photo/{id}", hint="write it as 2026-05-31T14:05:00"
+        ) from error
 
 
 def _check_inside(record: MapRecord, at: Mapping[str, float | None], *, id: int) -> None:

@@ -71,6 +71,14 @@ class PhotoChange(Schema):
     x_px = Float(allow_none=True)
     y_px = Float(allow_none=True)
     heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
+    taken_at = String(
+        allow_none=True,
+        validate=Length(max=40),
+        metadata={
+            "description": "Local time, where the camera's clock was wrong.",
+            "example": "2026-05-31T14:05:00",
+        },
+    )
 
 
 class NumberedChange(PhotoChange):
@@ -203,7 +211,7 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn one photo; `If-Match` has the revision that you know."""
-    kind = "move" if "x_px" in data else "turn"
+    kind = "move" if "x_px" in data else "retime" if "taken_at" in data else "turn"
     return _edited(slug, RequestedEdit(kind, {id: data}, seen=_if_match()))
 
 

@@ -6,19 +6,21 @@ import { t, tn } from "../../shared/i18n.js";
 import { isInside } from "../../shared/map/coords.js";
 import { headingDialog } from "./heading-dialog.js";
 import { openViewer } from "./photo-viewer.js";
+import { timeDialog } from "./time-dialog.js";
 
 /** Menus of photos and of the image. */
 export class PhotoMenu {
   /**
    * @param {import("../commands.js").Commands} commands
    * @param {import("./photo-order.js").PhotoOrder} order
-   * @param {{view: Object, dots: Object, crosshair: Object}} page
+   * @param {{view: Object, dots: Object, crosshair: Object, measure: Object}} page
    */
-  constructor(commands, order, { view, dots, crosshair }) {
+  constructor(commands, order, { view, dots, crosshair, measure }) {
     this.commands = commands;
     this.order = order;
     this.store = commands.store;
     this.view = view;
+    this.measure = measure;
     view.element.addEventListener("contextmenu", (event) => {
       event.preventDefault();
       if (event.pointerType === "touch" || !this.store.satellite) return; // a long press selects
@@ -49,6 +51,7 @@ export class PhotoMenu {
       one && { icon: "sort", label: t("Sort by distance from it"), run: () => this.order.sortBy("distance", id) },
       { icon: "check", label: store.selection.has(id) ? t("Unselect") : t("Select"), run: () => store.toggleSelected(id) },
       canEdit && byGps && !position && { icon: "target", label: t("Place by GPS"), run: () => commands.placeAt([id], [gps.x_px, gps.y_px]) },
+      canEdit && ids.some((each) => store.photos.get(each)?.taken_at) && { icon: "clock", label: t("Time …"), run: () => timeDialog(commands, ids) },
       canEdit && !one && { icon: "compass", label: t("Heading …"), run: () => headingDialog(commands, ids) },
       canEdit && ids.some((each) => store.isPlaced(each)) && { icon: "tray", label: t("Back to the tray"), run: () => commands.toTray(ids) },
       canEdit && { icon: "trash", label: t("Remove"), danger: true, run: () => commands.remove(ids) },
@@ -63,6 +66,7 @@ export class PhotoMenu {
     openContextMenu(at, t("Satellite image"), [
       store.canEdit && current && { icon: "pin", label: words, run: () => commands.placeCurrent(pixel) },
       ...this._placeItems(pixel),
+      { icon: "ruler", label: t("Measure from here"), run: () => this.measure.start(pixel) },
     ]);
   }
 

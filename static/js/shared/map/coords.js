@@ -5,6 +5,8 @@
  * `L.CRS.Simple` one unit is one map pixel, `lng` is x and `lat` is -y. Angles are degrees clockwise.
  */
 
+const EARTH_M = 6371008.8; // mean radius
+
 /** Leaflet's position of a map pixel. @param {number[]} pixel x, y */
 export function latLngOf([x, y]) {
   return L.latLng(-y, x);
@@ -79,6 +81,20 @@ export class Georeference {
     const weights = [(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b];
     const mean = (axis) => corners.reduce((sum, corner, n) => sum + corner[axis] * weights[n], 0);
     return [mean(0), ((mean(1) + 540) % 360) - 180];
+  }
+
+  /**
+   * Distance of two map pixels on the ground, by the haversine formula.
+   * @param {number[]} from
+   * @param {number[]} to
+   * @returns {?number} metres; null where a position is not known
+   */
+  metres(from, to) {
+    const places = [this.latLon(from), this.latLon(to)];
+    if (places.some((place) => !place)) return null;
+    const [[lat, lon], [toLat, toLon]] = places.map((place) => place.map((degrees) => (degrees * Math.PI) / 180));
+    const half = Math.sin((toLat - lat) / 2) ** 2 + Math.cos(lat) * Math.cos(toLat) * Math.sin((toLon - lon) / 2) ** 2;
+    return 2 * EARTH_M * Math.asin(Math.sqrt(half));
   }
 
   /** Where north points at a map pixel, clockwise from image-up; 0 without a georeference. @param {number[]} pixel */

@@ -15,6 +15,9 @@ const GUESSED_FOV = 60;
 const CROWD = 2000;
 const CELL = 14;
 const MOST_NAMED = 99;
+/** Radius of a circle of spread dots, and the room of each on it; pixels of the screen. */
+const FAN = 34;
+const FAN_STEP = 30;
 const NEAR = { mouse: 10, touch: 22 };
 
 /** A layer of Leaflet; `store` decides what it shows. */
@@ -27,13 +30,36 @@ export class PhotoDots extends CanvasLayer {
     this.suggestions = [];
     this._spots = [];
     this._stamps = new Map();
+    /** @type {Map<number, {x: number, y: number}>} where spread dots are, from their spot on the screen */
+    this._fan = new Map();
     store.on("photos preview current selection placement satellite", this._draw);
   }
 
   /** @override @param {L.Map} map */
   onAdd(map) {
+    map.on("zoomstart", this._close, this);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", this._draw);
     return super.onAdd(map);
+  }
+
+  /** Whether dots are spread. */
+  get isFanned() {
+    return this._fan.size > 0;
+  }
+
+  /**
+   * Spread photos in a circle around where they are, until the next zoom; none: all are where they are.
+   * @param {number[]} ids
+   */
+  fan(ids) {
+    const radius = Math.max(FAN, (ids.length * FAN_STEP) / (2 * Math.PI));
+    const turn = (n) => (2 * Math.PI * n) / ids.length - Math.PI / 2;
+    this._fan = new Map(ids.map((id, n) => [id, { x: radius * Math.cos(turn(n)), y: radius * Math.sin(turn(n)) }]));
+    this._draw();
+  }
+
+  _close() {
+    if (this.isFanned) this.fan([]);
   }
 
   /** Colour photos by what is known of them. @param {?Map<number, string>} colours by id */
@@ -108,6 +134,11 @@ export class PhotoDots extends CanvasLayer {
     const step = this._crowded ? CELL / this._scale : 0.5;
     const spots = new Map();
     for (const spot of seen) {
+      const away = this._fan.get(spot.ids[0]);
+      if (away) {
+        spots.set(`fan ${spot.ids[0]}`, { ...spot, x: spot.x + away.x, y: spot.y + away.y, foot: { x: spot.x, y: spot.y } });
+        continue;
+      }
       const [column, row] = spot.position.map((value) => Math.round(value / step));
       const key = column * 2 ** 26 + row;
       const known = spots.get(key);
@@ -127,6 +158,7 @@ export class PhotoDots extends CanvasLayer {
   _all() {
     const { currentId, selection } = this.store;
     this._gpsCircle();
+    for (const { foot, x, y } of this._spots) if (foot) this._leg(foot, { x, y });
     if (!this._crowded) for (const spot of this._spots) for (const id of spot.ids) this._wedge(spot, id);
     for (const spot of this._spots) {
       const chosen = spot.ids.some((id) => selection.has(id));
@@ -136,6 +168,19 @@ export class PhotoDots extends CanvasLayer {
     if (current) this._current(current, currentId);
     for (const suggestion of this.suggestions) this._suggestion(suggestion);
     for (const pixel of this.mark || []) this._ring(this._map.latLngToContainerPoint(latLngOf(pixel)), 16, this._ink.mark);
+  }
+
+  /** From where a spread dot is to where it is drawn. */
+  _leg(from, to) {
+    const pen = this._pen;
+    for (const [width, ink] of [[4, this._ink.rim], [1.5, this._ink.dot]]) {
+      pen.beginPath();
+      pen.moveTo(from.x, from.y);
+      pen.lineTo(to.x, to.y);
+      pen.lineWidth = width;
+      pen.strokeStyle = ink;
+      pen.stroke();
+    }
   }
 
   _colour(id, chosen) {

@@ -1,0 +1,66 @@
+/** The times of photos whose camera had a wrong clock: one is corrected, and the others by as much. */
+
+import { field, openDialog } from "../../shared/dialogs.js";
+import { h } from "../../shared/dom.js";
+import { t, tn } from "../../shared/i18n.js";
+
+/**
+ * Shift local times; a clock that is wrong knows nothing of summer time.
+ * @param {Array<{id: number, taken_at: ?string}>} photos
+ * @param {string} right time of the first of them, as 2026-05-31T14:05:00
+ * @returns {Map<number, string>} of those with a time
+ */
+export function shiftedTimes(photos, right) {
+  const timed = photos.filter(({ taken_at: taken }) => taken);
+  if (!timed.length) return new Map();
+  const shift = seconds(right) - seconds(timed[0].taken_at);
+  return new Map(timed.map(({ id, taken_at: taken }) => [id, text(seconds(taken) + shift)]));
+}
+
+/**
+ * Ask for the right time of the first photo, and shift all.
+ * @param {import("../commands.js").Commands} commands
+ * @param {number[]} ids by time
+ */
+export function timeDialog(commands, ids) {
+  const photos = ids.map((id) => commands.store.photos.get(id)).filter(({ taken_at: taken }) => taken);
+  const [first] = photos;
+  const now = first.taken_at.slice(0, 19);
+  const right = h("input", { class: "input", type: "datetime-local", step: 1, value: now, required: true, "data-testid": "right-time" });
+  const shift = h("p", { class: "soft", role: "status" });
+  const explain = () => {
+    const by = right.value ? seconds(right.value) - seconds(now) : 0;
+    shift.textContent = tn("{n} photo is shifted by {shift}.", "{n} photos are shifted by {shift}.", photos.length, { shift: signed(by) });
+  };
+  right.addEventListener("input", explain);
+  explain();
+  const set = h("button", { class: "button button--primary", type: "button" }, t("Correct the times"));
+  const title = tn("Time of {n} photo", "Times of {n} photos", photos.length);
+  const dialog = openDialog(title, [
+    h("p", {}, t("When was {name} really taken? The others are shifted by as much. The files stay as they are.", { name: first.name })),
+    field(t("Right time"), right),
+    shift,
+  ], { actions: [set] });
+  set.addEventListener("click", () => {
+    if (!right.reportValidity()) return;
+    if (seconds(right.value) !== seconds(now)) commands.retime(shiftedTimes(photos, right.value));
+    dialog.close();
+  });
+}
+
+/** Seconds of a local time, as if it were UTC: so no hour is left out or comes twice. */
+function seconds(local) {
+  return Date.parse(`${local.slice(0, 19)}Z`) / 1000;
+}
+
+function text(time) {
+  return new Date(time * 1000).toISOString().slice(0, 19);
+}
+
+/** A shift for people, as +1:02:00, with days where there are any. */
+function signed(shift) {
+  const [size, sign] = [Math.abs(shift), shift < 0 ? "−" : "+"];
+  const [days, rest] = [Math.floor(size / 86400), size % 86400];
+  const clock = [rest / 3600, (rest % 3600) / 60, rest % 60].map((part) => String(Math.floor(part)).padStart(2, "0")).join(":");
+  return `${sign}${days ? `${tn("{n} day", "{n} days", days)} ` : ""}${clock}`;
+}
