@@ -9,6 +9,7 @@ import pytest
 from webapp.cli import landmarks
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.files.maps.folder import read_map
+from webapp.tasks.landmarks.adjust import AdjustedPiece
 from webapp.tasks.landmarks.export_models import ExportedModel
 from webapp.tasks.landmarks.reconstruct import Reconstruction
 
@@ -47,3 +48,28 @@ def test_json_has_everything(expmap, cfg):
         "failed": [{"id": 4, "reason": "it is not an image"}],
         "models": [{"folder": str(Path("models") / "0"), "photos": 3, "points": 700}],
     }
+
+
+def test_pieces_are_adjusted_where_that_is_asked_for(expmap, cfg, monkeypatch):
+    report = [
+        AdjustedPiece((0, 2, 3), "", {0: 1.234, 3: 140.0}),
+        AdjustedPiece((1, 4), "its placed photos are in a line", {}),
+    ]
+    monkeypatch.setattr(landmarks, "adjust_pieces", lambda found, *_, **__: (found, report))
+    _, out, _ = expmap("landmarks", "build", cfg, "--adjust")
+    assert out.splitlines()[1:] == [
+        "3 photos adjusted",
+        "2 photos as they were: its placed photos are in a line",
+    ]
+    _, out, _ = expmap("landmarks", "build", cfg, "--adjust", "--json")
+    assert json.loads(out)["adjusted"] == [
+        {
+            "photos": 3,
+            "problem": None,
+            "anchors": [
+                {"id": 3, "photo": "photos/3.jpg", "residual_px": 140.0},
+                {"id": 0, "photo": "photos/0.jpg", "residual_px": 1.23},
+            ],
+        },
+        {"photos": 2, "problem": "its placed photos are in a line", "anchors": []},
+    ]

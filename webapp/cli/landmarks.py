@@ -13,8 +13,9 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.files.maps.folder import read_map
 from webapp.settings import keep_freed_memory
+from webapp.tasks.landmarks.adjust import AdjustedPiece, adjust_pieces
 from webapp.tasks.landmarks.export_models import export_models
-from webapp.tasks.landmarks.reconstruct import reconstruct
+from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
 
 @click.command(short_help="Join the photos of a map by structure from motion.")
@@ -23,8 +24,9 @@ from webapp.tasks.landmarks.reconstruct import reconstruct
     "-o", "--out", type=click.Path(path_type=Path), metavar="FOLDER",
     help="Write the models for other programs: COLMAP's text files, and the points as PLY.",
 )  # fmt: skip
+@click.option("--adjust", is_flag=True, help="Adjust the pieces by the placed photos and those with GPS.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def build(cfg: Path, out: Path | None, as_json: bool) -> None:
+def build(cfg: Path, out: Path | None, adjust: bool, as_json: bool) -> None:
     """Join the photos of a map, those in the tray included, to pieces.
 
     Only photos that are new are described and compared. It can be interrupted at any moment; the next time
@@ -33,7 +35,11 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
     keep_freed_memory()
     started = time.perf_counter()
     with terminal_progress("photos") as progress:
-        found = reconstruct(cfg, read_map(cfg), settings=load_settings(), progress=progress)
+        the_map = read_map(cfg)
+        found = reconstruct(cfg, the_map, settings=load_settings(), progress=progress)
+        adjusted: list[AdjustedPiece] = []
+        if adjust:
+            found, adjusted = adjust_pieces(found, the_map, progress=progress)
     models = [] if out is None else export_models(found, out)
     joined = sum(len(piece) for piece in found.pieces)
     if as_json:
@@ -42,11 +48,28 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
         written = [{"folder": str(m.folder), "photos": m.photos, "points": m.points} for m in models]
         seconds = round(time.perf_counter() - started, 3)
         result = {"photos": len(found.photos), "pieces": pieces, "failed": failed, "models": written}
+        if adjust:
+            result["adjusted"] = [_as_json(piece, found) for piece in adjusted]
         click.echo(json.dumps(result | {"seconds": seconds}))
     else:
         sizes = ", ".join(str(len(piece)) for piece in found.pieces) or "none"
         click.echo(f"{joined} of {len(found.photos)} photos joined; photos of each piece: {sizes}")
+        for piece in adjusted:
+            click.echo(f"{len(piece.photos)} photos {_outcome(piece)}")
         for model in models:
             click.echo(f"{model.folder}: {model.photos} photos, {model.points} points")
     for number, reason in sorted(found.problems.items()):
         click.echo(f"{found.photos[number].photo} (id {found.photos[number].id}): {reason}", err=True)
+
+
+def _as_json(piece: AdjustedPiece, found: Reconstruction) -> dict[str, object]:
+    """Give what came of a piece, with its known positions, the farthest off first."""
+    anchors = [
+        {"id": found.photos[n].id, "photo": found.photos[n].photo, "residual_px": round(residual, 2)}
+        for n, residual in sorted(piece.residual_px.items(), key=lambda pair: -pair[1])
+    ]
+    return {"photos": len(piece.photos), "problem": piece.problem or None, "anchors": anchors}
+
+
+def _outcome(piece: AdjustedPiece) -> str:
+    return f"as they were: {piece.problem}" if piece.problem else "adjusted"

@@ -22,6 +22,7 @@ from webapp.core.landmarks.pieces import (
     view_by_level_cameras,
     view_by_positions,
 )
+from webapp.core.landmarks.similarity import Similarity
 
 Array = NDArray[np.float64]
 
@@ -118,6 +119,8 @@ class PlanTransform:
         Of the distance, by whose power their weight falls.
     relative : (k,) float64
         Errors when each is left out, over the distance to the nearest other one; may be empty.
+    least_rate : float
+        See `RigidPiece.error_rate`.
     """
 
     frame: Array
@@ -127,6 +130,26 @@ class PlanTransform:
     sigma_px: Array
     exponent: float
     relative: Array
+    least_rate: float
+
+    @property
+    def error_rate(self) -> float:
+        """Error over the distance to the nearest placed photo."""
+        return max(self.least_rate, _error_rate(self.relative))
+
+    def similarity(self) -> Similarity:
+        """Fit one similarity of the whole piece, to map pixels with a third axis that points down from it."""
+        own = self.centre @ self.frame.T
+        weight = self.sigma_px**-2.0 / (self.sigma_px**-2.0).sum()
+        plan = own[:, 0] + 1j * own[:, 1]
+        middle, goal = weight @ plan, weight @ self.at
+        off = plan - middle
+        factor = complex((weight * off.conj()) @ (self.at - goal) / (weight @ np.abs(off) ** 2))
+        turn = factor / abs(factor)
+        rotation = np.array([[turn.real, -turn.imag, 0.0], [turn.imag, turn.real, 0.0], [0.0, 0.0, 1.0]])
+        shift = goal - factor * middle
+        height = -abs(factor) * float(weight @ own[:, 2])
+        return Similarity(abs(factor), rotation @ self.frame, np.array([shift.real, shift.imag, height]))
 
     def without(self, hidden: NDArray[np.bool_]) -> PlanTransform | None:
         """Leave out photos of the piece, (n,); None where those that are left are at fewer than two spots."""
@@ -137,7 +160,7 @@ class PlanTransform:
             return None
         relative = self.relative[kept] if len(self.relative) else self.relative
         fields = (self.row[kept], self.centre[kept], self.at[kept], self.sigma_px[kept])
-        return PlanTransform(self.frame, *fields, self.exponent, relative)
+        return PlanTransform(self.frame, *fields, self.exponent, relative, self.least_rate)
 
     def lay(self, centre: Array) -> LaidPoint:
         """Lay a point (3,) of the world of the piece on the map."""
@@ -147,7 +170,7 @@ class PlanTransform:
         known = _Known(np.arange(len(plan)), self.at, self.sigma_px)
         at, factor = _moved(target, known, exponent=self.exponent, plan=plan)
         radius = _radius(
-            np.append(plan, target), known, factor=np.append(0.0 * plan, factor), relative=self.relative
+            np.append(plan, target), known, factor=np.append(0.0 * plan, factor), rate=self.error_rate
         )
         nearest = np.abs(plan - target).argmin()
         height = float(abs(factor[0]) * (own[nearest, 2] - seen[2]))
@@ -254,23 +277,35 @@ def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
     residual[wrong], others_have[wrong] = np.abs(known.at[~kept] - at[wrong]), at[wrong]
     contradicting = np.zeros(len(at), np.bool_)
     contradicting[wrong] = True
+    rate = max(piece.error_rate, _error_rate(relative))
     return LaidPiece(
         at,
-        _radius(view.position, used, factor=factor, relative=relative),
+        _radius(view.position, used, factor=factor, rate=rate),
         np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,
         residual,
         others_have,
         contradicting,
         PlanTransform(
-            view.frame, used.row, piece.centre[used.row], used.at, used.sigma_px, exponent, relative
+            view.frame,
+            used.row,
+            piece.centre[used.row],
+            used.at,
+            used.sigma_px,
+            exponent,
+            relative,
+            piece.error_rate,
         ),
     )
 
 
-def _radius(plan: Points, known: _Known, *, factor: Points, relative: Array) -> Array:
-    """How far off photos may be: by the distance to the nearest placed one, as it was measured."""
+def _error_rate(relative: Array) -> float:
+    """Error over the distance to the nearest placed photo, as it was measured."""
     measured = np.minimum(relative, _MOST_RELATIVE)
-    rate = np.sqrt((_AS_IF * _RELATIVE_ERROR**2 + (measured**2).sum()) / (_AS_IF + len(measured)))
+    return float(np.sqrt((_AS_IF * _RELATIVE_ERROR**2 + (measured**2).sum()) / (_AS_IF + len(measured))))
+
+
+def _radius(plan: Points, known: _Known, *, factor: Points, rate: float) -> Array:
+    """How far off photos may be: by the distance to the nearest placed one."""
     apart = np.abs(plan[:, None] - plan[known.row])
     nearest = apart.argmin(1)
     away = apart[np.arange(len(plan)), nearest] * np.abs(factor)

@@ -48,7 +48,7 @@ def read_models(
     Parameters
     ----------
     folders : iterable of Path
-        Of the models that the pieces were cut from.
+        Of the models that the pieces were cut from; of several with a piece the first is taken.
     described : callable
         Keypoints (n, 2) and descriptors (n, d) of a photo, by its content.
     """
@@ -63,7 +63,7 @@ def read_models(
             photos = {
                 model.contents[i]: number[model.contents[i]] for i in part if model.contents[i] in number
             }
-            piece = piece_of.get(frozenset(photos.values()))
+            piece = piece_of.pop(frozenset(photos.values()), None)
             if piece is not None:
                 parts.append((piece, _observations(reconstruction, photos, camera=camera)))
     return _gather(parts, stored.contents, camera=camera, described=described)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
+from webapp.core.landmarks.joints import rigid_parts
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.errors import IndexDamaged
 from webapp.extras import extra
@@ -32,7 +33,7 @@ _TRIALS = 2000
 """Of the random sampling of a relative pose."""
 
 PIECES_FILE = "pieces.arrays"
-_FORMAT = 1
+_FORMAT = 2
 
 
 def pycolmap() -> ModuleType:
@@ -254,11 +255,48 @@ def export_model(source: Path, out: Path, *, names: Mapping[str, str]) -> tuple[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPieces:
-    """Pieces of a reconstruction, whose photos are numbers in `contents`; `key` is what they were made of."""
+    """Pieces of a reconstruction, whose photos are numbers in `contents`.
+
+    Attributes
+    ----------
+    key : str
+        Stands for the matches that they were made of.
+    adjusted : str
+        Stands for the known positions that they were adjusted by; empty where they were not.
+    """
 
     pieces: tuple[RigidPiece, ...]
     contents: tuple[str, ...]
     key: str
+    adjusted: str = ""
+
+    @property
+    def cloud_key(self) -> str:
+        """Stands for their points."""
+        return self.key + self.adjusted
+
+
+def split_models(folders: Iterable[Path], stored: StoredPieces) -> list[tuple[Path, RigidPiece]]:
+    """Find for each piece the folder of the model that it was cut from, and how it was cut.
+
+    Raises
+    ------
+    IndexDamaged
+        One of them is gone.
+    """
+    number = {content: n for n, content in enumerate(stored.contents)}
+    wanted = {frozenset(piece.photo.tolist()): n for n, piece in enumerate(stored.pieces)}
+    found: dict[int, tuple[Path, RigidPiece]] = {}
+    for folder in folders:
+        model = as_model(pycolmap().Reconstruction(folder))
+        for part in rigid_parts(model.shared):
+            photo = np.array([number.get(model.contents[i], -1) for i in part], np.int64)
+            piece = wanted.get(frozenset(photo.tolist()))
+            if piece is not None:
+                found.setdefault(piece, (folder, RigidPiece(photo, model.centre[part], model.rotation[part])))
+    if len(found) < len(wanted):
+        raise IndexDamaged("a model is gone from the disk", hint="run expmap landmarks build again")
+    return [found[n] for n in range(len(stored.pieces))]
 
 
 def write_pieces(path: Path, stored: StoredPieces) -> None:
@@ -275,8 +313,14 @@ def write_pieces(path: Path, stored: StoredPieces) -> None:
         "photo": np.concatenate([np.zeros(0, np.int64), *(p.photo for p in pieces)]),
         "centre": np.concatenate([np.zeros((0, 3)), *(p.centre for p in pieces)]),
         "rotation": np.concatenate([np.zeros((0, 3, 3)), *(p.rotation for p in pieces)]),
+        "error_rate": np.array([p.error_rate for p in pieces], np.float64),
     }
-    meta = {"format": _FORMAT, "key": stored.key, "contents": list(stored.contents)}
+    meta = {
+        "format": _FORMAT,
+        "key": stored.key,
+        "adjusted": stored.adjusted,
+        "contents": list(stored.contents),
+    }
     write_arrays(path, arrays, meta=meta)
 
 
@@ -286,10 +330,12 @@ def read_pieces(path: Path) -> StoredPieces | None:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != _FORMAT:
             return None
-        spans = zip(arrays["start"][:-1].tolist(), arrays["start"][1:].tolist(), strict=True)
+        start = arrays["start"].tolist()
+        rates = arrays["error_rate"].tolist()
         pieces = tuple(
-            RigidPiece(arrays["photo"][a:b], arrays["centre"][a:b], arrays["rotation"][a:b]) for a, b in spans
+            RigidPiece(arrays["photo"][a:b], arrays["centre"][a:b], arrays["rotation"][a:b], rate)
+            for a, b, rate in zip(start[:-1], start[1:], rates, strict=True)
         )
-        return StoredPieces(pieces, tuple(meta["contents"]), str(meta["key"]))
+        return StoredPieces(pieces, tuple(meta["contents"]), str(meta["key"]), str(meta["adjusted"]))
     except (IndexDamaged, KeyError):
         return None

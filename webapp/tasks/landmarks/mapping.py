@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import multiprocessing
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from webapp.errors import ProcessLost
+from webapp.files.landmarks.adjust import AdjustJob, adjust
 from webapp.files.landmarks.colmap import Model, as_model, pycolmap
 from webapp.progress import Progress
 from webapp.tasks.localize.extract_photo import start_worker
+
+ADJUSTED = "adjusted"
+"""Folder in which the adjusted pieces have one each."""
+
+Job = TypeVar("Job")
+Found = TypeVar("Found")
 
 _LOOK_EVERY_S = 0.5
 _SEED = 1
@@ -54,16 +62,30 @@ def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
         The process was killed.
     Cancelled
     """
+    return _run_apart(map_photos, job, progress=progress)
+
+
+def run_adjustment(job: AdjustJob, *, progress: Progress) -> Model | None:
+    """Adjust a piece; see `files.landmarks.adjust`.
+
+    Raises
+    ------
+    ProcessLost, Cancelled
+    """
+    return _run_apart(adjust, job, progress=progress)
+
+
+def _run_apart(run: Callable[[Job], Found], job: Job, *, progress: Progress) -> Found:
     # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_map, args=(job, sender), daemon=True)
+    process = context.Process(target=_run, args=(run, job, sender), daemon=True)
     process.start()
     sender.close()
     try:
         while not receiver.poll(_LOOK_EVERY_S):
             progress.check()
-        found: list[Model] = receiver.recv()
+        found: Found = receiver.recv()
         return found
     except EOFError as error:
         raise ProcessLost(
@@ -81,9 +103,14 @@ def model_folders(folder: Path) -> list[Path]:
     return [path.parent for name in _OUT.values() for path in sorted((folder / name).glob("*/images.bin"))]
 
 
-def _map(job: MappingJob, sender: Connection) -> None:
+def adjusted_folders(folder: Path) -> list[Path]:
+    """List the folders of the pieces that were adjusted last."""
+    return [path.parent for path in sorted((folder / ADJUSTED).glob("*/images.bin"))]
+
+
+def _run(run: Callable[[Job], Found], job: Job, sender: Connection) -> None:
     start_worker()
-    sender.send(map_photos(job))
+    sender.send(run(job))
     sender.close()
 
 

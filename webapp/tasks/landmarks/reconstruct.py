@@ -36,7 +36,7 @@ from webapp.files.maps.folder import photo_path
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.landmarks.known import AnyPhoto
-from webapp.tasks.landmarks.mapping import MappingJob, model_folders, run_mapper
+from webapp.tasks.landmarks.mapping import MappingJob, adjusted_folders, model_folders, run_mapper
 from webapp.tasks.localize.build_index import BuildRequest, describe_all
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.localize.open_map import guessed_fov_deg
@@ -102,9 +102,9 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
         finally:
             database.close()
         pieces = _pieces(folder, database.path, contents=contents, key=key, progress=progress)
-        _keep_cloud(folder, pieces)
+        keep_cloud(folder, pieces)
     number_of = {entries[n].content: n for n in reversed(numbers)}
-    return Reconstruction(photos, tuple(_renumbered(pieces, number_of)), problems, folder, number_of)
+    return Reconstruction(photos, tuple(renumbered(pieces, number_of)), problems, folder, number_of)
 
 
 def _in_order(the_map: Map) -> tuple[AnyPhoto, ...]:
@@ -211,11 +211,11 @@ def _pieces(
     return stored
 
 
-def _keep_cloud(folder: Path, pieces: StoredPieces) -> None:
+def keep_cloud(folder: Path, pieces: StoredPieces) -> None:
     """Write the landmarks of the pieces, unless those that are there are theirs."""
     file = folder / CLOUD_FILE
     there = read_cloud(file)
-    if there is not None and there.key == pieces.key:
+    if there is not None and there.key == pieces.cloud_key:
         return
     index = IndexFolder(folder)
 
@@ -223,8 +223,9 @@ def _keep_cloud(folder: Path, pieces: StoredPieces) -> None:
         features = read_segment(index.spool_path(content)).entry(0).features
         return features.xy, features.descriptors
 
-    cloud = read_models(model_folders(folder), pieces, described=described)
-    write_cloud(file, StoredCloud(cloud, pieces.key))
+    adjusted = adjusted_folders(folder) if pieces.adjusted else []
+    cloud = read_models([*adjusted, *model_folders(folder)], pieces, described=described)
+    write_cloud(file, StoredCloud(cloud, pieces.cloud_key))
 
 
 def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Progress) -> list[RigidPiece]:
@@ -244,7 +245,8 @@ def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Pro
     return sorted(pieces, key=len, reverse=True)
 
 
-def _renumbered(stored: StoredPieces, number_of: Mapping[str, int]) -> Iterator[RigidPiece]:
+def renumbered(stored: StoredPieces, number_of: Mapping[str, int]) -> Iterator[RigidPiece]:
+    """Give pieces the numbers of the photos as they are now."""
     numbers = np.array([number_of[content] for content in stored.contents], np.int64)
     for piece in stored.pieces:
         yield replace(piece, photo=numbers[piece.photo])

@@ -85,7 +85,7 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
     """
     folder = landmarks_folder(opened.cfg)
     stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
-    if stored is None or pieces is None or stored.key != pieces.key:
+    if stored is None or pieces is None or stored.key != pieces.cloud_key:
         is_there = (folder / CLOUD_FILE).exists()
         raise UsageError(
             "the landmarks of the map are of another version" if is_there else "the map has no landmarks",

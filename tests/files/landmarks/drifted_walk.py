@@ -1,0 +1,66 @@
+"""A model of a long walk that has drifted: each camera sees what the next few see, and no more."""
+
+import numpy as np
+import pycolmap
+
+from webapp.core.geometry import so3
+
+PHOTOS, LENGTH, FOCAL = 22, 66.0, 500.0
+
+
+def walk():
+    """Centres (n, 3) of cameras that walk along an arc, x right, y down the map, z down; and rotations."""
+    step = np.linspace(0.0, 1.0, PHOTOS)
+    centre = np.column_stack([LENGTH * step, 25.0 * np.sin(2.5 * step), np.zeros(PHOTOS)])
+    along = np.gradient(centre, axis=0)
+    rotation = []
+    for x, y, _ in along / np.linalg.norm(along, axis=1, keepdims=True):
+        rotation.append([[-y, x, 0.0], [0.0, 0.0, 1.0], [x, y, 0.0]])
+    return centre, np.array(rotation)
+
+
+def drifted(rng, *, noise_px=0.3, turn_deg=1.5, growth=0.02):
+    """The model, named by numbers; the farther a camera along the walk, the more it is turned and grown."""
+    centre, rotation = walk()
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera(
+        model="SIMPLE_RADIAL", width=640, height=480, params=[FOCAL, 320.0, 240.0, 0.0], camera_id=1
+    )
+    camera.has_prior_focal_length = True
+    model.add_camera_with_trivial_rig(camera)
+    at, own_at, own_rotation = [], [centre[0]], [rotation[0]]
+    for number in range(1, PHOTOS):
+        turn = so3.exp(np.array([0.0, 0.0, np.radians(turn_deg) * number]))
+        step = (1.0 + growth) ** number * (centre[number] - centre[number - 1]) @ turn.T
+        own_at.append(own_at[-1] + step)
+        own_rotation.append(rotation[number] @ turn.T)
+    seen = [[] for _ in range(PHOTOS)]
+    tracks = []
+    for number in range(PHOTOS - 1):
+        ahead = np.column_stack([rng.uniform(-4, 4, 40), rng.uniform(-3, 3, 40), rng.uniform(7.0, 16.0, 40)])
+        for place in ahead:
+            truth = place @ rotation[number] + centre[number]
+            track = []
+            for other in range(max(0, number - 1), min(PHOTOS, number + 3)):
+                x, y, depth = (truth - centre[other]) @ rotation[other].T
+                xy = FOCAL * np.array([x, y]) / max(depth, 1e-9) + [320.0, 240.0]
+                if depth > 1.0 and (xy > 0).all() and (xy < [640, 480]).all():
+                    track.append((other, len(seen[other])))
+                    seen[other].append(xy + rng.normal(0.0, noise_px, 2))
+            scale = (1.0 + growth) ** number
+            tracks.append(track)
+            at.append(scale * place @ own_rotation[number] + own_at[number])
+    for number in range(PHOTOS):
+        image = pycolmap.Image(
+            name=str(number), camera_id=1, image_id=number + 1,
+            keypoints=np.array(seen[number]).reshape(-1, 2),
+        )  # fmt: skip
+        pose = pycolmap.Rigid3d(
+            pycolmap.Rotation3d(own_rotation[number]), -own_rotation[number] @ own_at[number]
+        )
+        model.add_image_with_trivial_frame(image, pose)
+    for place, track in zip(at, tracks, strict=True):
+        if len(track) >= 2:
+            elements = [pycolmap.TrackElement(other + 1, row) for other, row in track]
+            model.add_point3D(place, pycolmap.Track(elements))
+    return model

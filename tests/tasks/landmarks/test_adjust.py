@@ -1,0 +1,91 @@
+"""Pieces of the court are adjusted by the photos that are placed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from webapp.core.geo.types import MapPixel
+from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
+from webapp.files.maps.folder import read_map, write_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.landmarks.accept import accept_in_folder
+from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.place_rest import suggest_rest
+from webapp.tasks.landmarks.reconstruct import reconstruct
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
+
+
+def joined(cfg):
+    return reconstruct(cfg, read_map(cfg), settings=Settings(), progress=Progress())
+
+
+def adjusted(cfg):
+    return adjust_pieces(joined(cfg), read_map(cfg), progress=Progress())
+
+
+def place_all(court, *, moved=()):
+    report = suggest_rest(court.cfg, settings=Settings(), progress=Progress())
+    accept_in_folder(court.cfg, report.suggested)
+    the_map = read_map(court.cfg)
+    wrong = [
+        replace(e, position=MapPixel(e.position.x, e.position.y + 90.0)) if e.id in moved else e
+        for e in the_map.experiences
+    ]
+    write_map(court.cfg, replace(the_map, experiences=tuple(wrong)))
+
+
+def test_the_adjusted_world_is_the_map_and_a_wrong_position_stands_out(court):
+    place_all(court, moved=[3])
+    found, (piece,) = adjusted(court.cfg)
+    assert piece.problem == ""
+    residual = {found.photos[n].id: off for n, off in piece.residual_px.items()}
+    assert residual.pop(3) == pytest.approx(90.0, abs=1.5)
+    assert max(residual.values()) < 1.5
+    (rigid,) = found.pieces
+    for number, centre in zip(rigid.photo, rigid.centre, strict=True):
+        assert np.hypot(*(centre[:2] - court.at[found.photos[number].id])) < 1.5
+
+
+def test_it_is_kept_until_the_photos_change(court, tmp_path):
+    place_all(court)
+    before = joined(court.cfg)
+    found, _ = adjusted(court.cfg)
+    again = joined(court.cfg)
+    np.testing.assert_array_equal(again.pieces[0].centre, found.pieces[0].centre)
+    assert np.abs(before.pieces[0].centre - found.pieces[0].centre).max() > 1.0
+    assert read_pieces(found.folder / PIECES_FILE).adjusted
+    # Radii do not shrink by it: the positions that would say how far off it is were used up.
+    assert again.pieces[0].error_rate > 0.0
+    localizer = open_pipeline(
+        court.cfg, OpenOptions(method="landmarks"), settings=Settings(), progress=Progress()
+    )
+    first = localizer.localize(court.cfg.parent / "photos" / "05.png", top=1).hypotheses[0]
+    assert np.hypot(*(first.position - court.at[5])) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("shift", "problem"),
+    [(None, "3 of its photos are placed, 4 are needed"), ("line", "its placed photos are in a line")],
+)
+def test_a_piece_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, shift, problem):
+    if shift == "line":
+        the_map = read_map(court.cfg)
+        first, *_, last = the_map.experiences
+        ends = np.array([first.position, last.position])
+        tray = [photo for photo in the_map.unplaced if photo.id in (3, 5)]
+        accept = suggest_rest(court.cfg, settings=Settings(), progress=Progress()).suggested
+        accept_in_folder(court.cfg, [one for one in accept if one.id in {p.id for p in tray}])
+        the_map = read_map(court.cfg)
+        along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+        placed = [
+            replace(e, position=MapPixel(*(ends[0] + along * ((np.array(e.position) - ends[0]) @ along))))
+            for e in the_map.experiences
+        ]
+        write_map(court.cfg, replace(the_map, experiences=tuple(placed)))
+    before = joined(court.cfg).pieces[0].centre
+    found, (piece,) = adjusted(court.cfg)
+    assert piece.problem == problem
+    np.testing.assert_array_equal(found.pieces[0].centre, before)
