@@ -317,3 +317,12 @@ def test_the_page_opens_also_without_an_image(client, sample, park):
     for slug in ("sample", park):
         page = client.get(f"/maps/{slug}/localize")
         assert page.status_code == 200 and b'data-testid="query-input"' in page.data
+
+
+def test_landmarks_that_were_not_built_are_refused_with_what_builds_them(client, sample, ask, queries):
+    response = ask(client, queries / "query_01.jpg", method="landmarks")
+    assert 400 <= response.status_code < 500
+    error = response.get_json()["error"]
+    assert error["message"] == "the map has no landmarks"
+    assert error["hint"] == "run expmap landmarks build on it"
+    assert "/" not in error["where"]

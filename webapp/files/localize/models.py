@@ -7,6 +7,7 @@ hash becomes part of what an index is named by.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +17,15 @@ from platformdirs import user_cache_path
 from webapp.core.features.extract import FeatureNetwork
 from webapp.core.features.keypoint_networks import AlikedNetwork, DiskNetwork
 from webapp.core.features.lightglue import LIGHTERGLUE, LIGHTGLUE, LightGlue, PairMatcher
-from webapp.core.features.table import BUNDLES, METHODS, PAIR_MATCHERS, FeatureChoice, Method, choose
+from webapp.core.features.table import (
+    BUNDLES,
+    LANDMARK_FEATURES,
+    METHODS,
+    PAIR_MATCHERS,
+    FeatureChoice,
+    Method,
+    choose,
+)
 from webapp.core.features.xfeatnet import XFeatNetwork
 from webapp.errors import MissingPart, StorageError, UsageError
 from webapp.extras import is_installed
@@ -143,7 +152,11 @@ def is_usable(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> 
 
 def usable_features(chosen: Path | None, *, method: Method = "verified") -> list[str]:
     """List the bundles of features that fit a method and can be used here."""
-    fitting = PAIR_MATCHERS if method == "thorough" else BUNDLES
+    fitting: Iterable[str] = BUNDLES
+    if method == "thorough":
+        fitting = PAIR_MATCHERS
+    elif method == "landmarks":
+        fitting = (LANDMARK_FEATURES,)
     return [name for name in fitting if is_usable(choose(method, features=name), chosen, method=method)]
 
 

@@ -90,7 +90,7 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
         raise UsageError(
             "the landmarks of the map are of another version" if is_there else "the map has no landmarks",
             where=str(opened.cfg),
-            hint=f"run expmap landmarks build {opened.cfg}",
+            hint="run expmap landmarks build on it",
         )
     number = {content: n for n, content in reversed([*enumerate(opened.contents)]) if content}
     map_photo = np.array([number.get(content, -1) for content in pieces.contents], np.int64)
