@@ -10,6 +10,7 @@ import io
 import math
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -53,11 +54,13 @@ class MissionBridge(Node):
     """Subscribes to what a robot publishes, and keeps it for the server."""
 
     def __init__(self, **options: Any) -> None:
+        self._resources = ExitStack()  # a node that could not be made is destroyed, too
         super().__init__("mission_bridge", **options)
         values = declare(self, PARAMETERS)
         start = numbers("start", values["start"], ("LAT", "LON", "HEADING"))
         self._robot = None if start is None else RobotFrame(*start)
         self._client = _client(values)
+        self._resources.callback(self._client.close, wait_s=0.0)
         self._last_s: dict[Key, float] = self._client.last_times_s()
         self._counts = {"received": 0, "written": 0, "hardly moved": 0, "repeated": 0, "unusable": 0}
         self._refused = ""
@@ -76,7 +79,7 @@ class MissionBridge(Node):
     def destroy_node(self) -> None:
         """End the node; what has not been sent stays in the spool."""
         super().destroy_node()
-        self._client.close(wait_s=0.0)
+        self._resources.close()
 
     def _subscribe(self, kind: type, topic: str, take: Callable[[Any], None]) -> None:
         def guarded(message: Any) -> None:

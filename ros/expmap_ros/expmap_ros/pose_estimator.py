@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -53,10 +54,12 @@ class PoseEstimator(Node):
     """Subscribes to images, publishes answers."""
 
     def __init__(self, **options: Any) -> None:
+        self._resources = ExitStack()  # a node that could not be made is destroyed, too
         super().__init__("pose_estimator", **options)
         self._values = declare(self, PARAMETERS)
         chosen = numbers("origin", self._values["origin"], ("LAT", "LON"))
         self._localizer = _open(self._values)
+        self._resources.callback(self._localizer.close)
         origin = self._localizer.origin if chosen is None else Origin(*chosen)
         self._frame = MapFrame(origin, self._values["metres_per_pixel"] or None)
         self._fov_deg: float | None = self._values["fov_deg"] or None
@@ -74,7 +77,7 @@ class PoseEstimator(Node):
     def destroy_node(self) -> None:
         """End the node."""
         super().destroy_node()
-        self._localizer.close()
+        self._resources.close()
 
     def _advertise(self) -> None:
         def publisher(kind: type, topic: str) -> Any:

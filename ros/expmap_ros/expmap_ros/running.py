@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
 
 from expmap_ros.parameters import ParameterError
 
@@ -26,17 +28,21 @@ KEPT = QoSProfile(
 )
 """The last one goes to those who come later, too."""
 
+_LOOK_S = 0.25
+"""So long an interruption waits at most."""
+
 _POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
 )  # fmt: skip
 
 
 def main(make: Callable[[], Node]) -> None:
-    """Run a node until it is interrupted.
+    """Run a node until it is interrupted; what it is doing then, it finishes.
 
     The exit code is 2 where a parameter is wrong, and 1 where something else keeps it from starting.
     """
-    rclpy.init()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make()
     except ParameterError as error:
@@ -48,13 +54,14 @@ def main(make: Callable[[], Node]) -> None:
     executor = MultiThreadedExecutor(num_threads=3)
     executor.add_node(node)
     try:
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
+        while True:
+            executor.spin_once(timeout_sec=_LOOK_S)
+    except KeyboardInterrupt:
         pass
     finally:
         executor.shutdown()
         node.destroy_node()
-        rclpy.try_shutdown()
+        rclpy.shutdown()
 
 
 def _refuse(text: str, *, code: int) -> int:

@@ -45,12 +45,6 @@ class Bench:
         self._nodes.append(node)
         return node
 
-    def stop(self, node: Node) -> None:
-        """End a node."""
-        self.executor.remove_node(node)
-        self._nodes.remove(node)
-        node.destroy_node()
-
     def listen(self, kind: type, topic: str, qos: object = 10) -> list:
         """The messages that come, as a list that grows."""
         heard: list = []

@@ -1,0 +1,47 @@
+"""Nodes as programs: they end when they are interrupted, and say what is wrong in a line."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from std_msgs.msg import String
+
+from ros.run_tests import ROOT
+
+ENVIRON = {**os.environ, "PYTHONPATH": f"{ROOT / 'ros' / 'expmap_ros'}{os.pathsep}{ROOT}"}
+
+
+def command(node, *parameters):
+    words = [part for parameter in parameters for part in ("-p", parameter)]
+    return [sys.executable, "-m", f"expmap_ros.{node}", "--ros-args", *words]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_node_ends_without_a_word(bench, number):
+    words = command("fix_bridge", "origin:=50.0,14.0")
+    node = subprocess.Popen(words, env=ENVIRON, stderr=subprocess.PIPE, text=True)
+    bench.node.create_publisher(String, "/pose_estimator/answer", 10)
+    bench.listen(PoseWithCovarianceStamped, "/visual_pose")
+    bench.until(lambda: bench.node.count_publishers("/visual_pose"))
+    node.send_signal(number)
+    _, error = node.communicate(timeout=60)
+    assert (node.returncode, error) == (0, "")
+
+
+def test_a_wrong_parameter_is_one_line(bench):
+    words = command("fix_bridge", "origin:=nowhere")
+    done = subprocess.run(words, env=ENVIRON, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "expmap_ros: origin: write LAT,LON, not 'nowhere'\n"
+
+
+def test_an_error_of_the_program_is_one_line(bench, tmp_path):
+    (tmp_path / "map.cfg").write_text("no map")
+    words = command("pose_estimator", f"map_file:={tmp_path / 'map.cfg'}")
+    done = subprocess.run(words, env=ENVIRON, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr.startswith("expmap_ros: ") and "map.cfg" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
