@@ -20,6 +20,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "missions": ("rosbags", "pynmea2"),
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap",),
+        "foxglove": ("foxglove",),
     }
 )
 """Packages of each extra, as they are imported."""
@@ -29,6 +30,7 @@ _PURPOSE = {
     "missions": "ROS bags and NMEA logs",
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
+    "foxglove": "views in Foxglove",
 }
 
 

@@ -99,6 +99,15 @@ mission_group = LazyGroup(
     },
 )
 
+foxglove_group = LazyGroup(
+    name="foxglove",
+    help="Show answers and missions in Foxglove, live or as MCAP files.",
+    where={
+        "localize": "webapp.cli.foxglove:localize",
+        "mission": "webapp.missions.cli.foxglove:mission",
+    },
+)
+
 account_group = LazyGroup(
     name="account",
     help="Who may sign in, and with what.",
@@ -142,6 +151,7 @@ root = LazyGroup(
         "worker": "webapp.cli.serve:worker",
         "mission": "webapp.app.main:mission_group",
         "robot": "webapp.app.main:robot_group",
+        "foxglove": "webapp.app.main:foxglove_group",
         "account": "webapp.app.main:account_group",
         "settings": "webapp.cli.settings:settings",
         "backup": "webapp.cli.backup:backup",

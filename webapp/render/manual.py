@@ -27,7 +27,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "field",
     ),
     "Localization": ("localization", "features", "large-maps", "measurements", "notation"),
-    "Robots": ("missions", "robots", "ros", "fusion", "mission-exports"),
+    "Robots": ("missions", "robots", "ros", "foxglove", "fusion", "mission-exports"),
     "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating"),
 }
 """Of the manual, by part: names of the files of `docs/`, without their ending, in their order."""

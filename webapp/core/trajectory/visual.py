@@ -16,7 +16,7 @@ from webapp.core.geometry.estimate import NoPose
 CLEARLY = 0.7
 """A less probable place is not a fix: a filter takes one place with an error, not a choice of several."""
 
-_AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
+AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
 """Standard deviation along one axis, of the radius that holds 68 % of a normal distribution in the plane."""
 
 
@@ -60,7 +60,7 @@ def visual_fix(answer: Mapping[str, Any], georeference: Georeference | None) -> 
     if best["radius_px"] is None:
         return NoPose("the accuracy of the position is not known")
     pixels = georeference.jacobian(MapPixel(best["x_px"], best["y_px"]))
-    spread = pixels * (best["radius_px"] * _AXIS_OF_RADIUS)
+    spread = pixels * (best["radius_px"] * AXIS_OF_RADIUS)
     covariance = spread @ spread.T
     if not np.isfinite(covariance).all():
         return NoPose("the map has no scale at that place")

@@ -1,0 +1,182 @@
+"""`expmap foxglove localize`: answers in Foxglove, live or as an MCAP file."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import cv2
+from PIL import Image
+
+from webapp.cli.options import MAP_FILE, chosen_settings, fov_option, index_options, map_options, open_options
+from webapp.cli.progressbar import terminal_progress
+from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
+from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.errors import PhotoError
+from webapp.extras import require
+from webapp.files.photos.photo import read_upright
+from webapp.render.answer_pictures import map_picture, match_picture
+from webapp.render.colours import probability_colour
+from webapp.render.foxglove import FoxglovePoint, FoxgloveSink
+from webapp.settings import keep_freed_memory
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+
+_LOOK_S = 1.0
+"""Seconds between two looks into a folder."""
+
+_SIDE_PX = 1600
+_ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif", ".tif", ".tiff")
+
+
+def sink_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add where Foxglove finds the topics."""
+    options = (
+        click.option(
+            "--out",
+            type=click.Path(dir_okay=False, path_type=Path),
+            metavar="FILE.mcap",
+            help="Write a file instead of serving.",
+        ),
+        click.option(
+            "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Listen there."
+        ),
+        click.option(
+            "--port",
+            type=click.IntRange(0, 65535),
+            default=8765,
+            show_default=True,
+            metavar="N",
+            help="Listen there; 0 takes any that is free.",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def serve_until_interrupted(sink: FoxgloveSink, host: str, *, look: Callable[[], None]) -> None:
+    """Say where the server listens, and look for news until Ctrl-C; a file is finished after one look."""
+    if sink.port is None:
+        look()
+        return
+    click.echo(f"listening on ws://{host}:{sink.port}")
+    try:
+        while True:
+            look()
+            time.sleep(_LOOK_S)
+    except KeyboardInterrupt:
+        click.echo("stopped", err=True)
+
+
+@click.command(short_help="Show answers with their pictures.")
+@click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
+@click.argument(
+    "photos", metavar="PHOTO...", type=click.Path(exists=True, path_type=Path), nargs=-1, required=True
+)
+@fov_option
+@sink_options
+@index_options
+@map_options
+def localize(
+    map_file: Path,
+    photos: tuple[Path, ...],
+    out: Path | None,
+    host: str,
+    port: int,
+    **chosen: Any,
+) -> None:
+    """Localize photos one after the other, and show them with matches and hypotheses in Foxglove.
+
+    Of a folder all photos are taken, and while serving those that come later, too.
+    """
+    require("foxglove")
+    keep_freed_memory()
+    with FoxgloveSink(out=out, address=(host, port)) as sink:
+        with terminal_progress("photos") as progress:
+            pipeline = open_pipeline(
+                map_file,
+                open_options(chosen),
+                settings=chosen_settings(chosen),
+                progress=progress,
+                fov_deg=chosen["fov"],
+            )
+        known: set[Path] = set()
+
+        def look() -> None:
+            for photo in _new_photos(photos, known):
+                _show(sink, photo, pipeline=pipeline)
+
+        serve_until_interrupted(sink, host, look=look)
+
+
+def _new_photos(given: Iterable[Path], known: set[Path]) -> Iterator[Path]:
+    """Photos that have not been shown; `known` grows by them."""
+    for path in given:
+        inside = (
+            sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS) if path.is_dir() else [path]
+        )
+        for photo in inside:
+            if photo not in known:
+                known.add(photo)
+                yield photo
+
+
+def _show(sink: FoxgloveSink, photo: Path, *, pipeline: LocalizationPipeline) -> None:
+    cfg, the_map, limits = pipeline.opened.cfg, pipeline.map, pipeline.settings.photo
+    try:
+        pixels = read_upright(photo, limits=limits, max_side=_SIDE_PX)
+        answer = pipeline.localize(photo, top=5)
+        matches = match_picture(cfg, the_map, query=photo, answer=answer, limits=limits)
+    except PhotoError as error:
+        click.echo(f"expmap: {error}", err=True)
+        return
+    now = time.time()
+    sink.image("/image", cv2.imencode(".jpg", pixels)[1].tobytes(), time_s=now)
+    if matches is not None:
+        sink.image("/matches", _jpeg(matches), time_s=now)
+    sink.image("/map", _jpeg(map_picture(cfg, the_map, answer=answer, limits=limits)), time_s=now)
+    sink.values("/answer", _form(pipeline, photo, answer=answer), time_s=now)
+    if the_map.georeference is not None:
+        points = [_point(h, pipeline) for h in answer.hypotheses]
+        sink.points("/hypotheses", points, time_s=now)
+        if not answer.abstained:
+            sink.point("/position", points[0], time_s=now)
+
+
+def _jpeg(picture: Image.Image) -> bytes:
+    made = io.BytesIO()
+    picture.convert("RGB").save(made, "JPEG", quality=88)
+    return made.getvalue()
+
+
+def _form(pipeline: LocalizationPipeline, photo: Path, *, answer: Answer) -> dict[str, Any]:
+    source = AnswerSource(
+        pipeline.method,
+        pipeline.features,
+        pipeline.map.georeference,
+        pipeline.map.revision,
+        map_kind=pipeline.map_kind,
+        place_radius_px=pipeline.place_radius_px,
+    )
+    return answer_to_json(answer, query=str(photo), source=source)
+
+
+def _point(hypothesis: Hypothesis, pipeline: LocalizationPipeline) -> FoxglovePoint:
+    georeference = pipeline.map.georeference
+    if georeference is None:
+        raise ValueError("the map has no georeference")
+    covariance = None
+    if hypothesis.radius_px is not None:
+        variance = (hypothesis.radius_px * georeference.metres_per_pixel(hypothesis.position) / 1.51) ** 2
+        covariance = (variance, variance, 0.0)
+    return FoxglovePoint(
+        georeference.latlon_of(hypothesis.position),
+        probability_colour(hypothesis.probability),
+        covariance_m2=covariance,
+        heading_deg=hypothesis.heading_deg,
+        about={"rank": str(hypothesis.rank), "probability": f"{hypothesis.probability:.3f}"},
+    )
