@@ -31,7 +31,7 @@ from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
 from webapp.missions.render.track_picture import Shown, draw_tracks
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import ReadOptions
+from webapp.missions.tasks.place_track import ReadOptions
 
 CYCLE_S = 60.0
 KNOWN_S = 30.0

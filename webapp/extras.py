@@ -17,7 +17,7 @@ from webapp.errors import MissingPart
 EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "learned": ("onnx", "onnxruntime"),
-        "missions": ("rosbags", "pynmea2"),
+        "missions": ("rosbags", "pynmea2", "fitdecode"),
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap",),
         "foxglove": ("foxglove",),
@@ -27,7 +27,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 _PURPOSE = {
     "learned": "features and matchers that are networks",
-    "missions": "ROS bags and NMEA logs",
+    "missions": "ROS bags, NMEA and FIT logs",
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",

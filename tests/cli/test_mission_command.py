@@ -1,5 +1,7 @@
 """The command `expmap mission`."""
 
+import json
+
 import pytest
 
 GPX = (
@@ -29,7 +31,7 @@ def test_from_a_file_to_a_file(mission, tmp_path):
     assert code == 1, "one of two failed"
     assert "walk.gpx: gps 'walk track 1': 2 poses, 0 that had not moved, 11" in out
     assert "1 sightings of objects" in out
-    assert "bad.gpx: the XML is neither GPX nor KML" in err
+    assert "bad.gpx: the XML is neither GPX, TCX nor KML" in err
     code, out, _ = mission("list")
     assert (code, out.split("\t")[:4]) == (0, ["1", "Yard", "2", "1"])
     code, _, err = mission("import", "1", good)
@@ -86,3 +88,31 @@ def test_topics_are_listed(mission, shared_data):
     assert code == 0
     assert "/fix\tsensor_msgs/msg/NavSatFix\t989\n" in out
     assert "/imu/data\tsensor_msgs/msg/Imu\t11865\tnot used\n" in out
+
+
+def test_inspect_says_what_is_in_files(mission, tmp_path):
+    good, bad = tmp_path / "walk.gpx", tmp_path / "bad.csv"
+    good.write_text(GPX)
+    bad.write_text("a,b\n1,2\n")
+    code, out, err = mission("inspect", good, bad)
+    assert code == 1, "one of two cannot be imported"
+    assert "walk.gpx: GPX\n  gps 'track 1': 2 poses, no times, 50.000000 to 51.000000 north" in out
+    assert "1 sightings of objects" in out
+    assert "no columns of positions are known" in err
+    code, out, _ = mission("inspect", "--json", good, tmp_path / "none.gpx")
+    first, second = map(json.loads, out.splitlines())
+    assert code == 1
+    assert first["sources"][0]["poses"] == 2
+    assert "line" not in first["sources"][0]
+    assert "cannot be read" in second["problem"]
+
+
+def test_inspect_needs_no_start(mission, tmp_path):
+    path = tmp_path / "way.tum"
+    path.write_text("# axes\n0 0 0 0 0 0 0 1\n1 3 4 0 0 0 0 1\n")
+    code, out, _ = mission("inspect", path)
+    assert code == 0
+    assert "odometry '': 2 poses, 1970-01-01T00:00:00Z to 1970-01-01T00:00:01Z, 3.0 m x 4.0 m x 0.0 m" in out
+    assert "odd: 2 poses dated before 1980" in out
+    code, out, _ = mission("inspect", path, "--axes", "camera")
+    assert "0.0 m x 3.0 m x 4.0 m" in out

@@ -94,6 +94,7 @@ mission_group = LazyGroup(
     where={
         "list": "webapp.missions.cli.mission:list_missions",
         "new": "webapp.missions.cli.mission:new",
+        "inspect": "webapp.missions.cli.inspect:inspect",
         "import": "webapp.missions.cli.mission:import_files",
         "export": "webapp.missions.cli.mission:export",
     },

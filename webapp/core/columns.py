@@ -14,16 +14,31 @@ from dataclasses import dataclass
 from webapp.errors import TrackError, UsageError
 
 _DEG = math.degrees(1.0)
+EXCEL_DAYS = 86400.0
+"""Of a time that counts days since 1899-12-30, as spreadsheets do."""
+
+DATE_ORDERS = {"ymd": 1.0, "dmy": 2.0, "mdy": 3.0}
+"""What comes first in a date: the unit of its column, and the scale that stands for it."""
+
+_ANGLE = {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6}
 _UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "lat": {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6},
-    "lon": {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "excel": EXCEL_DAYS},
+    "date": {"": 0.0, **DATE_ORDERS},
+    "lat": _ANGLE,
+    "lon": _ANGLE,
+    "lat_ref": {"": 1.0},
+    "lon_ref": {"": 1.0},
     "height": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048},
     "heading": {"deg": 1.0, "rad": _DEG, "cdeg": 1e-2},
     "yaw": {"rad": 1.0, "deg": 1.0 / _DEG},
     "x": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
     "y": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
     "z": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "qx": {"1": 1.0},
+    "qy": {"1": 1.0},
+    "qz": {"1": 1.0},
+    "qw": {"1": 1.0},
+    "valid": {"": 1.0},
     "var_e": {"m2": 1.0},
     "var_n": {"m2": 1.0},
     "cov_en": {"m2": 1.0},
@@ -36,7 +51,8 @@ _UNITS: dict[str, dict[str, float]] = {
 }
 """Fields and the units that they may have, the usual one first; texts have none. A time may also be of ISO
 8601. `heading` is clockwise from north, `yaw` against the clock from x; `accuracy` is one standard deviation
-in each direction."""
+in each direction. `lat_ref` and `lon_ref` hold N or S and E or W where the numbers have no sign; `qx` to `qw`
+is the orientation of the body."""
 
 _NAMES: dict[str, Sequence[str]] = {
     "time": (
@@ -50,15 +66,37 @@ _NAMES: dict[str, Sequence[str]] = {
         "date_time",
         "unixtime",
         "times",
+        "utc_t",
+        "utc_time",
+        "gps_time",
+        "local_time",
+        "frame_id",
     ),
-    "lat": ("lat", "latitude", "gps_lat", "gpslatitude", "breite"),
-    "lon": ("lon", "lng", "long", "longitude", "gps_lon", "gpslongitude"),
+    "date": ("date", "utc_d", "utc_date", "gps_date", "local_date"),
+    "lat": ("lat", "latitude", "gps_lat", "gpslatitude", "breite", "latitude_n/s"),
+    "lon": ("lon", "lng", "long", "longitude", "gps_lon", "gpslongitude", "longitude_e/w"),
+    "lat_ref": ("n/s", "ns", "n_s", "lat_ref", "latitude_ref", "gpslatituderef", "lat_dir"),
+    "lon_ref": ("e/w", "ew", "e_w", "lon_ref", "longitude_ref", "gpslongituderef", "lon_dir"),
     "height": ("height", "alt", "altitude", "ele", "elevation"),
     "heading": ("heading", "hdg", "course", "bearing", "azimuth", "cog"),
     "yaw": ("yaw", "theta"),
-    "x": ("x", "tx", "pos_x", "position_x"),
-    "y": ("y", "ty", "pos_y", "position_y"),
-    "z": ("z", "tz", "pos_z", "position_z"),
+    "x": ("x", "tx", "pos_x", "position_x", "translation_x", "p_x", "p_rs_r_x"),
+    "y": ("y", "ty", "pos_y", "position_y", "translation_y", "p_y", "p_rs_r_y"),
+    "z": ("z", "tz", "pos_z", "position_z", "translation_z", "p_z", "p_rs_r_z"),
+    **{
+        f"q{axis}": (
+            f"q{axis}",
+            f"q_{axis}",
+            f"quaternion_{axis}",
+            f"quat_{axis}",
+            f"orientation_{axis}",
+            f"rotation_{axis}",
+            f"rot_{axis}",
+            f"q_rs_{axis}",
+        )
+        for axis in "xyzw"
+    },
+    "valid": ("valid", "fix_mode", "fix", "fix_type"),
     "var_e": ("var_e",),
     "var_n": ("var_n",),
     "cov_en": ("cov_en",),
@@ -148,10 +186,11 @@ _UNIT_WORDS = {
     "meters": "m",
     "feet": "ft",
     "pixels": "px",
+    "°": "deg",
 }
 _PART = re.compile(r"\s*([a-z_]+)\s*=\s*(.+?)\s*(?::\s*([a-z0-9%]+)\s*)?", re.IGNORECASE)
 _WITH_UNIT = re.compile(
-    r"(.+?)[\s_]*(?:[\[(]\s*([a-z0-9%]+)\s*[\])]|[_\s](s|ms|us|ns|m|m2|mm|cm|ft|deg|rad|e7|px))"
+    r"(.+?)[\s_]*(?:[\[(]\s*([a-z0-9%°]*)\s*[\])]|[_\s](s|ms|us|ns|m|m2|mm|cm|ft|deg|rad|e7|px))"
 )
 
 
@@ -191,7 +230,7 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
     UsageError
         A field, a unit or a column is unknown, or positions are missing.
     """
-    names = [name.strip().lower() for name in header]
+    names = [name.strip().lstrip("#%").strip().lower() for name in header]
     found: dict[str, Column] = {}
     for part in text.split(","):
         written = _PART.fullmatch(part)
@@ -210,6 +249,8 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
             raise UsageError(f"the table has no column {name[:40]!r}", where="columns", hint=hint)
         found[field] = Column(index, _scale(field, unit, units=fields.units[field]))
     problem = _missing(found, fields)
+    if 0 < sum(f"q{axis}" in found for axis in "xyzw") < len("xyzw"):
+        problem = "only a part of a quaternion has columns"
     if problem:
         raise UsageError(problem, where="columns", hint=f"write them like {fields.example}")
     return found
@@ -225,7 +266,7 @@ def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) 
     """
     found: dict[str, Column] = {}
     for index, name in enumerate(header):
-        plain = name.strip().lower()
+        plain = name.strip().lstrip("#%").strip().lower()
         field, unit = _recognized(plain, fields), None
         with_unit = _WITH_UNIT.fullmatch(plain)
         if field is None and with_unit is not None:

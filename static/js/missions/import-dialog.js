@@ -10,7 +10,7 @@ import { sourceName } from "./format.js";
 import { ended, jobBar } from "./job-progress.js";
 
 /** What the file dialog offers. */
-export const ACCEPT = ".bag,.mcap,.db3,.gpx,.nmea,.nma,.kml,.kmz,.csv,.txt,.tum,.kitti,.zip,.log";
+export const ACCEPT = ".bag,.mcap,.db3,.gpx,.tcx,.fit,.igc,.geojson,.json,.nmea,.nma,.kml,.kmz,.csv,.txt,.tum,.kitti,.zip,.log";
 const SOURCES = ["gps", "odometry", "visual", "manual"];
 
 /**
@@ -30,7 +30,7 @@ export function importDialog({ file = null, mission, more = [], done }) {
   const error = errorLine();
   const progress = h("div", { "aria-live": "polite" });
   const send = h("button", { class: "button button--primary", type: "button", "data-testid": "import-start" }, icon("upload"), t("Import"));
-  const about = t("Bags of ROS 1 and ROS 2, MCAP, GPX, NMEA, KML and KMZ, TUM, KITTI, and CSV.");
+  const about = t("Bags of ROS 1 and ROS 2, MCAP, GPX, TCX, FIT, IGC, NMEA, KML, KMZ, GeoJSON, TUM, KITTI and CSV.");
   const known = h("p", { class: "mi-file" }, icon("route"), file?.name);
   const options = h("details", {}, h("summary", {}, t("Options")), h("div", { class: "stack" },
     field(t("Source of the positions"), source),

@@ -15,7 +15,7 @@ from webapp.missions.store.objects import Page
 from webapp.missions.store.schema import Mission, Track
 from webapp.missions.tasks import import_file, read_track
 from webapp.missions.tasks.import_file import Order
-from webapp.missions.tasks.read_track import ReadOptions
+from webapp.missions.tasks.place_track import ReadOptions
 from webapp.progress import Progress
 from webapp.settings import Settings
 
@@ -49,7 +49,7 @@ def mission(library, owner):
 @pytest.fixture
 def small_parts(monkeypatch):
     """Have files cut into small parts, and stored a few at a time."""
-    monkeypatch.setattr("webapp.missions.files.csv_tables.CHUNK", 50)
+    monkeypatch.setattr("webapp.missions.files.csv_reader.CHUNK", 50)
     monkeypatch.setattr(import_file, "_AT_ONCE", 120)
 
 
@@ -207,8 +207,8 @@ def test_every_pose_and_object_is_a_step(library, mission, log):
     assert progress.steps == progress.total == 903
 
 
-@pytest.mark.parametrize(("times", "timed"), [((), False), ((700,), True)])
-def test_a_track_is_timed_where_any_point_of_it_is(library, mission, tmp_path, small_parts, times, timed):
+@pytest.mark.parametrize(("times", "timed"), [((), False), ((700,), False), (range(440, 900), True)])
+def test_a_track_is_timed_where_most_of_its_points_are(library, mission, tmp_path, small_parts, times, timed):
     rows = ["time,lat,lon", *(f"{1000 if i in times else ''},{50 + i * 1e-5:.6f},14" for i in range(900))]
     path = tmp_path / "walk.csv"
     path.write_text("\n".join(rows))

@@ -15,7 +15,7 @@ from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import Cancelled, TrackError
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import NO_START, ReadOptions
+from webapp.missions.tasks.place_track import NO_START, ReadOptions
 from webapp.progress import Progress
 
 ALL = MinMove(0.0)
@@ -28,6 +28,10 @@ TEXTS = {
     "TUM trajectory": "1.0 0 0 0 0 0 0 1\n",
     "KITTI trajectory": "1 0 0 0 0 1 0 0 0 0 1 0\n",
     "table": "time,lat,lon\n1,50,14\n",
+    "GeoJSON": '{"type": "LineString", "coordinates": [[14, 50]]}',
+    "IGC": "AXXX\nHFDTE010120\nB1200005000000N01400000EA0020000200\n",
+    "TCX": "<TrainingCenterDatabase><Course><Trackpoint><Position><LatitudeDegrees>50</LatitudeDegrees>"
+    "<LongitudeDegrees>14</LongitudeDegrees></Position></Trackpoint></Course></TrainingCenterDatabase>",
 }
 
 
@@ -49,12 +53,14 @@ def test_the_kind_is_detected_from_the_content(tmp_path, kind) -> None:
     [
         (b"", "empty"),
         (b"\x89PNG\r\n\x1a\n\0\0\0", "not a file with a track"),
-        (b"<svg/>", "neither GPX nor KML"),
+        (b"<svg/>", "neither GPX, TCX nor KML"),
         (b"hello\nworld\n", "no known format"),
         (b"PK\x03\x04broken", "zip is damaged"),
         (b"#ROSBAG V1.2\nold", "version 102 is not supported"),
         (b"a,b\n1,2\n", "no columns of positions"),
-        (b"<kml/>", "nothing in it can be used"),
+        (b"<kml/>", "nothing in it can be used: it has no track and no object"),
+        ("lat,lon\n50,14".encode("utf-16"), "UTF-16 text"),
+        (b"AXXX\nHFDTE010100\n", "no track and no object"),
         (b"lat,lon\n91,14\n", "1 positions that are not on the Earth"),
     ],
 )

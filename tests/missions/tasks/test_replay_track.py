@@ -6,7 +6,7 @@ import pytest
 from webapp.core.trajectory.batch import parse
 from webapp.core.trajectory.thinning import MinMove
 from webapp.missions.tasks import read_track, replay_track
-from webapp.missions.tasks.read_track import ReadOptions
+from webapp.missions.tasks.place_track import ReadOptions
 
 
 @pytest.mark.parametrize("least", [MinMove(), MinMove(0.0)])

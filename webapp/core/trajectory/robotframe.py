@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.records import Poses, make_poses
+from webapp.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +65,26 @@ class Start:
 
     position: LatLon
     heading_deg: float
+
+
+def parse_start(text: str | None) -> Start | None:
+    """Read a start written as `latitude,longitude,heading`; None for none.
+
+    Raises
+    ------
+    UsageError
+        It is not valid.
+    """
+    if not text:
+        return None
+    hint = "write latitude, longitude and heading: 50.1,14.4,90"
+    try:
+        lat, lon, heading = map(float, text.split(","))
+    except ValueError as error:
+        raise UsageError(f"{text[:60]!r} is not a start", where="start", hint=hint) from error
+    if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
+        raise UsageError(f"{text[:60]!r} is not a valid position or heading", where="start", hint=hint)
+    return Start(LatLon(lat, lon), heading)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,11 @@ MAX_BYTES = 30_000_000
 
 MAX_FIXES = 200_000
 
+NAMESPACE = "urn:experience-map:gpx"
+"""Of our extensions of points: `heading`, degrees clockwise from north, and `covariance`, square metres; and
+of the `source` of tracks."""
+
+_COVARIANCE = 3
 _POINTS = {"trkpt", "rtept", "wpt"}
 _LINES: dict[str, Literal["track", "route"]] = {"trk": "track", "rte": "route"}
 
@@ -33,16 +38,14 @@ class GpxLine:
     kind : {"track", "route"}
     number : int
         From 1, among those of its kind.
-    file_time_s : float
-        Seconds since 1970, UTC, of the file itself; NaN where it has none.
-    name : str
-        Filled in when the reader meets it.
+    name, source : str
+        Filled in when the reader meets them: before the points, where the file is valid. The source is ours.
     """
 
     kind: Literal["track", "route"]
     number: int
-    file_time_s: float
     name: str = ""
+    source: str = ""
 
 
 class GpxPoint(NamedTuple):
@@ -55,7 +58,9 @@ class GpxPoint(NamedTuple):
     lat, lon : float
         Degrees.
     course_deg : float
-        Degrees clockwise from north (GPX 1.0).
+        Degrees clockwise from north: `course` of GPX 1.0, or our `heading`.
+    var_e, var_n, cov_en : float
+        Our `covariance`.
     """
 
     time_s: float
@@ -63,6 +68,9 @@ class GpxPoint(NamedTuple):
     lon: float
     height_m: float
     course_deg: float
+    var_e: float = math.nan
+    var_n: float = math.nan
+    cov_en: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +81,6 @@ class GpxWaypoint:
     name: str
     kind: str
     point: GpxPoint
-    file_time_s: float
 
 
 def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
@@ -90,28 +97,27 @@ def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
         The XML is damaged, or declares a document type.
     """
     counts = dict.fromkeys((*_LINES, "wpt"), 0)
-    file_time_s = math.nan
     line: GpxLine | None = None
     for event, element in walk(file, whole=_POINTS):
         name = local_name(element)
         if event == "start":
             if name in _LINES:
                 counts[name] += 1
-                line = GpxLine(_LINES[name], counts[name], file_time_s)
+                line = GpxLine(_LINES[name], counts[name])
                 yield line
         elif name == "wpt":
             counts[name] += 1
-            yield _waypoint(element, counts[name], file_time_s)
+            yield _waypoint(element, counts[name])
         elif name in _LINES:
             line = None
         elif line is None:
-            if name == "time":
-                moment = unix_time(element.text or "")
-                file_time_s = file_time_s if math.isnan(moment) else moment
+            continue
         elif name in _POINTS:
             yield _point(element)
         elif name == "name":
             line.name = line.name or _one_line(element.text or "")
+        elif element.tag == f"{{{NAMESPACE}}}source":
+            line.source = (element.text or "").strip()
 
 
 def parse_gpx(data: bytes) -> FixTrack:
@@ -162,18 +168,33 @@ def _track(points: list[GpxPoint]) -> FixTrack:
 
 
 def _point(element: Element) -> GpxPoint:
+    course, covariance = _extensions(element)
     return GpxPoint(
         unix_time(child_text(element, "time")),
         number(element.get("lat")),
         number(element.get("lon")),
         number(child_text(element, "ele")),
-        number(child_text(element, "course")),
+        number(child_text(element, "course")) if math.isnan(course) else course,
+        *covariance,
     )
 
 
-def _waypoint(element: Element, count: int, file_time_s: float) -> GpxWaypoint:
+def _extensions(element: Element) -> tuple[float, tuple[float, ...]]:
+    """Read our heading, and our covariance if it is whole."""
+    heading: float = math.nan
+    covariance: tuple[float, ...] = ()
+    for outer in element:
+        for inner in outer if local_name(outer) == "extensions" else ():
+            if inner.tag == f"{{{NAMESPACE}}}heading":
+                heading = number(inner.text)
+            elif inner.tag == f"{{{NAMESPACE}}}covariance":
+                covariance = tuple(map(number, (inner.text or "").split()))
+    return heading, covariance if len(covariance) == _COVARIANCE else ()
+
+
+def _waypoint(element: Element, count: int) -> GpxWaypoint:
     kind = child_text(element, "type") or child_text(element, "sym") or "waypoint"
-    return GpxWaypoint(count, _one_line(child_text(element, "name")), kind, _point(element), file_time_s)
+    return GpxWaypoint(count, _one_line(child_text(element, "name")), kind, _point(element))
 
 
 def _one_line(text: str) -> str:

@@ -15,9 +15,9 @@ from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.library import library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
-from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.axes import AXES
 from webapp.core.trajectory.records import SOURCES
-from webapp.core.trajectory.robotframe import Start
+from webapp.core.trajectory.robotframe import Start, parse_start
 from webapp.errors import InputError, NotFound, UsageError
 from webapp.files.atomic import write_pieces
 from webapp.missions.store import missions
@@ -40,15 +40,10 @@ def _start_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _start(_context: click.Context, _option: click.Parameter, text: str | None) -> Start | None:
-    if text is None:
-        return None
     try:
-        lat, lon, heading = map(float, text.split(","))
-    except ValueError as error:
-        raise click.BadParameter("write latitude, longitude and heading: 50.1,14.4,90") from error
-    if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
-        raise click.BadParameter("not a valid position or heading")
-    return Start(LatLon(lat, lon), heading)
+        return parse_start(text)
+    except UsageError as error:
+        raise click.BadParameter(f"{error.message}: {error.hint}") from error
 
 
 @click.command("list")
@@ -99,6 +94,7 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
 @click.option(
     "--source", type=click.Choice(SOURCES), help="Of all tracks.  [default: by the kind of the file]"
 )
+@click.option("--axes", type=click.Choice(AXES), help="Of TUM, KITTI and a CSV.  [default: detected]")
 @click.option(
     "--min-move", metavar="DISTANCE",
     help="Leave out what moved less: 0.5m, 0.00001deg, or 0.  [default: 0.00001deg]",
@@ -110,8 +106,8 @@ def import_files(
 ) -> int:
     """Import FILES with tracks and objects into MISSION, a number.
 
-    Bags of ROS 1 and 2, MCAP, GPX, KML, KMZ, NMEA, TUM, KITTI and CSV are recognised by their content. A file
-    that was imported before stores nothing twice.
+    Bags of ROS 1 and 2, MCAP, GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI and CSV are
+    recognised by their content. A file that was imported before stores nothing twice.
     """
     if listing:
         for path in files:
@@ -120,7 +116,8 @@ def import_files(
     failed = 0
     with _opened(library) as place, terminal_progress("importing") as progress:
         for path in files:
-            order = order_of(path, given | {"name": path.name, "topics": ",".join(given["topics"])})
+            form = given | {"name": path.name, "topics": ",".join(given["topics"]), "start": None}
+            order = order_of(path, form)
             order = replace(order, options=replace(order.options, start=given["start"]))
             try:
                 done = import_file.import_track_file(
@@ -185,6 +182,8 @@ def _print_import(path: Path, done: TrackImport) -> None:
         click.echo(f"{path.name}: all of it was there already", err=True)
     for one in done.skipped:
         click.echo(f"{path.name}: {one.where}: left out {one.count} {one.reason}", err=True)
+    for one in done.doubts:
+        click.echo(f"{path.name}: {one.where}: odd: {one.count} {one.reason}", err=True)
     for note in done.notes:
         click.echo(f"{path.name}: {note}", err=True)
 

@@ -4,29 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import BinaryIO
 
 import numpy as np
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.outgoing import ExportObject, MissionOut
-from webapp.core.trajectory.records import Poses, Sighting, make_poses
-from webapp.files.exchange.gpx import GpxLine, GpxPoint, GpxWaypoint, read_gpx
+from webapp.core.trajectory.records import SOURCES, Poses, Sighting, Source
+from webapp.files.exchange.gpx import NAMESPACE, GpxLine, GpxPoint, GpxWaypoint, read_gpx
 from webapp.files.exchange.times import utc
 from webapp.files.exchange.xml import DECLARATION, element
-from webapp.missions.files.track_chunks import (
-    CHUNK,
-    UNTIMED,
-    Findings,
-    Piece,
-    WorldObjects,
-    WorldPiece,
-    fill_times,
-)
-
-NAMESPACE = "urn:experience-map:gpx"
-"""Of `heading`, degrees clockwise from north, and `covariance`, square metres."""
+from webapp.missions.files.line_buffer import LineBuffer, LinePoint, is_mostly_timed
+from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 
 _OPEN = (
     '<gpx version="1.1" creator="Experience Map" xmlns="http://www.topografix.com/GPX/1/1" '
@@ -37,83 +26,71 @@ _OPEN = (
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read a GPX file.
 
-    Points without a time get one between their neighbours; where none has a time they are counted as one
-    second apart, from the file's own time on.
+    Headings and covariances are read from `course`, and from our own extensions.
+
+    Parameters
+    ----------
+    file : binary file
+        Has to be seekable.
 
     Raises
     ------
     TrackError
         It is damaged, or declares a document type.
     """
-    buffer: _Buffer | None = None
+    timed = _timed(file)
+    file.seek(0)
+    line: GpxLine | None = None
+    buffer: LineBuffer | None = None
     for item in read_gpx(file):
         if isinstance(item, GpxWaypoint):
             yield _object(item, findings=findings)
         elif isinstance(item, GpxLine):
             if buffer is not None:
                 yield from buffer.flush(findings)
-            buffer = _Buffer(item, _or_epoch(item.file_time_s))
+            line, buffer = item, None
         else:
-            assert buffer is not None, "points follow their line"
-            buffer.points.append(item)
-            if buffer.full():
-                yield buffer.piece()
+            assert line is not None, "points follow their line"
+            if buffer is None:  # the name of a line comes before its points
+                buffer = LineBuffer(
+                    _name(line), timed=(line.kind, line.number) in timed, source=_source(line)
+                )
+            yield from buffer.add(LinePoint(*item), findings=findings)
     if buffer is not None:
         yield from buffer.flush(findings)
 
 
-@dataclass(slots=True)
-class _Buffer:
-    """The points of a line that are in no piece yet."""
+def _timed(file: BinaryIO) -> set[tuple[str, int]]:
+    """Find the lines that count as lines with times."""
+    counts: dict[tuple[str, int], tuple[int, int]] = {}
+    line: GpxLine | None = None
+    for item in read_gpx(file):
+        if isinstance(item, GpxLine):
+            line = item
+        elif isinstance(item, GpxPoint) and line is not None:
+            timed, count = counts.get((line.kind, line.number), (0, 0))
+            counts[(line.kind, line.number)] = (timed + (not math.isnan(item.time_s)), count + 1)
+    return {key for key, (timed, count) in counts.items() if is_mostly_timed(timed, count)}
 
-    line: GpxLine
-    begin_s: float
-    points: list[GpxPoint] = field(default_factory=list)
-    timed: bool = False
-    emitted: int = 0
 
-    @property
-    def name(self) -> str:
-        return f"{self.line.kind} {self.line.number} {self.line.name}".strip()
+def _name(line: GpxLine) -> str:
+    return f"{line.kind} {line.number} {line.name}".strip()
 
-    def full(self) -> bool:
-        """Check whether a piece is complete: it has to end with a point whose time is known."""
-        return len(self.points) >= CHUNK and (not math.isnan(self.points[-1].time_s) or not self.timed)
 
-    def piece(self) -> WorldPiece:
-        times, lat, lon, height, course = np.array(self.points).T
-        known = bool((~np.isnan(times)).any())
-        times = fill_times(times.tolist(), begin_s=self.begin_s)
-        self.timed = self.timed or known
-        self.begin_s = float(times[-1]) + 1.0
-        self.emitted += len(times)
-        self.points = []
-        latlon = np.column_stack([lat, lon])
-        poses = make_poses(times, latlon, height_m=height, heading_deg=course)
-        return WorldPiece(self.name, "gps", poses, self.timed)
-
-    def flush(self, findings: Findings) -> Iterator[WorldPiece]:
-        if self.points:
-            yield self.piece()
-        if not self.emitted:
-            findings.skip("tracks and routes without a point", where=self.name)
-        elif not self.timed:
-            findings.note(UNTIMED)
+def _source(line: GpxLine) -> Source:
+    """Return the source of a track that this program wrote; of others, a receiver."""
+    return next((source for source in SOURCES if source == line.source), "gps")
 
 
 def _object(waypoint: GpxWaypoint, *, findings: Findings) -> WorldObjects:
     point = waypoint.point
     time_s = point.time_s
     if math.isnan(time_s):
-        findings.note("waypoints without a time have that of the file")
-        time_s = _or_epoch(waypoint.file_time_s)
+        findings.note(UNTIMED_OBJECTS)
+        time_s = 0.0
     name = f"waypoint {waypoint.number} {waypoint.name}".strip()
     height = None if math.isnan(point.height_m) else point.height_m
     return WorldObjects((Sighting(name, waypoint.kind, time_s, LatLon(point.lat, point.lon), height),))
-
-
-def _or_epoch(time_s: float) -> float:
-    return 0.0 if math.isnan(time_s) else time_s
 
 
 def format_mission_gpx(mission: MissionOut) -> Iterator[bytes]:
@@ -133,7 +110,8 @@ def _pieces(mission: MissionOut) -> Iterator[str]:
     for found in mission.objects():
         yield _waypoint(found)
     for track in mission.tracks:
-        yield f"<trk>{element('name', track.title)}{element('src', track.source)}<trkseg>\n"
+        source = f"<extensions>{element('e:source', track.source)}</extensions>"
+        yield f"<trk>{element('name', track.title)}{element('src', track.source)}{source}<trkseg>\n"
         for part in track.poses():
             yield _points(part, timed=track.timed)
         yield "</trkseg></trk>\n"

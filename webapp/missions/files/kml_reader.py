@@ -22,20 +22,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import Poses, Sighting, make_poses
+from webapp.core.trajectory.records import Sighting
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.exchange.zip_directory import has_many_files
-from webapp.missions.files.track_chunks import (
-    CHUNK,
-    UNTIMED,
-    Findings,
-    Piece,
-    WorldObjects,
-    WorldPiece,
-    fill_times,
-)
+from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 
 MAX_LINES = 100
 """A KML with more lines is a drawing, no record of a way."""
@@ -106,26 +99,23 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
                         hint="name the lines that are tracks",
                     )
                 title = f"{mark.name or 'track'} {lines}"
-                yield from _line(part, title, mark, findings=findings)
+                yield from _line(part, title, findings=findings)
 
 
-def _line(part: Element, title: str, mark: _Placemark, *, findings: Findings) -> Iterator[Piece]:
+def _line(part: Element, title: str, *, findings: Findings) -> Iterator[Piece]:
     if local_name(part) == "Track":
-        poses, timed = _track(part, findings=findings, where=title)
+        points = _track(part, findings=findings, where=title)
     else:
-        timed = False
         rows = _coordinates(child_text(part, "coordinates"), findings=findings, where=title)
-        poses = _poses(np.full(len(rows), math.nan), rows, np.full(len(rows), math.nan), begin_s=mark.time_s)
-    if not len(poses):
-        findings.skip("lines without a position", where=title)
-    elif not timed:
-        findings.note(UNTIMED)
-    for i in range(0, len(poses), CHUNK):
-        yield WorldPiece(title, "gps", poses.take(slice(i, i + CHUNK)), timed)
+        points = [LinePoint(math.nan, lat, lon, height) for lon, lat, height in rows.tolist()]
+    line = LineBuffer(title, timed=mostly_timed(points))
+    for point in points:
+        yield from line.add(point, findings=findings)
+    yield from line.flush(findings)
 
 
-def _track(part: Element, *, findings: Findings, where: str) -> tuple[Poses, bool]:
-    """Read a gx:Track, and whether it has times: times, positions and angles are paired by index."""
+def _track(part: Element, *, findings: Findings, where: str) -> list[LinePoint]:
+    """Read a gx:Track: times, positions and angles are paired by index."""
     whens, coords, headings = [], [], []
     for child in part:
         text = (child.text or "").strip()
@@ -147,15 +137,10 @@ def _track(part: Element, *, findings: Findings, where: str) -> tuple[Poses, boo
     if len(headings) != len(coords):
         headings = [math.nan] * len(coords)
     times = whens[:pairs] if whens else [math.nan] * pairs
-    rows = np.array(coords[:pairs], dtype=np.float64).reshape(-1, 3)
-    timed = not all(map(math.isnan, times))
-    return _poses(np.array(times), rows, np.array(headings[:pairs]), begin_s=math.nan), timed
-
-
-def _poses(times: np.ndarray, rows: np.ndarray, headings: np.ndarray, *, begin_s: float) -> Poses:
-    begin = 0.0 if math.isnan(begin_s) else begin_s
-    times = fill_times(times.tolist(), begin_s=begin)
-    return make_poses(times, rows[:, [1, 0]], height_m=rows[:, 2], heading_deg=headings)
+    return [
+        LinePoint(time_s, lat, lon, height, heading)
+        for time_s, (lon, lat, height), heading in zip(times, coords, headings, strict=False)
+    ]
 
 
 def _object(part: Element, mark: _Placemark, *, findings: Findings) -> Iterator[Piece]:
@@ -168,7 +153,7 @@ def _object(part: Element, mark: _Placemark, *, findings: Findings) -> Iterator[
     name = f"placemark {mark.number} {mark.name}".strip()
     time_s = 0.0 if math.isnan(mark.time_s) else mark.time_s
     if math.isnan(mark.time_s):
-        findings.note("points without a time count as of 1970-01-01")
+        findings.note(UNTIMED_OBJECTS)
     at = None if math.isnan(height) else height
     yield WorldObjects((Sighting(name, "placemark", time_s, LatLon(lat, lon), at),))
 

@@ -2,6 +2,7 @@
 
 Sentences with the same time of day are one fix: RMC has the date, position, speed and course, GGA position
 and height, GLL position, GST the accuracy. A fix without a date has the one that is nearest to the last.
+WPL is a waypoint.
 """
 
 from __future__ import annotations
@@ -12,12 +13,20 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from typing import Any, BinaryIO
 
-from webapp.core.trajectory.records import make_poses
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.records import Sighting, make_poses
 from webapp.extras import extra
 from webapp.files.text_file import numbered_lines
-from webapp.missions.files.track_chunks import CHUNK, Findings, Piece, WorldPiece
+from webapp.missions.files.track_chunks import (
+    CHUNK,
+    UNTIMED_OBJECTS,
+    Findings,
+    Piece,
+    WorldObjects,
+    WorldPiece,
+)
 
-_USED = {"RMC", "GGA", "GLL", "GST", "ZDA"}
+_USED = {"RMC", "GGA", "GLL", "GST", "ZDA", "WPL"}
 _BROKEN = (ValueError, TypeError, AttributeError, IndexError, KeyError)
 """Raised by fields that are not numbers, besides the library's own errors (which are ValueErrors)."""
 
@@ -46,6 +55,9 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """
     rows: list[tuple[float, ...]] = []
     for row in _fixes(file, findings=findings):
+        if isinstance(row, Sighting):
+            yield WorldObjects((row,))
+            continue
         rows.append(row)
         if len(rows) == CHUNK:
             yield _piece(rows)
@@ -60,14 +72,18 @@ def is_sentence(line: str) -> bool:
     return bool(dollar) and len(body) > 6 and body[:5].isalnum() and body[:5].isupper() and body[5] == ","
 
 
-def _fixes(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[float, ...]]:
+def _fixes(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[float, ...] | Sighting]:
     calendar = _Calendar(_first_date(file))
     file.seek(0)
-    if calendar.near is None:
-        findings.note("no sentence has a date: times count from 1970-01-01")
     fix: _Fix | None = None
     where = "line 1"
     for where, message in _sentences(file, findings=findings):
+        if message.sentence_type == "WPL":
+            findings.note(UNTIMED_OBJECTS)
+            yield _waypoint(message)
+            continue
+        if calendar.near is None:
+            findings.note("no sentence has a date: times count from 1970-01-01")
         clock = message.timestamp
         if not isinstance(clock, time):
             findings.skip("sentences without a time", where=where)
@@ -160,8 +176,24 @@ def _sentences(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[str, Any
             yield where, message
 
 
+def _waypoint(message: Any) -> Sighting:
+    name = " ".join(message.waypoint_id.split())
+    at = LatLon(_degrees(message.lat, message.lat_dir), _degrees(message.lon, message.lon_dir))
+    return Sighting(f"waypoint {name}".strip(), "waypoint", 0.0, at)
+
+
+def _degrees(text: str, hemisphere: str) -> float:
+    """Read an angle of degrees and minutes, `5005.100`."""
+    whole = float(text) // 100.0
+    size = whole + (float(text) - 100.0 * whole) / 60.0
+    return -size if hemisphere in ("S", "W") else size
+
+
 def _understood(message: Any) -> None:
     """Read every field that will be used: the library reads them when they are asked for, and raises then."""
+    if message.sentence_type == "WPL":
+        _waypoint(message)
+        return
     if isinstance(message.timestamp, time):
         _dated(message)
     if message.sentence_type != "ZDA":
@@ -171,7 +203,8 @@ def _understood(message: Any) -> None:
 def _first_date(file: BinaryIO) -> datetime | None:
     """Find the first moment with a date, for the fixes before it."""
     for _, message in _sentences(file, findings=Findings()):
-        found = _dated(message) if isinstance(message.timestamp, time) else None
+        clock = getattr(message, "timestamp", None)
+        found = _dated(message) if isinstance(clock, time) else None
         if found is not None:
             return found
     return None

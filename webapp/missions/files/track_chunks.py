@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass, field, replace
 
 from webapp.core.trajectory.records import Poses, Sighting, Source
 from webapp.core.trajectory.robotframe import LocalPoses
@@ -16,7 +12,10 @@ CHUNK = 2048
 """Maximum number of poses in a piece."""
 
 BAD_POSITION = "positions that are not on the Earth"
-UNTIMED = "points of tracks without times count as one second apart"
+UNTIMED = "tracks without times keep the order of their points and nothing else"
+FEW_TIMES = "times of tracks of which most points have none"
+NO_TIME = "points without a time, in a track that has times"
+UNTIMED_OBJECTS = "objects without a time count as of 1970-01-01"
 NO_ID = "objects without an id of their own, by which they could be known again"
 
 
@@ -99,7 +98,7 @@ Piece = WorldPiece | RobotPiece | WorldObjects | RobotObjects
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """What was left out.
+    """What was left out, or is doubtful.
 
     Attributes
     ----------
@@ -127,6 +126,7 @@ class Findings:
     notes: list[str] = field(default_factory=list)
     _counts: Counter[str] = field(default_factory=Counter)
     _first: dict[str, str] = field(default_factory=dict)
+    _doubts: dict[str, Skipped] = field(default_factory=dict)
 
     def skip(self, reason: str, *, where: str, count: int = 1) -> None:
         """Count what is left out."""
@@ -134,38 +134,21 @@ class Findings:
             self._counts[reason] += count
             self._first.setdefault(reason, where)
 
+    def doubt(self, reason: str, *, where: str, count: int = 1) -> None:
+        """Count what is taken as it stands, though it can hardly be true."""
+        if count:
+            before = self._doubts.get(reason, Skipped(reason, 0, where))
+            self._doubts[reason] = replace(before, count=before.count + count)
+
     def note(self, sentence: str) -> None:
-        """Note how something was understood."""
-        if sentence not in self.notes:
+        """Note how something was understood; an empty sentence is none."""
+        if sentence and sentence not in self.notes:
             self.notes.append(sentence)
 
     def skipped(self) -> tuple[Skipped, ...]:
         """Return what was left out, in the order in which it was met."""
         return tuple(Skipped(reason, self._counts[reason], where) for reason, where in self._first.items())
 
-
-def fill_times(times_s: Sequence[float], *, begin_s: float) -> NDArray[np.float64]:
-    """Interpolate the times of points without one, so that they stay in their order.
-
-    Between two points with times they lie evenly; before the first and after the last they are one second
-    apart; where no point has a time, the first is at `begin_s`.
-
-    Parameters
-    ----------
-    times_s : sequence of float
-        NaN where unknown.
-
-    Returns
-    -------
-    (n,) float64
-    """
-    times = np.array(times_s, dtype=np.float64)
-    known = np.flatnonzero(~np.isnan(times))
-    places = np.arange(len(times), dtype=np.float64)
-    if not len(known):
-        return begin_s + places
-    first, last = int(known[0]), int(known[-1])
-    result = np.interp(places, known, times[known])
-    result[:first] = times[first] + (places[:first] - first)
-    result[last + 1 :] = times[last] + (places[last + 1 :] - last)
-    return result
+    def doubts(self) -> tuple[Skipped, ...]:
+        """Return what was taken and is doubtful, in the order in which it was met."""
+        return tuple(self._doubts.values())

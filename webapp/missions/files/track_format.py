@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import itertools
 import zipfile
 from pathlib import Path
@@ -10,13 +11,16 @@ from typing import Literal
 from webapp.errors import TrackError
 from webapp.files.exchange.xml import local_name, walk
 from webapp.files.text_file import numbered_lines
+from webapp.missions.files.fit import is_fit
+from webapp.missions.files.igc import is_igc
 from webapp.missions.files.kml_reader import opened_kml
 from webapp.missions.files.nmea import is_sentence
 from webapp.missions.files.trajectory_text import layout_of
 
 Kind = Literal[
-    "ros1", "ros2-sqlite", "ros2-mcap", "ros2-folder", "gpx", "kml", "kmz", "nmea", "tum", "kitti", "csv"
-]
+    "ros1", "ros2-sqlite", "ros2-mcap", "ros2-folder", "gpx", "tcx", "kml", "kmz", "geojson", "fit", "igc",
+    "nmea", "tum", "kitti", "csv",
+]  # fmt: skip
 
 TITLES: dict[Kind, str] = {
     "ros1": "ROS 1 bag",
@@ -24,8 +28,12 @@ TITLES: dict[Kind, str] = {
     "ros2-mcap": "ROS 2 bag (MCAP)",
     "ros2-folder": "ROS 2 bag",
     "gpx": "GPX",
+    "tcx": "TCX",
     "kml": "KML",
     "kmz": "KMZ",
+    "geojson": "GeoJSON",
+    "fit": "FIT",
+    "igc": "IGC",
     "nmea": "NMEA 0183",
     "tum": "TUM trajectory",
     "kitti": "KITTI trajectory",
@@ -36,7 +44,8 @@ TITLES: dict[Kind, str] = {
 _HEAD = 4096
 _LINES = 50
 _KML_ROOTS = {"kml", "Document", "Folder", "Placemark", "NetworkLink"}
-_HINT = "known are ROS bags, MCAP, GPX, KML, KMZ, NMEA, TUM, KITTI and CSV"
+_HINT = "known are ROS bags, MCAP, GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI and CSV"
+_WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def kind_of(path: Path, *, table: bool = False) -> Kind:
@@ -69,6 +78,8 @@ def kind_of(path: Path, *, table: bool = False) -> Kind:
         return kind
     if head.lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n\0").startswith(b"<"):
         return _xml(path)
+    if head.startswith(_WIDE):
+        raise TrackError("the file is UTF-16 text", hint="save it as UTF-8")
     if b"\0" in head:
         raise TrackError("this is not a file with a track", hint=_HINT)
     return "csv" if table else _text(path)
@@ -81,6 +92,8 @@ def _binary(path: Path, head: bytes) -> Kind | None:
         return "ros2-mcap"
     if head.startswith(b"SQLite format 3\0"):
         return "ros2-sqlite"
+    if is_fit(head):
+        return "fit"
     if not head.startswith(b"PK\x03\x04"):
         return None
     if zipfile.is_zipfile(path):
@@ -95,14 +108,21 @@ def _xml(path: Path) -> Kind:
     name = local_name(root)
     if name == "gpx":
         return "gpx"
+    if name == "TrainingCenterDatabase":
+        return "tcx"
     if name in _KML_ROOTS:
         return "kml"
-    raise TrackError(f"the XML is neither GPX nor KML: it begins with <{name[:40]}>", hint=_HINT)
+    raise TrackError(f"the XML is neither GPX, TCX nor KML: it begins with <{name[:40]}>", hint=_HINT)
 
 
 def _text(path: Path) -> Kind:
     with path.open("rb") as file:
+        if file.read(_HEAD).lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"{", b"[")):
+            return "geojson"
+        file.seek(0)
         lines = [line for _, line in itertools.islice(numbered_lines(file), _LINES)]
+    if is_igc(lines):
+        return "igc"
     if any(is_sentence(line) for line in lines):
         return "nmea"
     content = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]

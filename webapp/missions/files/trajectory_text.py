@@ -1,21 +1,24 @@
-"""Trajectories as SLAM programs write them, in a robot's frame: TUM and KITTI text.
+"""Trajectories as SLAM programs write them, in a frame of their own: TUM and KITTI text.
 
-TUM (Sturm et al., IROS 2012): `timestamp tx ty tz qx qy qz qw`, metres, x forward, y left, z up.
+TUM (Sturm et al., IROS 2012): `timestamp tx ty tz qx qy qz qw`, metres; usually x forward, y left, z up.
 
 KITTI odometry (Geiger, Lenz, Urtasun, CVPR 2012): the twelve numbers of a 3 x 4 matrix, row by row, of a
 camera that looks along z, x right, y down; without times, ten a second.
+
+Programs that convert one to the other keep the axes, so a file of either kind may have those of the other:
+they are detected where the motion shows them (`webapp.core.trajectory.axes`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
+from itertools import islice
 from typing import BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.robotframe import LocalPoses
+from webapp.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
 from webapp.errors import TrackError
 from webapp.files.exchange import tum
 from webapp.missions.files.track_chunks import CHUNK, Findings, RobotPiece
@@ -23,7 +26,10 @@ from webapp.missions.files.track_chunks import CHUNK, Findings, RobotPiece
 Layout = Literal["tum", "kitti"]
 
 _COLUMNS: dict[Layout, int] = {"tum": tum.COLUMNS, "kitti": 12}
+_USUAL: dict[Layout, Axes] = {"tum": "robot", "kitti": "camera"}
 _KITTI_HZ = 10.0
+_SAMPLED = 100_000
+"""Poses that show the axes."""
 
 
 def layout_of(line: str) -> Layout | None:
@@ -32,41 +38,67 @@ def layout_of(line: str) -> Layout | None:
     return next((layout for layout, columns in _COLUMNS.items() if columns == count), None)
 
 
-def read(file: BinaryIO, layout: Layout, *, findings: Findings) -> Iterator[RobotPiece]:
+def read(
+    file: BinaryIO, layout: Layout, *, findings: Findings, axes: Axes | None = None
+) -> Iterator[RobotPiece]:
     """Read a trajectory; lines that begin with `#` are remarks.
+
+    Parameters
+    ----------
+    file : binary file
+        Has to be seekable.
+    axes : Axes or None
+        None for those of the format, unless the motion plainly shows others.
 
     Raises
     ------
     TrackError
         It is not a text, or has no pose.
     """
+    frames = _frames(file, layout, axes=axes, findings=findings)
     if layout == "kitti":
         findings.note("the poses have no times: they count as ten a second from 1970-01-01")
     rows: list[list[float]] = []
     given = 0
+    file.seek(0)
     for number, row in tum.read_rows(file, columns=_COLUMNS[layout]):
         if row is None:
             findings.skip(f"lines without {_COLUMNS[layout]} numbers", where=f"line {number}")
             continue
         rows.append(row)
         if len(rows) == CHUNK:
-            yield _piece(layout, np.array(rows), given)
+            yield _piece(layout, np.array(rows), given, frames=frames)
             given += len(rows)
             rows = []
     if rows:
-        yield _piece(layout, np.array(rows), given)
+        yield _piece(layout, np.array(rows), given, frames=frames)
     elif not given:
         raise TrackError("the file has no pose")
 
 
-def _piece(layout: Layout, rows: NDArray[np.float64], given: int) -> RobotPiece:
+def _frames(file: BinaryIO, layout: Layout, *, axes: Axes | None, findings: Findings) -> Frames:
+    if axes is not None:
+        return Frames(axes, axes)
+    usual = Frames(_USUAL[layout], _USUAL[layout])
+    lines = tum.read_rows(file, columns=_COLUMNS[layout])
+    rows = [row for _, row in islice(lines, _SAMPLED) if row is not None]
+    if not rows:
+        return usual
+    frames, remark = detect_frames(*_parts(layout, np.array(rows)), usual=usual)
+    findings.note(remark)
+    return frames
+
+
+def _parts(layout: Layout, rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the positions (n, 3) and rotations (n, 3, 3) of rows."""
     if layout == "tum":
-        times, xyz, yaw = rows[:, 0], rows[:, 1:4], tum.yaw_of(rows[:, 4:])
-    else:
-        times = (given + np.arange(len(rows))) / _KITTI_HZ
-        matrix = rows.reshape(-1, 3, 4)
-        # forward of the robot is z of the camera, left is -x, up is -y
-        xyz = matrix[:, [2, 0, 1], 3] * (1.0, -1.0, -1.0)
-        yaw = np.arctan2(-matrix[:, 0, 2], matrix[:, 2, 2])
-    unknown = np.full((len(rows), 3), math.nan)
-    return RobotPiece("", "odometry", "", "", LocalPoses(times, xyz, yaw, unknown), layout == "tum")
+        return rows[:, 1:4], rotations_of(rows[:, 4:])
+    matrix = rows.reshape(-1, 3, 4)
+    return matrix[:, :, 3], matrix[:, :, :3]
+
+
+def _piece(layout: Layout, rows: NDArray[np.float64], given: int, *, frames: Frames) -> RobotPiece:
+    xyz, rotation = _parts(layout, rows)
+    times = rows[:, 0] if layout == "tum" else (given + np.arange(len(rows))) / _KITTI_HZ
+    local = to_robot(times, xyz, rotation=rotation, frames=frames)
+    return RobotPiece("", "odometry", "", "", local, layout == "tum")

@@ -9,10 +9,11 @@ from pathlib import Path
 from webapp.core.trajectory.outgoing import MissionOut
 from webapp.errors import NotFound, PhotoError, UsageError
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
-from webapp.missions.files.csv_tables import format_objects_csv, format_poses_csv
+from webapp.missions.files.csv_writer import format_objects_csv, format_poses_csv
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.files.gpx import format_mission_gpx
 from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
+from webapp.missions.files.trajectory_writer import format_kitti_zip, format_tum_zip
 from webapp.missions.store import missions, reading
 from webapp.missions.tasks import add_photo
 from webapp.missions.tasks.icons import icon
@@ -27,6 +28,8 @@ _WRITERS: dict[str, tuple[str, Writer]] = {
     "geojson": ("application/geo+json", format_mission_geojson),
     "csv": ("text/csv; charset=utf-8", format_poses_csv),
     "objects.csv": ("text/csv; charset=utf-8", format_objects_csv),
+    "tum.zip": ("application/zip", format_tum_zip),
+    "kitti.zip": ("application/zip", format_kitti_zip),
 }
 
 FORMATS = ("kml", "kmz", *_WRITERS)

@@ -8,6 +8,7 @@ A killed import continues after the last of them; who imports a file again finds
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -18,8 +19,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.axes import parse_axes
 from webapp.core.trajectory.records import SOURCES, Sighting, Source
-from webapp.core.trajectory.robotframe import Start
+from webapp.core.trajectory.robotframe import Start, parse_start
 from webapp.core.trajectory.thinning import MinMove, parse_min_move
 from webapp.errors import NotFound, TrackError, UsageError
 from webapp.missions.files.track_chunks import Findings, Skipped
@@ -27,7 +29,7 @@ from webapp.missions.files.track_format import TITLES, Kind, kind_of
 from webapp.missions.store import batches, missions, tracks
 from webapp.missions.store.schema import Mission, MissionSender, Track
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import ReadOptions, TrackSegment
+from webapp.missions.tasks.place_track import ReadOptions, TrackSegment
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.database import Writes
@@ -38,8 +40,8 @@ _AT_ONCE = 8192
 
 _MAX_NAME = 200
 _BLOCK = 1 << 20
-_NUMBERED: tuple[Kind, ...] = ("gpx", "kml", "kmz")
-"""Kinds whose objects are numbered: the file's name distinguishes those of several files."""
+_NUMBERED = re.compile(r"(waypoint|placemark|point) ")
+"""Begins the ids that readers give: the file's name distinguishes those of several files."""
 
 Part = TrackSegment | tuple[Sighting, ...]
 Key = tuple[Source, str]
@@ -90,6 +92,8 @@ class TrackImport:
         Whether anything of it was not there before.
     skipped : tuple of Skipped
         What could not be used, and why.
+    doubts : tuple of Skipped
+        What was taken as it stands, and can hardly be true.
     notes : tuple of str
         How the file was understood.
     """
@@ -99,6 +103,7 @@ class TrackImport:
     objects: int
     new: bool
     skipped: tuple[Skipped, ...]
+    doubts: tuple[Skipped, ...]
     notes: tuple[str, ...]
 
 
@@ -138,6 +143,9 @@ def import_track_file(
     with write() as session:
         mission = _mission(session, mission_id)
         ids = _tracks(session, mission, survey.tracks, key=key, name=order.name)
+        if mission.start is None and order.options.start is not None:
+            given = order.options.start
+            mission.start = {**given.position._asdict(), "heading_deg": given.heading_deg}
         stored = _stored(session, mission_id, key)
     progress.size(survey.records)
     progress.note("storing")
@@ -154,7 +162,9 @@ def import_track_file(
         made = tuple(ImportedTrack(t.id, t.source, t.name, t.poses, t.skipped, t.distance_m) for t in found)
     kind = TITLES[survey.kind]
     new = stored < survey.parts
-    return TrackImport(kind, made, survey.objects, new, findings.skipped(), tuple(findings.notes))
+    return TrackImport(
+        kind, made, survey.objects, new, findings.skipped(), findings.doubts(), tuple(findings.notes)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,14 +198,19 @@ def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
 
 
 def _parts(order: Order, progress: Progress) -> Iterator[Part]:
-    """Read the file once more, with objects that are called after it where they have only numbers."""
-    numbered = kind_of(order.path, table=order.options.columns is not None) in _NUMBERED
+    """Read the file once more, with objects that are called after it where they have no ids of their own."""
     stem = PurePath(order.name).stem
     for part in read_track.stream(order.path, options=order.options, findings=Findings(), progress=progress):
-        if numbered and not isinstance(part, TrackSegment):
-            yield tuple(replace(one, object_id=f"{stem}: {one.object_id}"[:_MAX_NAME]) for one in part)
-        else:
+        if isinstance(part, TrackSegment):
             yield part
+        else:
+            yield tuple(_called_after(one, stem) for one in part)
+
+
+def _called_after(seen: Sighting, stem: str) -> Sighting:
+    if not _NUMBERED.match(seen.object_id):
+        return seen
+    return replace(seen, object_id=f"{stem}: {seen.object_id}"[:_MAX_NAME])
 
 
 def _groups(parts: Iterator[Part], stored: int) -> Iterator[tuple[int, list[Part]]]:
@@ -300,7 +315,8 @@ def _key(order: Order, progress: Progress) -> str:
 
 def options_key(options: ReadOptions) -> str:
     """Write options as the keys of imports have them since 0.7.0: a file imported then is recognized."""
-    values = ", ".join(f"{field.name}={getattr(options, field.name)!r}" for field in fields(options))
+    known = ((field.name, getattr(options, field.name)) for field in fields(options))
+    values = ", ".join(f"{name}={value!r}" for name, value in known if name != "axes" or value)
     return f"Wishes({values})"
 
 
@@ -343,17 +359,25 @@ def order_of(path: Path, form: Mapping[str, Any]) -> Order:
     Parameters
     ----------
     form : mapping
-        `name`; and where they are known `source`, `min_move`, `columns`, and `topics`, separated by commas.
+        `name`; and where they are known `source`, `min_move`, `columns`, `axes`, `start` as latitude,
+        longitude and heading, and `topics`, separated by commas.
 
     Raises
     ------
     UsageError
-        The source or the threshold is not valid.
+        One of them is not valid.
     """
     topics = tuple(name for part in (form.get("topics") or "").split(",") if (name := part.strip()))
     min_move = parse_min_move(form["min_move"]) if form.get("min_move") else MinMove()
     columns, source = form.get("columns") or None, source_of(form.get("source"))
-    options = ReadOptions(topics=topics, min_move=min_move, columns=columns, source=source)
+    options = ReadOptions(
+        start=parse_start(form.get("start")),
+        topics=topics,
+        min_move=min_move,
+        columns=columns,
+        source=source,
+        axes=parse_axes(form.get("axes")),
+    )
     return Order(path, form["name"], options)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import IO, Any, Literal
 
-from webapp.missions.files.csv_tables import csv_lines
+from webapp.missions.files.csv_writer import csv_lines
 from webapp.missions.store.query import ParsedQuery, Question, answer, understand
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download

@@ -16,7 +16,8 @@ from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove, Thinner
 from webapp.missions.files.track_chunks import Skipped
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.read_track import ReadOptions, ReadTrack
+from webapp.missions.tasks.place_track import ReadOptions
+from webapp.missions.tasks.read_track import ReadTrack
 from webapp.progress import Progress
 
 

@@ -102,7 +102,7 @@ _ROWS: Responses = {
 @blueprint.input(ExportQuery, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Response:
-    """Take a mission away as `kml`, `kmz`, `gpx`, `geojson`, `csv`, or `html` that opens offline."""
+    """Take a mission away as `kml`, `kmz`, `gpx`, `geojson`, `csv`, `tum.zip`, `kitti.zip`, or `html`."""
     return export(open_mission(mission_id).id, ending=ending, query=query, photos=True)
 
 

@@ -11,6 +11,7 @@ from apiflask.fields import File, Integer, String
 from apiflask.validators import Length, OneOf
 from flask import request
 
+from webapp.core.trajectory.axes import AXES
 from webapp.core.trajectory.records import SOURCES
 from webapp.files.part_file import receive
 from webapp.missions.files.track_format import kind_of
@@ -24,6 +25,7 @@ blueprint = APIBlueprint("api_mission_imports", __name__, url_prefix="/api/v1/mi
 
 _PARTS = 20
 _MAX_TEXT = 2000
+_OPTIONS = ("columns", "source", "min_move", "axes", "start", "topics")
 
 
 class TrackFileIn(Schema):
@@ -32,7 +34,8 @@ class TrackFileIn(Schema):
     file = File(
         required=True,
         metadata={
-            "description": "A ROS 1 bag, ROS 2 bag (.db3, .mcap), GPX, KML, KMZ, NMEA, TUM, KITTI or CSV."
+            "description": "A ROS 1 bag, ROS 2 bag (.db3, .mcap), GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, "
+            "NMEA, TUM, KITTI or CSV."
         },
     )  # type: ignore[no-untyped-call]
     columns = String(
@@ -52,6 +55,20 @@ class TrackFileIn(Schema):
         load_default="",
         validate=Length(max=40),
         metadata={"description": "Poses that moved less are left out: `0.5m`, `0.00001deg` (usual), `0`."},
+    )
+    axes = String(
+        load_default="",
+        validate=OneOf(("", *AXES)),
+        metadata={"description": "Of a frame in TUM, KITTI or CSV; by default detected."},
+    )
+    start = String(
+        load_default="",
+        validate=Length(max=200),
+        metadata={
+            "description": "Latitude, longitude and heading of the first pose, for poses in the robot's "
+            "frame; the mission's own start by default, and its start from now on where it has none.",
+            "example": "50.0,14.0,90",
+        },
     )
     topics = String(
         load_default="",
@@ -85,7 +102,7 @@ def import_file(mission_id: int, given: dict[str, Any]) -> dict[str, int]:
     token = secrets.token_hex(16)
     path = waiting_path(place, token)
     name = PurePosixPath(tidy_name(given["file"].filename or "").replace("\\", "/")).name
-    form = {key: given[key] for key in ("columns", "source", "min_move", "topics")} | {"name": name}
+    form = {key: given[key] for key in _OPTIONS} | {"name": name}
     order = order_of(path, form)
     kept = False
     try:

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
-from webapp.missions.files import csv_tables, nmea, trajectory_text
+from webapp.missions.files import csv_reader, nmea, trajectory_text
 from webapp.missions.files.track_chunks import (
+    UNTIMED,
     Findings,
     RobotObjects,
     RobotPiece,
     WorldObjects,
     WorldPiece,
-    fill_times,
 )
 
 
@@ -122,7 +122,7 @@ def test_a_trajectory_without_poses_is_refused() -> None:
 def read_csv(text: str | bytes, columns: str | None = None) -> tuple[list[object], Findings]:
     findings = Findings()
     data = text.encode() if isinstance(text, str) else text
-    return list(csv_tables.read(io.BytesIO(data), columns=columns, findings=findings)), findings
+    return list(csv_reader.read(io.BytesIO(data), columns=columns, findings=findings)), findings
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", "|"])
@@ -157,7 +157,7 @@ def test_times_of_any_unit_are_seconds(zeros: str) -> None:
 def test_a_carriage_return_within_a_line_is_a_space() -> None:
     findings = Findings()
     text = b"time,lat,lon,id\n1,50,14,a\rb\n2,\r50,14,c\n"
-    pieces = list(csv_tables.read(io.BytesIO(text), columns=None, findings=findings))
+    pieces = list(csv_reader.read(io.BytesIO(text), columns=None, findings=findings))
     found = [one for piece in pieces if isinstance(piece, WorldObjects) for one in piece.sightings]
     assert [one.object_id for one in found] == ["a b", "c"]
 
@@ -180,10 +180,11 @@ def test_sources_of_a_table_stay_apart() -> None:
     assert {piece.source: len(piece.poses) for piece in pieces} == {"gps": 2, "fused": 1}
 
 
-def test_tracks_of_a_table_stay_apart_and_times_go_on() -> None:
+def test_tracks_of_a_table_stay_apart_and_keep_their_order() -> None:
     pieces, findings = read_csv("track,lat,lon\na,50,14\nb,51,14\na,50.1,14\n")
-    assert {piece.track: piece.poses.times_s.tolist() for piece in pieces} == {"a": [0.0, 2.0], "b": [1.0]}
-    assert "without a time" in findings.notes[0]
+    assert {piece.track: piece.poses.times_s.tolist() for piece in pieces} == {"a": [0.0, 1.0], "b": [0.0]}
+    assert not any(piece.timed for piece in pieces)
+    assert findings.notes == [UNTIMED]
 
 
 @pytest.mark.parametrize(
@@ -207,9 +208,3 @@ def test_times_are_read(text: str, seconds: float) -> None:
 )
 def test_what_is_no_time_is_nan(text: str) -> None:
     assert isinstance(unix_time(text), float)
-
-
-def test_missing_times_lie_between_their_neighbours() -> None:
-    nan = math.nan
-    assert fill_times([nan, 10.0, nan, nan, 40.0, nan], begin_s=7.0).tolist() == [9, 10, 20, 30, 40, 41]
-    assert fill_times([nan, nan], begin_s=7.0).tolist() == [7, 8]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from webapp.files.text_file import cell_text, plain_cell
-from webapp.missions.files.csv_tables import (
+from webapp.missions.files.csv_writer import (
     OBJECT_COLUMNS,
     POSE_COLUMNS,
     csv_lines,

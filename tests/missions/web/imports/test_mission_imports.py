@@ -8,6 +8,7 @@ from webapp.app.wings import DUTIES
 from webapp.errors import UsageError
 from webapp.jobs.context import Context, JobProgress
 from webapp.missions.store import missions, tracks
+from webapp.missions.store.schema import Mission
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 
@@ -137,3 +138,20 @@ def test_tracks_without_times_are_not_fused(upload, client, mission, work):
     client.post(f"/api/v1/missions/{mission}/fuse")
     with pytest.raises(UsageError):
         work()
+
+
+def test_a_start_comes_with_the_file_and_stays(upload, library, mission, work):
+    way = b"1e9 0 0 0 0 0 0 1\n1.1e9 5 0 0 0 0 0 1\n"
+    answer = upload(way, "way.tum", start="50,14,90", axes="camera", min_move="0")
+    assert answer.status_code == 202
+    (track,) = work()["tracks"]
+    assert track["poses"] == 2
+    with library.database.read() as session:
+        assert session.get_one(Mission, mission).start == {"lat": 50.0, "lon": 14.0, "heading_deg": 90.0}
+
+
+@pytest.mark.parametrize(
+    ("fields", "status"), [({"start": "50,14"}, 400), ({"start": "95,14,0"}, 400), ({"axes": "enu"}, 422)]
+)
+def test_a_start_and_axes_have_to_be_valid(upload, fields, status):
+    assert upload(b"1 0 0 0 0 0 0 1\n", "way.tum", **fields).status_code == status

@@ -1,0 +1,196 @@
+"""Files of devices and of maps: FIT, TCX, IGC, GeoJSON."""
+
+import io
+import json
+import math
+import struct
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from webapp.errors import TrackError
+from webapp.files.exchange.times import unix_time
+from webapp.missions.files import fit, geojson_reader, igc, tcx
+from webapp.missions.files.track_chunks import NO_TIME, UNTIMED, Findings, WorldObjects, WorldPiece
+
+FIT_EPOCH = 631_065_600
+SEMICIRCLES = 2**31 / 180.0
+
+
+def read(reader: Callable[..., object], data: bytes | str) -> tuple[list[object], Findings]:
+    findings = Findings()
+    raw = data.encode() if isinstance(data, str) else data
+    return list(reader(io.BytesIO(raw), findings=findings)), findings
+
+
+def crc(data: bytes) -> int:
+    """The checksum of FIT: CRC-16 with the polynomial 0xA001."""
+    value = 0
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = (value >> 1) ^ (0xA001 if value & 1 else 0)
+    return value
+
+
+def fit_file(rows: list[tuple[int, float | None, float, float]]) -> bytes:
+    """A FIT file of records: time, latitude, longitude, height."""
+    fields = [(253, 4, 0x86), (0, 4, 0x85), (1, 4, 0x85), (2, 2, 0x84)]
+    body = bytes([0x40, 0, 0]) + struct.pack("<HB", 20, len(fields)) + b"".join(map(bytes, fields))
+    for time_s, lat, lon, height in rows:
+        place = (0x7FFFFFFF, 0x7FFFFFFF)
+        if lat is not None:
+            place = (round(lat * SEMICIRCLES), round(lon * SEMICIRCLES))
+        body += b"\0" + struct.pack("<IiiH", time_s - FIT_EPOCH, *place, round((height + 500) * 5))
+    head = struct.pack("<BBHI4s", 14, 0x20, 2132, len(body), b".FIT")
+    head += struct.pack("<H", crc(head))
+    return head + body + struct.pack("<H", crc(head + body))
+
+
+def test_the_records_of_a_fit_are_a_track() -> None:
+    data = fit_file(
+        [
+            (1_700_000_000, 50.5, -14.25, 200.4),
+            (1_700_000_001, None, 0, 0),
+            (1_700_000_002, 50.6, -14.25, 201),
+        ]
+    )
+    assert fit.is_fit(data[:20])
+    (piece,), findings = read(fit.read, data)
+    assert isinstance(piece, WorldPiece)
+    assert piece.poses.times_s.tolist() == [1_700_000_000.0, 1_700_000_002.0]
+    assert piece.poses.latlon == pytest.approx(np.array([[50.5, -14.25], [50.6, -14.25]]), abs=1e-7)
+    assert piece.poses.height_m == pytest.approx([200.4, 201.0])
+    assert [one.reason for one in findings.skipped()] == ["records without a position"]
+    for damaged in (data[:-20], data[:30] + b"\xff" + data[31:]):
+        with pytest.raises(TrackError, match="the FIT file is damaged"):
+            read(fit.read, damaged)
+
+
+TCX = """<TrainingCenterDatabase xmlns="http://www.garmin.com/xmlschemas/TrainingCenterDatabase/v2"><Activities>
+<Activity Sport="Running"><Lap><Track>{points}</Track></Lap><Lap><Track>{more}</Track></Lap></Activity>
+</Activities><Courses><Course><Name>loop</Name><Track>{course}</Track>
+<CoursePoint><Name>Turn</Name><Position><LatitudeDegrees>50.2</LatitudeDegrees>
+<LongitudeDegrees>14.2</LongitudeDegrees></Position><PointType>Left</PointType></CoursePoint>
+</Course></Courses></TrainingCenterDatabase>"""
+
+
+def trackpoint(lat: float | None, time: str = "") -> str:
+    place = f"<LatitudeDegrees>{lat}</LatitudeDegrees><LongitudeDegrees>14</LongitudeDegrees>"
+    place = f"<Position>{place}</Position>"
+    when = f"<Time>{time}</Time>" if time else ""
+    return f"<Trackpoint>{when}{place if lat else ''}<AltitudeMeters>7.5</AltitudeMeters></Trackpoint>"
+
+
+def test_activities_and_courses_of_a_tcx_are_tracks() -> None:
+    points = (
+        trackpoint(50.0, "2024-03-23T12:00:00Z") + trackpoint(None, "2024-03-23T12:00:01Z") + trackpoint(50.1)
+    )
+    more = trackpoint(50.2, "2024-03-23T12:00:05.5Z")
+    pieces, findings = read(tcx.read, TCX.format(points=points, more=more, course=trackpoint(51.0)))
+    activity, point, course = pieces
+    assert activity.track == "activity 1"
+    assert activity.poses.latlon.tolist() == [[50.0, 14.0], [50.2, 14.0]]
+    assert activity.poses.times_s.tolist() == [
+        unix_time("2024-03-23T12:00:00Z"),
+        unix_time("2024-03-23T12:00:05.5Z"),
+    ]
+    assert activity.poses.height_m.tolist() == [7.5, 7.5]
+    assert (course.track, course.timed) == ("course 1", False)
+    assert isinstance(point, WorldObjects)
+    assert (point.sightings[0].kind, point.sightings[0].latlon) == ("Left", (50.2, 14.2))
+    assert {one.reason for one in findings.skipped()} == {"points without a position", NO_TIME}
+
+
+IGC = """AXXXABC
+HFDTEDATE:160701,01
+I033638LAD3941LOD4242TDS
+C150701213841160701000102500KTri
+B2359595107126N00149300WA00288004295001239
+B0000015107126S00149300EV00288004290000000
+B0000020000000N00000000EV0000000000000000
+Bbroken
+"""
+
+
+def test_a_flight_goes_on_after_midnight() -> None:
+    (piece,), findings = read(igc.read, IGC)
+    assert igc.is_igc(IGC.splitlines())
+    assert piece.poses.times_s.tolist() == [
+        unix_time("2001-07-16T23:59:59Z") + 0.9,
+        unix_time("2001-07-17T00:00:01Z"),
+    ]
+    assert piece.poses.latlon[0] == pytest.approx([51 + 7.1265 / 60, -(1 + 49.3001 / 60)], abs=2e-6)
+    assert piece.poses.latlon[1] == pytest.approx([-(51 + 7.126 / 60), 1 + 49.3 / 60])
+    assert piece.poses.height_m[0] == 429.0
+    assert math.isnan(piece.poses.height_m[1]), "the receiver has no height"
+    reasons = [one.reason for one in findings.skipped()]
+    assert reasons == [
+        "lines of a declared task, which is not a track",
+        "fixes that the receiver calls invalid",
+        "fixes that cannot be read",
+    ]
+    with pytest.raises(TrackError, match="before the date"):
+        read(igc.read, "AXXX\nB2359595107126N00149300WA0028800429\n")
+
+
+def collection(*features: dict[str, object]) -> str:
+    return json.dumps({"type": "FeatureCollection", "features": list(features)})
+
+
+def feature(kind: str, coordinates: object, **more: object) -> dict[str, object]:
+    properties = more.pop("properties", {})
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "geometry": geometry, "properties": properties, **more}
+
+
+def test_lines_with_and_without_times() -> None:
+    times = ["2024-03-23T12:00:00Z", None, "2024-03-23T12:00:02Z"]
+    line = [[14, 50, 200], [14.1, 50], [14.2, 50]]
+    pieces, findings = read(
+        geojson_reader.read,
+        collection(
+            feature("LineString", line, properties={"name": "walk", "coordTimes": times}),
+            feature("MultiLineString", [line[:1], line[1:]]),
+            feature("Polygon", [line]),
+        ),
+    )
+    timed, untimed = pieces
+    assert (timed.track, timed.timed) == ("line 1 walk", True)
+    assert timed.poses.latlon.tolist() == [[50.0, 14.0], [50.0, 14.2]]
+    assert timed.poses.times_s[1] - timed.poses.times_s[0] == 2.0
+    assert timed.poses.height_m[0] == 200.0
+    assert (len(untimed.poses), untimed.timed) == (3, False)
+    assert findings.notes == [UNTIMED]
+    assert [one.reason for one in findings.skipped()] == [NO_TIME, "areas, which are not tracks"]
+
+
+def test_points_are_poses_where_they_have_times_and_objects_otherwise() -> None:
+    pieces, _ = read(
+        geojson_reader.read,
+        collection(
+            feature("Point", [14, 50], properties={"time": 1_700_000_000_000, "heading": 90}),
+            feature("Point", [14, 50.1], properties={"time": 1_700_000_001}),
+            feature("Point", [14, 50.2], properties={"name": "bin"}),
+        ),
+    )
+    thing, track = pieces
+    assert thing.sightings[0].object_id == "point 3 bin"
+    assert track.poses.times_s.tolist() == [1_700_000_000.0, 1_700_000_001.0]
+    assert track.poses.heading_deg[0] == 90.0
+
+
+@pytest.mark.parametrize("text", ["{", "[1, 2]", '{"a": 1}', '{"type": "Topology"}'])
+def test_other_json_is_refused(text: str) -> None:
+    with pytest.raises(TrackError, match="JSON"):
+        read(geojson_reader.read, text)
+
+
+@pytest.mark.parametrize(
+    "geometry", [None, 7, {"type": "Point"}, {"type": "Point", "coordinates": "x"}, {"type": "LineString"}]
+)
+def test_odd_geometries_are_left_out(geometry: object) -> None:
+    pieces, findings = read(geojson_reader.read, json.dumps({"type": "Feature", "geometry": geometry}))
+    assert not pieces
+    assert findings.skipped()

@@ -1,0 +1,76 @@
+"""What is exported is read again as it was: GPX, GeoJSON, TUM, KITTI."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.outgoing import MissionOut
+from webapp.core.trajectory.records import join, make_poses
+from webapp.missions.files import geojson_reader, gpx, trajectory_text
+from webapp.missions.files.geojson_writer import format_mission_geojson
+from webapp.missions.files.track_chunks import Findings, RobotPiece, WorldPiece
+from webapp.missions.files.trajectory_writer import format_kitti_zip, format_tum_zip
+
+
+@pytest.mark.parametrize(
+    ("write", "read"),
+    [(gpx.format_mission_gpx, gpx.read), (format_mission_geojson, geojson_reader.read)],
+)
+def test_tracks_read_back(mission, write, read):
+    pieces = list(read(io.BytesIO(b"".join(write(mission))), findings=Findings()))
+    tracks = [piece for piece in pieces if isinstance(piece, WorldPiece)]
+    assert [piece.source for piece in tracks] == ["gps", "odometry", "manual"]
+    for track, found in zip(mission.tracks, tracks, strict=True):
+        before = join(list(track.poses()))
+        np.testing.assert_allclose(found.poses.latlon, before.latlon, atol=1e-9, rtol=0)
+        np.testing.assert_allclose(found.poses.times_s, before.times_s, atol=1e-6, rtol=0)
+        np.testing.assert_allclose(found.poses.heading_deg, before.heading_deg, atol=1e-3)
+        np.testing.assert_allclose(found.poses.height_m, before.height_m, atol=1e-3)
+        if write is gpx.format_mission_gpx:
+            np.testing.assert_allclose(found.poses.covariance_m2, before.covariance_m2, rtol=1e-5)
+
+
+def test_objects_of_our_geojson_keep_their_ids(mission):
+    data = b"".join(format_mission_geojson(mission))
+    pieces = list(geojson_reader.read(io.BytesIO(data), findings=Findings()))
+    seen = [one for piece in pieces if not isinstance(piece, WorldPiece) for one in piece.sightings]
+    for found, one in zip(mission.objects(), seen, strict=True):
+        assert (one.latlon, one.height_m, one.confidence) == (found.latlon, found.height_m, found.confidence)
+        assert one.time_s == pytest.approx(found.last_time_s, abs=1e-6)
+    assert (seen[0].object_id, seen[0].kind) == ("car-1", "car")
+
+
+def test_a_track_over_the_180th_meridian_reads_back(track):
+    lon = np.array([179.9, 179.99, -179.98, -179.9])
+    poses = make_poses(1.7e9 + np.arange(4.0), np.column_stack([np.full(4, 10.0), lon]))
+    data = b"".join(format_mission_geojson(MissionOut("way", (track(poses),), (), list)))
+    assert b"MultiLineString" in data
+    (piece,) = geojson_reader.read(io.BytesIO(data), findings=Findings())
+    np.testing.assert_allclose(piece.poses.latlon, poses.latlon, atol=1e-9)
+    np.testing.assert_allclose(piece.poses.times_s, poses.times_s)
+
+
+@pytest.mark.parametrize(("write", "layout"), [(format_tum_zip, "tum"), (format_kitti_zip, "kitti")])
+def test_trajectories_read_back(mission, write, layout):
+    archive = zipfile.ZipFile(io.BytesIO(b"".join(write(mission))))
+    assert archive.namelist()[0] == f"1-gps.{layout}"
+    first = join(list(mission.tracks[0].poses()))
+    lat, lon = first.latlon[0].tolist()
+    enu = LocalFrame(LatLon(lat, lon))
+    whole = join(list(mission.tracks[1].poses()))
+    name = next(name for name in archive.namelist() if name.startswith("2-odometry"))
+    (piece,) = trajectory_text.read(io.BytesIO(archive.read(name)), layout, findings=Findings())
+    assert isinstance(piece, RobotPiece)
+    east_north = piece.poses.xyz_m[:, :2] if layout == "tum" else piece.poses.xyz_m[:, :2] @ [[0, 1], [-1, 0]]
+    np.testing.assert_allclose(east_north, enu.enu_from_latlon(whole.latlon), atol=1e-3)
+    turn = 90.0 if layout == "tum" else 0.0
+    heading = (turn - np.degrees(piece.poses.yaw_rad)) % 360.0
+    np.testing.assert_allclose(heading, whole.heading_deg, atol=1e-4)
+    if layout == "tum":
+        np.testing.assert_allclose(piece.poses.times_s, whole.times_s, atol=1e-6)
+        (gps,) = trajectory_text.read(io.BytesIO(archive.read("1-gps.tum")), "tum", findings=Findings())
+        assert np.isnan(gps.poses.yaw_rad).tolist() == np.isnan(first.heading_deg).tolist()

@@ -1,0 +1,279 @@
+"""The text of a table: its header, its columns, and its cells as numbers, times and angles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+from webapp.core.columns import DATE_ORDERS, EXCEL_DAYS, POSE_FIELDS, Columns, guess_columns, parse_columns
+from webapp.core.trajectory.records import SOURCES, Source
+from webapp.errors import TrackError, UsageError
+from webapp.files.exchange.cells import angle, day_order, moment, quantity, split_moment
+from webapp.files.exchange.times import unix_time
+from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
+from webapp.missions.files.track_chunks import Findings
+
+_HEMISPHERES = {"lat": "NS", "lon": "EW"}
+_EXCEL_EPOCH_S = -2_209_161_600.0
+"""1899-12-30, from which spreadsheets count days."""
+
+_FIRST_S = 1e8
+"""1973: a number of a frame that is smaller, in nanoseconds, is no time."""
+_NANO = 1e-9
+_SHOWN = 5
+
+Key = tuple[Source, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """How the text of a table is read.
+
+    Attributes
+    ----------
+    skip : int
+        Number of the line up to which it is header and remarks.
+    order : {"ymd", "dmy", "mdy", ""}
+        Of its dates, where it is known.
+    header : tuple of str
+        Empty without one.
+    """
+
+    columns: Columns
+    delimiter: str
+    skip: int
+    order: str = ""
+    header: tuple[str, ...] = ()
+
+    def text(self, fields: Sequence[str], name: str) -> str:
+        """Return a field as it stands; empty where the row or the table has none."""
+        column = self.columns.get(name)
+        return cell_text(fields[column.index].strip()) if column and column.index < len(fields) else ""
+
+    def number(self, fields: Sequence[str], name: str) -> float:
+        """Return a field as a number in its usual unit; NaN for what is not one."""
+        if name == "time":
+            return self.time(fields)
+        text = self.text(fields, name)
+        if not text:
+            return math.nan
+        if self.delimiter != ",":
+            text = text.replace(",", ".")
+        scale = self.columns[name].scale
+        if name in _HEMISPHERES:
+            value = self.signed(angle(text, scale=scale, hemispheres=_HEMISPHERES[name]), fields, name=name)
+        else:
+            value = quantity(text, scale=scale, units=POSE_FIELDS.units[name])
+        return value if math.isfinite(value) else math.nan
+
+    def signed(self, value: float, fields: Sequence[str], *, name: str) -> float:
+        """Give an angle the sign of its hemisphere: in a column of its own, perhaps one without a name."""
+        letter = self.text(fields, f"{name}_ref")[:1].upper()
+        after = self.columns[name].index + 1
+        if not letter and after < min(len(self.header), len(fields)) and not self.header[after].strip():
+            letter = fields[after].strip().upper()
+        if letter and letter in _HEMISPHERES[name]:
+            return math.copysign(value, -1.0 if letter in "SW" else 1.0)
+        return value
+
+    def time(self, fields: Sequence[str]) -> float:
+        """Return the time of a row, perhaps from two columns; NaN without one."""
+        text, day = self.text(fields, "time"), self.text(fields, "date")
+        value = unix_time(text)
+        if math.isnan(value) and day:
+            value = unix_time(day) if ":" in day else moment(day, text, order=self.order)
+            if math.isnan(value) and ":" in day:
+                value = moment(*split_moment(day), order=self.order)
+        elif math.isnan(value) and text:
+            value = self.seconds(text)
+            if math.isnan(value):
+                value = moment(*split_moment(text), order=self.order)
+        return value if math.isfinite(value) else math.nan
+
+    def seconds(self, text: str) -> float:
+        """Return a time that is a number."""
+        column = self.columns["time"]
+        if self.delimiter != ",":
+            text = text.replace(",", ".")
+        value = quantity(text, scale=column.scale, units=POSE_FIELDS.units["time"])
+        if column.scale == EXCEL_DAYS:
+            return _EXCEL_EPOCH_S + value
+        if self.has_frame_numbers and value * _NANO < _FIRST_S:
+            return math.nan
+        return _seconds(value) if column.scale == 1.0 else value
+
+    @property
+    def has_frame_numbers(self) -> bool:
+        """Whether the column of times is one of frames, whose numbers are times in some datasets."""
+        index = self.columns["time"].index
+        return index < len(self.header) and "frame_id" in self.header[index].lower()
+
+    def _source(self, fields: Sequence[str]) -> Source:
+        given = self.text(fields, "source").lower()
+        usual: Source = "gps" if "lat" in self.columns else "odometry"
+        return next((source for source in SOURCES if source == given), usual)
+
+    def key(self, fields: Sequence[str]) -> Key:
+        """Return the track of a row."""
+        return self._source(fields), self.text(fields, "track")
+
+
+def open_table(file: BinaryIO, columns: str | None) -> Table:
+    """Find the header, which may be a remark, and what the columns hold.
+
+    Raises
+    ------
+    TrackError
+        The table is empty, or its columns are not recognized.
+    UsageError
+        `columns` does not fit the table.
+    """
+    remarks: list[str] = []
+    first: tuple[int, str] | None = None
+    for number, line in numbered_lines(file):
+        if line.lstrip().startswith("#"):
+            remarks.append(line.strip().lstrip("#").strip())
+        elif line.strip():
+            first = (number, line)
+            break
+    if first is None:
+        raise TrackError("the table is empty")
+    number, line = first
+    delimiter = delimiter_of(line) or ","
+    header = split_row(line, delimiter)
+    if columns:
+        return _with_columns(columns, header, remarks, number=number, delimiter=delimiter)
+    try:
+        return Table(guess_columns(header), delimiter, number, header=tuple(header))
+    except TrackError:
+        for remark in reversed(remarks):
+            named = split_row(remark.rpartition(": ")[2], delimiter_of(remark) or ",")
+            try:
+                return Table(guess_columns(named), delimiter, number - 1, header=tuple(named))
+            except TrackError:
+                continue
+        raise
+
+
+def _with_columns(
+    columns: str, header: list[str], remarks: list[str], *, number: int, delimiter: str
+) -> Table:
+    """Read columns as they are given; the first line may be a row already."""
+    table = Table({}, delimiter, number)
+    for remark in reversed(remarks):
+        named = split_row(remark.rpartition(": ")[2], delimiter_of(remark) or ",")
+        if len(named) == len(header):
+            try:
+                return replace(
+                    table, columns=parse_columns(columns, named), skip=number - 1, header=tuple(named)
+                )
+            except UsageError:
+                continue
+    table = replace(table, columns=parse_columns(columns, header), header=tuple(header))
+    place = ("lat", "lon") if "lat" in table.columns else ("x", "y")
+    is_data = all(not math.isnan(table.number(header, name)) for name in place)
+    return replace(table, skip=number - 1, header=()) if is_data else table
+
+
+@dataclass(frozen=True, slots=True)
+class TableHead:
+    """The beginning of a table, for people.
+
+    Attributes
+    ----------
+    header : tuple of str
+        Empty without one.
+    rows : tuple of tuple of str
+        The first ones.
+    columns : dict of str to int
+        Which column holds which field, from 0.
+    problem : str
+        Why the columns are not recognized; empty where they are.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    columns: dict[str, int]
+    problem: str = ""
+
+    def named(self) -> list[str]:
+        """Write which column holds what, as options do."""
+        header = self.header
+        return [f"{field}={header[at] if at < len(header) else at + 1}" for field, at in self.columns.items()]
+
+
+def table_head(path: Path, columns: str | None) -> TableHead:
+    """Read the beginning of a table; errors as `open_table`, but for columns that are not recognized."""
+    with path.open("rb") as file:
+        problem = ""
+        try:
+            table = open_table(file, columns)
+        except TrackError as error:
+            file.seek(0)
+            first = next((line for _, line in numbered_lines(file) if line.strip()), None)
+            if first is None:
+                raise
+            problem = str(error)
+            table = Table({}, delimiter_of(first) or ",", 0)
+        rows = tuple(tuple(cells) for _, cells in islice(table_rows(file, table), _SHOWN))
+        if problem and rows:
+            table, rows = replace(table, header=rows[0]), rows[1:]
+    return TableHead(
+        table.header, rows, {name: column.index for name, column in table.columns.items()}, problem
+    )
+
+
+def table_rows(file: BinaryIO, table: Table) -> Iterator[tuple[str, list[str]]]:
+    """Read the rows: for each its line, for people, and its cells."""
+    file.seek(0)
+    for number, line in numbered_lines(file):
+        if number > table.skip and line.strip() and not line.lstrip().startswith("#"):
+            yield f"line {number}", split_row(line, table.delimiter)
+
+
+def time_name(table: Table) -> str:
+    """Name the column that holds times, as the table or its number does."""
+    column = table.columns.get("time") or table.columns["date"]
+    return table.header[column.index].strip() if column.index < len(table.header) else str(column.index + 1)
+
+
+def date_order(file: BinaryIO, table: Table, *, findings: Findings) -> str:
+    """Find out whether the day or the month comes first in dates."""
+    column = table.columns.get("date") or table.columns.get("time")
+    if column is None:
+        return ""
+    given = next((name for name, scale in DATE_ORDERS.items() if scale == column.scale), "")
+    if "date" in table.columns and given:
+        return given
+    name = "date" if "date" in table.columns else "time"
+    unsure = ""
+    for _, fields in table_rows(file, table):
+        day = split_moment(table.text(fields, name))[0]
+        order = day_order(day)
+        if order in ("dmy", "mdy"):
+            return order
+        if order is None and day:
+            if len(day) == 6 and day.isdecimal() and name == "date":
+                findings.note(
+                    f"dates such as {day} were read with the year first (say date={name}:dmy if not)"
+                )
+            return ""
+        unsure = unsure or day
+    if unsure:
+        findings.note(
+            f"dates such as {unsure} may begin with the day or with the month: no times were taken "
+            "(say date=COLUMN:dmy or date=COLUMN:mdy)"
+        )
+    return ""
+
+
+def _seconds(value: float) -> float:
+    """Take numbers that no time in seconds has for milli-, micro- or nanoseconds."""
+    for unit, most in ((1e9, 1e17), (1e6, 1e14), (1e3, 1e11)):
+        if abs(value) >= most:
+            return value / unit
+    return value

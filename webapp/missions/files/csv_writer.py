@@ -1,0 +1,80 @@
+"""Writes the poses and objects of a mission as tables: CSV with a header line."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from webapp.core.trajectory.outgoing import MissionOut
+from webapp.files.exchange.times import utc
+from webapp.files.text_file import plain_cell
+
+POSE_COLUMNS = (
+    "source", "track", "number", "time", "time_s", "lat", "lon", "height_m", "heading_deg",
+    "var_e_m2", "var_n_m2", "cov_en_m2", "travelled_m",
+)  # fmt: skip
+OBJECT_COLUMNS = (
+    "id", "class", "lat", "lon", "height_m", "confidence", "sightings", "first_time", "last_time", "photo",
+)  # fmt: skip
+_PART = 1000
+
+
+def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
+    """Write all poses, track by track, a header line first.
+
+    Yields
+    ------
+    bytes
+        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; those that no source has
+        are left out.
+    """
+    yield csv_lines([POSE_COLUMNS])
+    for track in mission.tracks:
+        first = 0
+        for part in track.poses():
+            table = np.column_stack(
+                [part.latlon, part.height_m, part.heading_deg, part.covariance_m2, part.travelled_m]
+            ).tolist()
+            times = [("", "")] * len(part)
+            if track.timed:
+                seconds = (f"{time_s:.6f}" for time_s in part.times_s.tolist())
+                times = list(zip(utc(part.times_s), seconds, strict=True))
+            yield csv_lines(
+                (track.source, track.name, number, *time, *map(_number, row))
+                for number, (time, row) in enumerate(zip(times, table, strict=True), start=first)
+            )
+            first += len(part)
+
+
+def format_objects_csv(mission: MissionOut) -> Iterator[bytes]:
+    """Write all objects, where they were seen last, a header line first.
+
+    Yields
+    ------
+    bytes
+        UTF-8.
+    """
+    rows: list[Sequence[object]] = [OBJECT_COLUMNS]
+    for found in mission.objects():
+        numbers = map(_number, (*found.latlon, found.height_m, found.confidence))
+        times = utc([found.first_time_s, found.last_time_s])
+        rows.append((found.id, found.kind, *numbers, found.sightings, *times, found.photo))
+        if len(rows) == _PART:
+            yield csv_lines(rows)
+            rows = []
+    yield csv_lines(rows)
+
+
+def csv_lines(rows: Iterable[Sequence[object]]) -> bytes:
+    """Write lines as RFC 4180 has them, in UTF-8; None is empty, and no text is a formula."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\r\n").writerows([plain_cell(value) for value in row] for row in rows)
+    return text.getvalue().encode("utf-8", "replace")
+
+
+def _number(value: float | None) -> str:
+    """Write a number with as many digits as it takes to read the same one back."""
+    return "" if value is None or value != value else repr(value)

@@ -1,0 +1,93 @@
+"""FIT: activities and courses of Garmin's and other makers' watches and bicycle computers.
+
+Positions are in `record` messages, in units of 2^31 to a half turn.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Any, BinaryIO
+
+from webapp.errors import TrackError
+from webapp.extras import extra
+from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.track_chunks import Findings, Piece
+
+_DEG = 180.0 / 2**31
+_LEFT_OUT = {
+    "course_point": "points of a course, which are also on its track",
+    "location": "places saved on the device, which are not a track",
+    "unknown_29": "places saved on the device, which are not a track",
+}
+
+
+def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
+    """Read the track of a file.
+
+    Raises
+    ------
+    TrackError
+        It is damaged.
+    MissingPart
+        fitdecode is not installed.
+    """
+    points = _points(file, findings=findings)
+    line = LineBuffer("", timed=mostly_timed(points))
+    for point in points:
+        yield from line.add(point, findings=findings)
+    if points:
+        yield from line.flush(findings)
+
+
+def is_fit(head: bytes) -> bool:
+    """Return whether a file begins with the header of FIT."""
+    return len(head) >= 12 and head[0] in (12, 14) and head[8:12] == b".FIT"
+
+
+def _points(file: BinaryIO, *, findings: Findings) -> list[LinePoint]:
+    with extra("missions"):
+        import fitdecode
+    points = []
+    try:
+        with warnings.catch_warnings():  # of fields that a maker added, which are not used here
+            warnings.simplefilter("ignore")
+            with fitdecode.FitReader(file, check_crc=fitdecode.CrcCheck.RAISE) as reader:
+                for frame in reader:
+                    if frame.frame_type == fitdecode.FIT_FRAME_DATA:
+                        points += _point(frame, findings=findings)
+    except MemoryError:
+        raise
+    except Exception as error:  # its parsers raise anything for damaged files
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise TrackError(f"the FIT file is damaged: {said}", hint="copy it from the device again") from error
+    return points
+
+
+def _point(message: Any, *, findings: Findings) -> list[LinePoint]:
+    if message.name != "record":
+        findings.skip(
+            _LEFT_OUT.get(message.name, ""), where=message.name, count=int(message.name in _LEFT_OUT)
+        )
+        return []
+    lat, lon = _number(message, "position_lat") * _DEG, _number(message, "position_long") * _DEG
+    if math.isnan(lat) or math.isnan(lon):
+        findings.skip("records without a position", where="record")
+        return []
+    height = _number(message, "enhanced_altitude")
+    height = _number(message, "altitude") if math.isnan(height) else height
+    return [LinePoint(_time(message), lat, lon, height)]
+
+
+def _number(message: Any, name: str) -> float:
+    value = message.get_value(name, fallback=None)
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+def _time(message: Any) -> float:
+    value = message.get_value("timestamp", fallback=None)
+    if not isinstance(value, datetime):
+        return math.nan
+    return value.replace(tzinfo=value.tzinfo or UTC).timestamp()

@@ -1,0 +1,242 @@
+"""GeoJSON (RFC 7946): lines are tracks, points objects, or poses where they have times and no class.
+
+Times of a line are in `coordinateProperties` (as our own export has them), `coordTimes` or `times`, in the
+feature or in its properties, nested as its coordinates are.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.records import SOURCES, Sighting, Source
+from webapp.errors import TrackError
+from webapp.files.exchange.times import unix_time
+from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
+from webapp.missions.files.track_chunks import (
+    UNTIMED_OBJECTS,
+    Findings,
+    Piece,
+    WorldObjects,
+)
+
+MAX_BYTES = 100_000_000
+"""A larger file would need gigabytes of memory."""
+
+_MAX_DEPTH = 20
+_TIME_LISTS = ("times", "coordTimes", "timestamps")
+_TIMES = ("time", "timestamp", "datetime", "date_time")
+_AREAS = {"Polygon", "MultiPolygon"}
+_OF_LINES = {"LineString", "MultiLineString"}
+_MS_FROM = 1e11
+"""Numbers that are larger are milliseconds since 1970."""
+
+
+def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
+    """Read a file.
+
+    Raises
+    ------
+    TrackError
+        It is too large, damaged, or not GeoJSON.
+    """
+    features = _Features(findings)
+    for feature in _features(_document(file)):
+        yield from features.feature(feature)
+    yield from features.rest()
+
+
+def _document(file: BinaryIO) -> Any:
+    data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise TrackError(f"the GeoJSON is larger than {MAX_BYTES // 10**6} MB", hint="export a part of it")
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise TrackError(f"the JSON is damaged: {str(error)[:200]}", hint="export it again") from error
+
+
+def _features(document: Any) -> Iterator[dict[str, Any]]:
+    """Yield the features; a geometry alone counts as one."""
+    kind = document.get("type") if isinstance(document, dict) else None
+    if kind == "FeatureCollection":
+        for feature in _list(document.get("features")):
+            if isinstance(feature, dict):
+                yield feature
+    elif kind == "Feature":
+        yield document
+    elif isinstance(document, dict) and ("coordinates" in document or "geometries" in document):
+        yield {"geometry": document}
+    else:
+        raise TrackError("the JSON is not GeoJSON", hint="it needs a type: FeatureCollection, Feature ...")
+
+
+@dataclass(slots=True)
+class _Features:
+    """What was read so far.
+
+    Attributes
+    ----------
+    poses : dict
+        Points with times, by the name of their track: they become tracks at the end.
+    """
+
+    findings: Findings
+    number: int = 0
+    lines: int = 0
+    poses: dict[str, list[LinePoint]] = field(default_factory=dict)
+
+    def feature(self, feature: Mapping[str, Any]) -> Iterator[Piece]:
+        self.number += 1
+        yield from self.geometry(feature.get("geometry"), feature, depth=0)
+
+    def geometry(self, geometry: Any, feature: Mapping[str, Any], *, depth: int) -> Iterator[Piece]:
+        where = f"feature {self.number}"
+        kind = geometry.get("type") if isinstance(geometry, dict) else None
+        if kind in _AREAS:
+            self.findings.skip("areas, which are not tracks", where=where)
+        elif kind in _OF_LINES:
+            yield from self.line(geometry.get("coordinates"), kind, feature)
+        elif kind in ("Point", "MultiPoint"):
+            places = geometry.get("coordinates")
+            for place in [places] if kind == "Point" else _list(places):
+                yield from self.point(place, feature)
+        elif kind == "GeometryCollection" and depth < _MAX_DEPTH:
+            for inner in _list(geometry.get("geometries")):
+                yield from self.geometry(inner, feature, depth=depth + 1)
+        else:
+            self.findings.skip("features without a position", where=where)
+
+    def line(self, coordinates: Any, kind: str, feature: Mapping[str, Any]) -> Iterator[Piece]:
+        own = _properties(feature)
+        self.lines += 1
+        name = f"line {self.lines} {_text(own.get('name'))}".strip()
+        several = kind == "MultiLineString"
+        places = _joined(coordinates, several=several)
+        times = _joined(_along(feature, _TIME_LISTS), several=several)
+        headings = _joined(_along(feature, ("headings_deg",)), several=several)
+        points = [
+            _point(place, _time(_at(times, index)), _number(_at(headings, index)))
+            for index, place in enumerate(places)
+        ]
+        if several and _along_line(feature) is not None:
+            points = _without_the_meridian(points)
+        buffer = LineBuffer(name, timed=mostly_timed(points), source=_source(own))
+        for point in points:
+            yield from buffer.add(point, findings=self.findings)
+        yield from buffer.flush(self.findings)
+
+    def point(self, place: Any, feature: Mapping[str, Any]) -> Iterator[Piece]:
+        own = _properties(feature)
+        along = _along_line(feature)
+        if along is not None:  # a track of one pose, as our own export has it
+            yield from self.line([place], "LineString", _of_one(feature, along))
+            return
+        time_s = next((_time(own[name]) for name in _TIMES if name in own), math.nan)
+        at = _point(place, time_s, _number(own.get("heading_deg", own.get("heading"))))
+        if not math.isnan(time_s) and "class" not in own:
+            self.poses.setdefault(_text(own.get("track")), []).append(at)
+            return
+        if math.isnan(at.lat) or math.isnan(at.lon):
+            self.findings.skip("points without a position", where=f"feature {self.number}")
+            return
+        yield WorldObjects((self.sighting(at, feature),))
+
+    def sighting(self, at: LinePoint, feature: Mapping[str, Any]) -> Sighting:
+        own = _properties(feature)
+        id_ = feature.get("id", own.get("id"))
+        name = f"point {self.number} {_text(own.get('name'))}".strip() if id_ is None else _text(id_)
+        time_s = _time(own.get("last_time")) if math.isnan(at.time_s) else at.time_s
+        if math.isnan(time_s):
+            time_s = 0.0
+            self.findings.note(UNTIMED_OBJECTS)
+        height = None if math.isnan(at.height_m) else at.height_m
+        sure = _number(own.get("confidence"))
+        kind = _text(own.get("class")) or "point"
+        where = LatLon(at.lat, at.lon)
+        return Sighting(name, kind, time_s, where, height, None if math.isnan(sure) else sure)
+
+    def rest(self) -> Iterator[Piece]:
+        """Return the tracks of points."""
+        for track, points in self.poses.items():
+            buffer = LineBuffer(track or "points", timed=True)
+            for point in points:
+                yield from buffer.add(point, findings=self.findings)
+            yield from buffer.flush(self.findings)
+
+
+def _point(place: Any, time_s: float, heading_deg: float) -> LinePoint:
+    values = [_number(value) for value in _list(place)[:3]]
+    lon, lat, height = values + [math.nan] * (3 - len(values))
+    return LinePoint(time_s, lat, lon, height, heading_deg)
+
+
+def _without_the_meridian(points: list[LinePoint]) -> list[LinePoint]:
+    """Leave out the points that our export adds where a track goes over the 180th meridian."""
+    added = {
+        index + offset
+        for index in range(len(points) - 1)
+        if abs(points[index].lon) == 180.0 and points[index + 1].lon == -points[index].lon
+        for offset in (0, 1)
+    }
+    return [point for index, point in enumerate(points) if index not in added]
+
+
+def _of_one(feature: Mapping[str, Any], along: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a feature of one pose as that of a line."""
+    return {**feature, "coordinateProperties": {name: [value] for name, value in along.items()}}
+
+
+def _along_line(feature: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return `coordinateProperties`, which programs write beside the properties or in them."""
+    found = feature.get("coordinateProperties", _properties(feature).get("coordinateProperties"))
+    return found if isinstance(found, dict) else None
+
+
+def _along(feature: Mapping[str, Any], names: tuple[str, ...]) -> Any:
+    """Return what a feature says of each of its positions."""
+    places = (_along_line(feature) or {}, _properties(feature))
+    found = (place[name] for place in places for name in names if name in place)
+    return next(found, [])
+
+
+def _joined(values: Any, *, several: bool) -> list[Any]:
+    return [value for part in _list(values) for value in _list(part)] if several else _list(values)
+
+
+def _properties(feature: Mapping[str, Any]) -> dict[str, Any]:
+    found = feature.get("properties")
+    return found if isinstance(found, dict) else {}
+
+
+def _source(own: Mapping[str, Any]) -> Source:
+    return next((source for source in SOURCES if source == own.get("source")), "gps")
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def _at(values: list[Any], index: int) -> Any:
+    return values[index] if index < len(values) else None
+
+
+def _text(value: Any) -> str:
+    return " ".join(str(value).split()) if isinstance(value, str | int | float) else ""
+
+
+def _number(value: Any) -> float:
+    usable = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if usable else math.nan
+
+
+def _time(value: Any) -> float:
+    """Read a time: ISO 8601, or seconds or milliseconds since 1970."""
+    if isinstance(value, str):
+        return unix_time(value)
+    number = _number(value)
+    return number / 1000.0 if abs(number) >= _MS_FROM else number

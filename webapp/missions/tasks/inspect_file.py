@@ -1,0 +1,238 @@
+"""Says what is in a file with tracks before anything of it is stored: sources, times, extent, doubts."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.trajectory.robotframe import Anchor, anchor_of
+from webapp.core.trajectory.thinning import MinMove
+from webapp.files.exchange.times import utc
+from webapp.missions.files.csv_table import TableHead, table_head
+from webapp.missions.files.track_chunks import Findings, Piece, RobotPiece, Skipped, WorldPiece
+from webapp.missions.files.track_format import TITLES
+from webapp.missions.tasks.place_track import ReadOptions, TrackPlacer, TrackSegment
+from webapp.missions.tasks.read_track import about_file, file_kind, file_pieces
+from webapp.progress import Progress
+
+NEEDS_START = "a track in the robot's own frame needs a start position and heading to be imported"
+_PREVIEW = 400
+"""Points of the line that shows a source, at least, where it has as many; at most twice as many."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileSource:
+    """A track in a file.
+
+    Attributes
+    ----------
+    source, track : str
+        As it will be imported.
+    frame : {"earth", "robot"}
+        A robot's frame needs a start.
+    first_time_s, last_time_s : float or None
+        Seconds since 1970, UTC, the smallest and the largest; None where the track has no times.
+    extent : dict of str to float
+        On the Earth `south`, `west`, `north`, `east`; in a robot's frame the metres `x`, `y`, `z` from the
+        smallest to the largest coordinate.
+    headings, heights : int
+        Poses that have one.
+    line : list of (float, float)
+        The track, thinned: latitude and longitude, or metres forward and left of its first pose.
+    """
+
+    source: str
+    track: str
+    frame: str
+    poses: int
+    first_time_s: float | None
+    last_time_s: float | None
+    extent: dict[str, float]
+    headings: int
+    heights: int
+    line: list[tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class FileReport:
+    """What is in a file.
+
+    Attributes
+    ----------
+    kind : str
+        What it is, for people.
+    objects : int
+        Sightings of objects.
+    skipped, doubts : tuple of Skipped
+        What would be left out, and what can hardly be true.
+    notes : tuple of str
+        How the file was understood.
+    table : TableHead or None
+        Header and first rows of a table.
+    problem : str
+        Why nothing can be imported as it is; empty otherwise.
+    """
+
+    kind: str
+    sources: tuple[FileSource, ...]
+    objects: int
+    skipped: tuple[Skipped, ...]
+    doubts: tuple[Skipped, ...]
+    notes: tuple[str, ...]
+    table: TableHead | None = None
+    problem: str = ""
+
+
+def inspect_file(
+    path: Path,
+    *,
+    options: ReadOptions | None = None,
+    progress: Progress | None = None,
+    now_s: float | None = None,
+) -> FileReport:
+    """Read a file and say what is in it; nothing is stored, and no start is needed.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or the folder of a ROS 2 bag.
+    progress : Progress, optional
+        One step a pose or object.
+    now_s : float, optional
+        Seconds since 1970: what is dated later is doubtful.
+
+    Raises
+    ------
+    TrackError
+        It is damaged, or of no kind that is known. A table whose columns are not recognized is a `problem`.
+    UsageError
+        An option does not fit the file.
+    Cancelled
+    """
+    options = replace(options or ReadOptions(), min_move=MinMove(0.0))
+    progress, findings = progress or Progress(), Findings()
+    with about_file(path):
+        kind = file_kind(path, options)
+        head = table_head(path, options.columns) if kind == "csv" else None
+        if head is not None and head.problem:
+            return FileReport(TITLES[kind], (), 0, (), (), (), head, head.problem)
+        placer = TrackPlacer(options, findings, time.time() if now_s is None else now_s)
+        found: dict[tuple[str, str, str], _Gathered] = {}
+        objects = 0
+        for piece in file_pieces(path, options=options, findings=findings):
+            progress.check()
+            objects += _take(piece, placer, found)
+            progress.advance(len(piece.poses) if isinstance(piece, WorldPiece | RobotPiece) else 1)
+    sources = tuple(gathered.source(*key) for key, gathered in found.items())
+    problem = "" if sources or objects else _reasons(findings)
+    doubts, notes = findings.doubts(), tuple(findings.notes)
+    return FileReport(TITLES[kind], sources, objects, findings.skipped(), doubts, notes, head, problem)
+
+
+def as_json(report: FileReport, *, lines: bool = True) -> dict[str, Any]:
+    """Return a report as JSON has it.
+
+    Parameters
+    ----------
+    lines : bool
+        With the lines of the sources.
+    """
+    whole = asdict(report)
+    for source in whole["sources"]:
+        for name in ("first_time", "last_time"):
+            at = source[f"{name}_s"]
+            source[name] = None if at is None else utc([at])[0]
+        if not lines:
+            del source["line"]
+    return whole
+
+
+@dataclass(slots=True)
+class _Gathered:
+    """What was seen of a track so far; a line of few points, evenly spread."""
+
+    anchor: Anchor | None = None
+    poses: int = 0
+    headings: int = 0
+    heights: int = 0
+    timed: bool = False
+    times: tuple[float, float] = (math.inf, -math.inf)
+    low: NDArray[np.float64] = field(default_factory=lambda: np.full(3, math.inf))
+    high: NDArray[np.float64] = field(default_factory=lambda: np.full(3, -math.inf))
+    line: list[tuple[float, float]] = field(default_factory=list)
+    last: tuple[float, float] | None = None
+    every: int = 1
+
+    def add(
+        self,
+        times_s: NDArray[np.float64],
+        place: NDArray[np.float64],
+        *,
+        heading: NDArray[np.float64],
+        timed: bool,
+    ) -> None:
+        """Add poses: `place` (n, 3) is latitude, longitude, height, or metres."""
+        drawn = place[:, :2] if self.anchor is None else _ahead(place[:, :2], self.anchor)
+        self.line += map(tuple, drawn[-self.poses % self.every :: self.every].tolist())
+        while len(self.line) > 2 * _PREVIEW:
+            self.line = self.line[::2]
+            self.every *= 2
+        self.poses += len(place)
+        self.timed |= timed
+        self.headings += int(np.isfinite(heading).sum())
+        self.heights += int(np.isfinite(place[:, 2]).sum())
+        self.times = (min(self.times[0], times_s.min()), max(self.times[1], times_s.max()))
+        self.low = np.fmin(self.low, np.fmin.reduce(place, axis=0))
+        self.high = np.fmax(self.high, np.fmax.reduce(place, axis=0))
+        self.last = (float(drawn[-1, 0]), float(drawn[-1, 1]))
+
+    def source(self, frame: str, source: str, track: str) -> FileSource:
+        first, last = (float(self.times[0]), float(self.times[1])) if self.timed else (None, None)
+        line = self.line if self.last is None or self.line[-1] == self.last else [*self.line, self.last]
+        extent = dict(zip("xyz", (self.high - self.low).tolist(), strict=True))
+        if frame == "earth":
+            (south, west, _), (north, east, _) = self.low.tolist(), self.high.tolist()
+            extent = {"south": south, "west": west, "north": north, "east": east}
+        return FileSource(
+            source, track, frame, self.poses, first, last, extent, self.headings, self.heights, line
+        )
+
+
+def _take(piece: Piece, placer: TrackPlacer, found: dict[tuple[str, str, str], _Gathered]) -> int:
+    """Add a piece to what was found; returns how many objects it has."""
+    if isinstance(piece, RobotPiece):
+        poses = piece.poses
+        key = ("robot", placer.options.source or piece.source, piece.track)
+        if key not in found:
+            found[key] = _Gathered(anchor_of(poses))
+            placer.findings.note(NEEDS_START)
+        placer.doubt_times(piece, poses.times_s)
+        found[key].add(poses.times_s, poses.xyz_m, heading=poses.yaw_rad, timed=piece.timed)
+        return 0
+    objects = 0
+    for part in placer.placed(piece):
+        if not isinstance(part, TrackSegment):
+            objects += len(part)
+            continue
+        place = np.column_stack([part.poses.latlon, part.poses.height_m])
+        gathered = found.setdefault(("earth", part.source, part.track), _Gathered())
+        gathered.add(part.poses.times_s, place, heading=part.poses.heading_deg, timed=part.timed)
+    return objects
+
+
+def _ahead(xy_m: NDArray[np.float64], anchor: Anchor) -> NDArray[np.float64]:
+    """Turn positions (n, 2) of a frame to metres forward and left of its first pose."""
+    sin, cos = math.sin(anchor.yaw_rad), math.cos(anchor.yaw_rad)
+    turned: NDArray[np.float64] = (xy_m - (anchor.x_m, anchor.y_m)) @ np.array([[cos, -sin], [sin, cos]])
+    return turned
+
+
+def _reasons(findings: Findings) -> str:
+    reasons = "; ".join(f"{one.count} {one.reason}" for one in findings.skipped())
+    return f"nothing in it can be used: {reasons or 'it has no track and no object'}"

@@ -1,0 +1,226 @@
+"""Brings the pieces of a file to the Earth, part by part, and says what of it can hardly be true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.axes import Axes
+from webapp.core.trajectory.distance import Odometer
+from webapp.core.trajectory.records import Poses, Sighting, Source
+from webapp.core.trajectory.robotframe import Anchor, RobotFrame, Start, anchor_of
+from webapp.core.trajectory.thinning import MinMove, Thinner
+from webapp.files.exchange.times import utc
+from webapp.missions.files.track_chunks import (
+    BAD_POSITION,
+    Findings,
+    Piece,
+    RobotObjects,
+    RobotPiece,
+    WorldObjects,
+    WorldPiece,
+)
+
+_MOST_S = 1e11
+"""In the year 5138: larger numbers are not seconds since 1970."""
+_RECEIVERS_S = 315_964_800.0
+"""The GPS's own epoch, 1980-01-06: no receiver has an earlier time."""
+_AHEAD_S = 86_400.0
+_MAX_NAME = 100
+BAD_TIME = "poses or objects with an invalid time"
+TOO_EARLY = "poses dated before 1980, when no receiver existed: perhaps seconds since a start, or days"
+TOO_LATE = "poses dated in the future"
+BACKWARDS = "poses that are dated before the one that they follow"
+NULL_ISLAND = "positions at 0, 0: receivers without a fix write that"
+NO_START = "poses in the robot's own frame: the mission needs a start position and heading for them"
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """Options of reading a file with tracks.
+
+    Attributes
+    ----------
+    start : Start or None
+        Where the robot was at first; needed for poses in its own frame.
+    topics : tuple of str
+        Only these topics of a bag, or lines of a KML; empty for all.
+    columns : str or None
+        What the columns of a table hold (`webapp.core.columns`); None to guess.
+    source : Source or None
+        Of all tracks; None for what the kind of the file says.
+    axes : Axes or None
+        Of frames in TUM, KITTI and tables; None to detect them.
+    """
+
+    start: Start | None = None
+    min_move: MinMove = field(default_factory=MinMove)
+    topics: tuple[str, ...] = ()
+    columns: str | None = None
+    source: Source | None = None
+    axes: Axes | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackSegment:
+    """The next poses of a track, with the way that they have come.
+
+    Attributes
+    ----------
+    poses : Poses
+        Those that are kept; may be none.
+    skipped : int
+        Poses of this part that were left out because they had not moved.
+    travelled_m : float
+        At the end of the part, poses that were left out included.
+    timed : bool
+        As in `webapp.missions.files.track_chunks.WorldPiece`.
+    """
+
+    track: str
+    source: Source
+    poses: Poses
+    skipped: int
+    travelled_m: float
+    timed: bool
+
+
+@dataclass(slots=True)
+class TrackPlacer:
+    """Brings pieces to the Earth; knows how far each track has come.
+
+    Attributes
+    ----------
+    findings : Findings
+        Filled with what is left out, and what is doubtful.
+    now_s : float
+        Seconds since 1970: what is dated later is doubtful.
+    """
+
+    options: ReadOptions
+    findings: Findings
+    now_s: float
+    _meters: dict[tuple[Source, str], tuple[Odometer, Thinner]] = field(default_factory=dict)
+    _frames: dict[str, RobotFrame] = field(default_factory=dict)
+    _bodies: dict[str, RobotFrame] = field(default_factory=dict)
+    _last_s: dict[tuple[Source, str], float] = field(default_factory=dict)
+
+    def placed(self, piece: Piece) -> Iterator[TrackSegment | tuple[Sighting, ...]]:
+        """Return what of a piece can be used."""
+        match piece:
+            case WorldPiece():
+                yield from self._part(piece, piece.poses)
+            case RobotPiece():
+                if self.options.start is None:
+                    self.findings.skip(NO_START, where=piece.track or "line 1", count=len(piece.poses))
+                else:
+                    yield from self._part(piece, self._poses(piece, self.options.start))
+            case WorldObjects():
+                yield from self._objects(piece.sightings)
+            case RobotObjects():
+                yield from self._objects(tuple(self._on_earth(piece)))
+
+    def _part(self, piece: WorldPiece | RobotPiece, poses: Poses) -> Iterator[TrackSegment]:
+        where = piece.track or "line 1"
+        placed = _on_the_earth(poses.latlon)
+        self.findings.skip(BAD_POSITION, where=where, count=len(poses) - int(placed.sum()))
+        timed = np.abs(poses.times_s) <= _MOST_S
+        self.findings.skip(BAD_TIME, where=where, count=int((placed & ~timed).sum()))
+        poses = poses.take(placed & timed)
+        if not len(poses):
+            return
+        key = (self.options.source or piece.source, piece.track)
+        self.findings.doubt(NULL_ISLAND, where=where, count=int((poses.latlon == 0.0).all(axis=1).sum()))
+        self.doubt_times(piece, poses.times_s)
+        odometer, thinner = self._meters.setdefault(key, (Odometer(), Thinner(self.options.min_move)))
+        travelled = odometer.add(poses.latlon)
+        measured = Poses(
+            poses.times_s,
+            poses.latlon,
+            poses.height_m,
+            poses.heading_deg,
+            poses.covariance_m2,
+            travelled,
+        )
+        before = thinner.skipped
+        kept = measured.take(thinner.keep(poses.latlon))
+        skipped = thinner.skipped - before
+        yield TrackSegment(piece.track, key[0], kept, skipped, odometer.metres, piece.timed)
+
+    def doubt_times(self, piece: WorldPiece | RobotPiece, times_s: NDArray[np.float64]) -> None:
+        """Count the times of a piece (n,), n > 0, that can hardly be true."""
+        if not piece.timed:
+            return
+        where = piece.track or "line 1"
+        early, late = times_s < _RECEIVERS_S, times_s > self.now_s + _AHEAD_S
+        self.findings.doubt(TOO_EARLY, where=f"{where}, {_day(times_s.min())}", count=int(early.sum()))
+        self.findings.doubt(TOO_LATE, where=f"{where}, {_day(times_s.max())}", count=int(late.sum()))
+        key = (piece.source, piece.track)
+        before = np.concatenate([[self._last_s.get(key, times_s[0])], times_s[:-1]])
+        self.findings.doubt(BACKWARDS, where=where, count=int((times_s < before).sum()))
+        self._last_s[key] = float(times_s[-1])
+
+    def _poses(self, piece: RobotPiece, start: Start) -> Poses:
+        """Lay the frame so that its first pose is at the start, and remember where its body is last."""
+        if piece.frame not in self._frames:
+            self._frames[piece.frame] = RobotFrame(start, anchor_of(piece.poses))
+        frame = self._frames[piece.frame]
+        poses = frame.poses(piece.poses)
+        if piece.body and not np.isnan(poses.heading_deg[-1]):
+            lat, lon = poses.latlon[-1].tolist()
+            z = float(poses.height_m[-1])
+            body = Start(LatLon(lat, lon), float(poses.heading_deg[-1]))
+            self._bodies[piece.body] = RobotFrame(body, Anchor(z_m=-z))
+        return poses
+
+    def _on_earth(self, piece: RobotObjects) -> Iterator[Sighting]:
+        frame = self._frames.get(piece.frame) or self._bodies.get(piece.frame)
+        if frame is None:
+            reason = f"objects in the frame {piece.frame!r}, of which no pose is known"
+            self.findings.skip(reason, where=piece.sightings[0].object_id, count=len(piece.sightings))
+            return
+        places = np.array([one.xyz_m for one in piece.sightings])
+        for one, (lat, lon) in zip(
+            piece.sightings, frame.latlon_from_xy(places[:, :2]).tolist(), strict=True
+        ):
+            height = one.xyz_m[2] - frame.anchor.z_m
+            yield Sighting(one.object_id, one.kind, one.time_s, LatLon(lat, lon), height, one.confidence)
+
+    def _objects(self, sightings: tuple[Sighting, ...]) -> Iterator[tuple[Sighting, ...]]:
+        placed = [one for one in sightings if _on_the_earth(np.array([one.latlon]))[0]]
+        self.findings.skip(BAD_POSITION, where="objects", count=len(sightings) - len(placed))
+        good = tuple(_tidy(one) for one in placed if abs(one.time_s) <= _MOST_S)
+        self.findings.skip(BAD_TIME, where="objects", count=len(placed) - len(good))
+        if good:
+            yield good
+
+
+def _day(time_s: float) -> str:
+    return utc([time_s])[0][:10]
+
+
+def _on_the_earth(latlon: np.ndarray) -> np.ndarray:
+    """Return which positions (n, 2) are valid: (n,) bool."""
+    good: np.ndarray = (np.abs(latlon) <= (90.0, 180.0)).all(axis=1)
+    return good
+
+
+def _tidy(seen: Sighting) -> Sighting:
+    """Return a sighting as it can be kept: names on one line and not endless, a confidence that is one."""
+    sure = seen.confidence is not None and 0.0 <= seen.confidence <= 1.0
+    return replace(
+        seen,
+        object_id=one_line(seen.object_id),
+        kind=one_line(seen.kind),
+        confidence=seen.confidence if sure else None,
+    )
+
+
+def one_line(text: str, *, most: int = _MAX_NAME) -> str:
+    """Return a name without what cannot be shown; `?` for one that has nothing else."""
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    return " ".join(printable.split())[:most].strip() or "?"
