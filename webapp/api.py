@@ -26,14 +26,15 @@ from webapp.tasks.evaluation.evaluate import evaluate_queries
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.sequence import SequenceFilter
 from webapp.tasks.maps import from_photos
 from webapp.tasks.maps.from_photos import PlaceOptions, PlaceReport
 from webapp.tasks.satellite.georeference import GeoSource
 
 __all__ = [
     "Answer", "EvaluateOptions", "Evaluation", "ExpMapError", "GeoSource", "Hypothesis", "LatLon", "MapPixel",
-    "OpenOptions", "PhotoMap", "PlaceOptions", "PlaceReport", "Progress", "Settings", "open_map",
-    "place_photos",
+    "OpenOptions", "PhotoMap", "PhotoSequence", "PlaceOptions", "PlaceReport", "Progress", "Settings",
+    "open_map", "place_photos",
 ]  # fmt: skip
 
 
@@ -87,8 +88,29 @@ class PhotoMap:
         pipeline = self._pipeline if fov_deg is None else replace(self._pipeline, fov_deg=fov_deg)
         return pipeline.localize(Path(photo), top=top)
 
-    def as_json(self, answer: Answer, *, query: str) -> dict[str, Any]:
-        """Make the object that `localize --json` prints; `query` names the photo."""
+    def start_sequence(self, *, speed_px: float | None = None, fov_deg: float | None = None) -> PhotoSequence:
+        """Begin with photos that were taken one after the other: each is localized by those before it, too.
+
+        Parameters
+        ----------
+        speed_px : float, optional
+            Usual way from a photo to the next, map pixels; by default that of most sequences.
+        fov_deg : float, optional
+            As in `localize`.
+        """
+        pipeline = self._pipeline if fov_deg is None else replace(self._pipeline, fov_deg=fov_deg)
+        return PhotoSequence(SequenceFilter(pipeline, speed_px=speed_px))
+
+    def as_json(self, answer: Answer, *, query: str, sequence: bool = False) -> dict[str, Any]:
+        """Make the object that `localize --json` prints.
+
+        Parameters
+        ----------
+        query : str
+            Name of the photo.
+        sequence : bool
+            Whether the photo was one of a sequence.
+        """
         pipeline = self._pipeline
         source = AnswerSource(
             pipeline.method,
@@ -97,6 +119,7 @@ class PhotoMap:
             pipeline.map.revision,
             map_kind=pipeline.map_kind,
             place_radius_px=pipeline.place_radius_px,
+            sequence=sequence,
         )
         return answer_to_json(answer, query=query, source=source)
 
@@ -155,6 +178,23 @@ class PhotoMap:
         return evaluate_queries(
             self._pipeline, Path(queries), map_folder=folder, options=options, progress=progress
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoSequence:
+    """Photos that were taken one after the other; `PhotoMap.start_sequence` makes it."""
+
+    _filter: SequenceFilter
+
+    def localize(self, photo: str | Path, *, top: int = 5) -> Answer:
+        """Localize the next photo.
+
+        Raises
+        ------
+        PhotoError
+            The photo cannot be read; the sequence continues without it.
+        """
+        return self._filter.localize(Path(photo), top=top)
 
 
 def open_map(

@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 
 from expmap_ros import answers, messages, running
 from expmap_ros.answers import AXIS_OF_RADIUS, Form, MapFrame
+from expmap_ros.client import Uplink
 from expmap_ros.geodesy import Origin
 from expmap_ros.localizers import Localized, Localizer, MapLocalizer, NoAnswer, Question, ServerLocalizer
 from expmap_ros.parameters import SERVER, Parameter, ParameterError, declare, file_of, numbers, token_of
@@ -42,6 +43,7 @@ PARAMETERS = (
         "Horizontal field of view, degrees; 0: by CameraInfo, EXIF, or a guess.",
         limits=(0, 179),
     ),
+    Parameter("sequence", False, "Each image is localized by those before it, too."),
     Parameter("frame_id", "map", "Frame of the poses: x east, y north, metres."),
     Parameter("origin", "", "LAT,LON where x and y are 0; the centre of the map's image with a map file."),
     Parameter(
@@ -181,11 +183,17 @@ def _open(values: Mapping[str, Any]) -> Localizer:
         raise ParameterError("map_file, server_url: set one of the two")
     if by_file:
         cfg = file_of("map_file", values["map_file"])
-        return MapLocalizer(cfg, method=values["method"], features=values["features"], top=values["top"])
+        return MapLocalizer(
+            cfg,
+            method=values["method"],
+            features=values["features"],
+            top=values["top"],
+            sequence=values["sequence"],
+        )
     if not values["map_name"]:
         raise ParameterError("map_name: name the map of the server")
-    server = (values["server_url"], token_of(values["token_file"]))
-    return ServerLocalizer(server, slug=values["map_name"], top=values["top"], timeout_s=values["timeout_s"])
+    uplink = Uplink(values["server_url"], token_of(values["token_file"]), timeout_s=values["timeout_s"])
+    return ServerLocalizer(uplink, slug=values["map_name"], top=values["top"], sequence=values["sequence"])
 
 
 def _fix_message(hypothesis: Form, header: Header) -> NavSatFix:

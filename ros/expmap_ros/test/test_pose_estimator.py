@@ -60,6 +60,18 @@ def test_an_image_becomes_a_pose_a_fix_and_a_picture(bench, survey):
     assert states[-1].status[0].message.startswith("at ")
 
 
+def test_images_of_a_sequence_are_localized_by_those_before(bench, survey):
+    bench.start(PoseEstimator, map_file=str(survey / "map.cfg"), fov_deg=60.0, sequence=True)
+    camera = bench.node.create_publisher(Image, "/gscam/image_raw", 1)
+    texts = bench.listen(String, "/pose_estimator/answer")
+    message = raw(textured(3))
+    bench.until(lambda: len(texts) >= 2, lambda: camera.publish(message))
+    answers = [json.loads(text.data) for text in texts]
+    assert all(answer["sequence"] and answer["hypotheses"][0]["experiences"][0] == 3 for answer in answers)
+    first, second = (answer["hypotheses"][0]["probability"] for answer in answers[:2])
+    assert second != first, "the same image, but not the same answer: there was one before"
+
+
 def test_elsewhere_is_no_pose_but_a_warning_and_the_service_says_the_same(bench, survey):
     bench.start(PoseEstimator, map_file=str(survey / "map.cfg"), image_transport="compressed", fov_deg=60.0)
     camera = bench.node.create_publisher(CompressedImage, "/gscam/image_raw/compressed", 1)

@@ -1,6 +1,7 @@
 """The node leaves the map to a server: only the robots' client is needed then."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -31,7 +32,7 @@ def test_a_server_is_asked_and_its_failures_are_told(bench, tmp_path):
     with StandIn() as server:
         server.script = lambda path, body: (200, ANSWER, {})
         values = {"server_url": server.url, "token_file": str(tmp_path / "token"), "map_name": "park"}
-        bench.start(PoseEstimator, **values, origin=f"{LAT},{LON}", fov_deg=60.0, top=3)
+        bench.start(PoseEstimator, **values, origin=f"{LAT},{LON}", fov_deg=60.0, top=3, sequence=True)
         camera = bench.node.create_publisher(Image, "/gscam/image_raw", 1)
         poses = bench.listen(PoseWithCovarianceStamped, "/pose_estimator/pose")
         fixes = bench.listen(NavSatFix, "/pose_estimator/fix")
@@ -47,6 +48,9 @@ def test_a_server_is_asked_and_its_failures_are_told(bench, tmp_path):
         assert (path, body["token"]) == ("/api/v1/maps/park/localize", "Bearer secret")
         for part in (b'name="top"\r\n\r\n3', b'name="fov"\r\n\r\n60.0', b"\x89PNG"):
             assert part in body["form"]
+        bench.until(lambda: len(server.requests) >= 2, lambda: camera.publish(message))
+        names = [re.search(rb'name="sequence"\r\n\r\n(\w+)', b["form"])[1] for _, b in server.requests]
+        assert len(set(names)) == 1 and len(names[0]) == 32
         server.script = lambda path, body: refused(503)
 
         def failed():
