@@ -4,6 +4,8 @@ import re
 
 from playwright.sync_api import expect
 
+from tests.browser import axe
+
 
 def card(page, name):
     """A map of the list."""
@@ -73,3 +75,18 @@ def test_a_map_is_renamed_and_copied(page, api, small_photos, sample_folder):
     assert copy != slug
     api.wait_for_jobs(copy)
     assert len(api.state(copy)["photos"]) == 2
+
+
+def test_which_map_is_this(page, api, sample_map, sample_folder):
+    api.wait_for_jobs(sample_map)
+    page.goto("/")
+    page.get_by_test_id("find-photo").click()
+    page.get_by_test_id("find-input").set_input_files(sample_folder / "queries" / "query_02.jpg")
+    results = page.get_by_test_id("find-results")
+    name = api.state(sample_map)["name"]
+    expect(page.get_by_test_id("find-verdict")).to_have_text(f"On the map {name}")
+    expect(results).to_contain_text("None of these maps")
+    assert axe.findings(page) == []
+    results.get_by_role("button", name=f"Show on {name}").click()
+    page.wait_for_url(re.compile(r"/maps/sample/localize\?query=\d+"))
+    expect(page.get_by_test_id("hypothesis").first).to_be_visible()

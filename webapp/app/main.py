@@ -145,6 +145,7 @@ root = LazyGroup(
         "map": "webapp.app.main:map_group",
         "build": "webapp.cli.build:build",
         "localize": "webapp.cli.localize:localize",
+        "find": "webapp.cli.find:find",
         "evaluate": "webapp.cli.evaluate:evaluate",
         "landmarks": "webapp.app.main:landmarks_group",
         "models": "webapp.app.main:models_group",

@@ -26,7 +26,7 @@ from webapp.store.library import Library
 from webapp.web import installable, landmarks, make_app, manual, operate
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
-from webapp.web.localize import api_localize, api_queries
+from webapp.web.localize import api_find, api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
 from webapp.web.maps import api_checks, api_exchange, api_maps, api_photos, api_placing
 from webapp.web.maps import pages as maps_pages
@@ -58,6 +58,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     accounts_pages.sign_in_pages,
     api_exchange.blueprint,
     installable.blueprint,
+    api_find.blueprint,
     api_localize.blueprint,
     api_queries.blueprint,
     localize_pages.blueprint,

@@ -5,6 +5,7 @@ import { del, patch, post, upload } from "../shared/api.js";
 import { askDialog, confirmDialog } from "../shared/dialogs.js";
 import { t } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
+import { findPhoto } from "./find-photo.js";
 
 const actions = { rename, duplicate, delete: bin, restore, "delete-forever": deleteForever };
 
@@ -15,6 +16,11 @@ for (const button of queryAll("[data-action]", HTMLButtonElement)) {
     actions[button.dataset.action](slug, name).catch(toastError);
   });
   button.disabled = false; // until now a click would have been lost
+}
+const finder = document.getElementById("find");
+if (finder instanceof HTMLButtonElement) {
+  finder.addEventListener("click", findPhoto);
+  finder.disabled = false;
 }
 connectImport(document.getElementById("import"), document.getElementById("import-file"));
 

@@ -1,0 +1,69 @@
+"""Which map is this? Asked through the API and by the command, of maps that one may see."""
+
+import io
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from webapp.app.main import COMPOSITION, root
+from webapp.store.maps import maps
+from webapp.tasks.localize import find_map
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.upload import UploadedPhoto
+
+
+def ask(browser, path):
+    return browser.post("/api/v1/find", data={"file": (io.BytesIO(path.read_bytes()), path.name)})
+
+
+@pytest.fixture
+def empty(library, owner):
+    """A map that nothing was built for."""
+    with library.database.write() as session:
+        return maps.create(session, "Nothing yet", account_id=owner.id).slug
+
+
+def test_the_map_is_found_and_others_are_named(client, sample, empty, queries):
+    answer = ask(client, queries / "query_02.jpg")
+    assert answer.status_code == 200
+    found = answer.json
+    (best,) = found["maps"]
+    assert best["slug"] == "sample"
+    assert best["probability"] > 0.9
+    assert best["probability"] + found["no_map_probability"] == pytest.approx(1.0)
+    assert len(best["answer"]["hypotheses"]) == 1
+    (skipped,) = found["not_searched"]
+    assert skipped["slug"] == empty and "image" in skipped["reason"]
+
+
+def test_maps_of_others_are_not_searched(sign_in, new_account, sample, queries):
+    found = ask(sign_in(new_account("eva")), queries / "query_02.jpg").json
+    assert found["maps"] == [] and found["not_searched"] == []
+    assert found["no_map_probability"] == 1.0
+
+
+def test_what_is_no_photo_is_refused_and_nothing_stays(client, library, sample, tmp_path):
+    (path := tmp_path / "words.jpg").write_bytes(b"no photo")
+    assert ask(client, path).status_code == 422
+    assert list(library.uploads.iterdir()) == []
+
+
+def test_the_search_ends_when_its_time_is_up(monkeypatch, library, record, queries, settings):
+    monkeypatch.setattr(find_map, "BUDGET_S", -1.0)
+    photo = UploadedPhoto(queries / "query_02.jpg", "query_02.jpg")
+    cache = MapCache(library, settings)
+    found = find_map.find_map(cache, [record()], photo=photo, settings=settings)
+    assert found.maps == () and "ended after" in found.not_searched[0].reason
+
+
+def test_the_command_says_the_same(sample, library, queries, tmp_path):
+    (bad := tmp_path / "words.jpg").write_bytes(b"no photo")
+    words = ["find", "--library", str(library.folder), str(queries / "query_02.jpg")]
+    told = CliRunner().invoke(root, words, obj=COMPOSITION)
+    assert told.exit_code == 0 and "query_02.jpg: on the map" in told.output
+    done = CliRunner().invoke(root, [*words, str(bad), "--json"], obj=COMPOSITION)
+    assert done.exit_code == 1
+    first, second = json.loads(done.stdout)
+    assert first["maps"][0]["slug"] == "sample" and first["maps"][0]["probability"] > 0.9
+    assert "error" in second

@@ -1,0 +1,96 @@
+"""`expmap find`: on which map of a library photos were taken."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+from sqlalchemy import select
+
+from webapp.cli import exitcodes
+from webapp.cli.library import library_option, library_settings
+from webapp.cli.progressbar import terminal_progress
+from webapp.core.hypotheses.jsonform import failure_to_json
+from webapp.errors import NotFound, PhotoError
+from webapp.settings import keep_freed_memory
+from webapp.store.library import DATABASE, INNER, open_library
+from webapp.store.schema import MapRecord
+from webapp.tasks.localize.find_map import MapSearch, find_map, search_json
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.upload import UploadedPhoto
+
+
+@click.command(short_help="Say on which map photos were taken.")
+@click.argument("photos", metavar="PHOTO...", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option(
+    "--top",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Most places on each map.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, an object a photo.")
+@library_option
+def find(photos: tuple[Path, ...], top: int, as_json: bool, library: Path | None) -> None:
+    """Find out on which map of a library each photo was taken.
+
+    Maps without an index are named and not searched; expmap build, or the page Localize, makes one.
+    """
+    settings = library_settings(library)
+    if not (settings.library / INNER / DATABASE).is_file():
+        raise NotFound(
+            "there is no library in this folder", where=str(settings.library), hint="set it: --library FOLDER"
+        )
+    keep_freed_memory()
+    opened = open_library(settings.library)
+    forms: list[dict[str, Any]] = []
+    failed = False
+    try:
+        with opened.database.read() as session:
+            there = (
+                select(MapRecord).where(MapRecord.binned_at.is_(None)).order_by(MapRecord.changed_at.desc())
+            )
+            records = list(session.scalars(there))
+        cache = MapCache(opened, settings)
+        for photo in photos:
+            try:
+                with terminal_progress("maps") as progress:
+                    asked = UploadedPhoto(photo, str(photo))
+                    found = find_map(
+                        cache, records, photo=asked, settings=settings, top=top, progress=progress
+                    )
+            except PhotoError as error:
+                failed = True
+                click.echo(f"expmap: {error}", err=True)
+                forms.append(failure_to_json(query=str(photo), error=str(error)))
+                continue
+            forms.append(search_json(found, query=str(photo)))
+            if not as_json:
+                click.echo(_text(found, query=str(photo)))
+    finally:
+        opened.database.close()
+    if as_json:
+        click.echo(json.dumps(forms, indent=2))
+    sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
+
+
+def _text(search: MapSearch, *, query: str) -> str:
+    lines = [f"{query}: {_verdict(search)}"]
+    for found in search.maps:
+        places = found.answer["hypotheses"]
+        where = f"x {places[0]['x_px']:.0f}, y {places[0]['y_px']:.0f}" if places else "nowhere"
+        lines.append(f"  {found.probability:6.1%}  {found.slug}: {where}")
+    lines.append(f"  {search.no_map_probability:6.1%}  on none of them")
+    lines += [f"  not searched: {one.slug}: {one.reason}" for one in search.not_searched]
+    return "\n".join(lines)
+
+
+def _verdict(search: MapSearch) -> str:
+    best = search.maps[0] if search.maps else None
+    if best is None:
+        return "no map could be searched"
+    return f"on the map {best.name}" if best.probability >= 0.5 else "on none of the maps, or uncertain"

@@ -1,0 +1,39 @@
+"""Probabilities over several maps, from what each of them says by itself.
+
+Each map gives the probability p that a photo was taken on it, as if there were that map or none. At most one
+of the maps is right, so that a map has the odds p / (1 - p) against none, and
+
+    P(map m) = odds_m / (1 + sum of all odds),    P(none) = 1 / (1 + sum of all odds).
+
+Of one map that is p itself. Maps that show the same place share its probability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+_CERTAIN = 1e-6
+"""No map is surer than that."""
+
+
+def probabilities_over_maps(on_map: Sequence[float]) -> tuple[list[float], float]:
+    """Combine what maps say of a photo.
+
+    Parameters
+    ----------
+    on_map : sequence of float
+        Of each map, the probability that the photo was taken on it.
+
+    Returns
+    -------
+    list of float
+        Of each map; with the next one they add up to 1.
+    float
+        That it was taken on none of them.
+    """
+    p = np.clip(np.asarray(on_map, dtype=np.float64), _CERTAIN, 1.0 - _CERTAIN)
+    odds = p / (1.0 - p)
+    total = 1.0 + float(odds.sum())
+    return (odds / total).tolist(), 1.0 / total

@@ -1,0 +1,147 @@
+"""Finds out on which of several maps a photo was taken: it is localized on each that has an index."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from webapp.core.hypotheses.across_maps import probabilities_over_maps
+from webapp.errors import IndexDamaged, MapError, NotFound, NotReady
+from webapp.files.part_file import show_file_as
+from webapp.files.photos.photo import read_facts
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.schema import MapRecord
+from webapp.tasks.localize import upload
+from webapp.tasks.localize.map_cache import MapCache, MethodChoice
+from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
+
+BUDGET_S = 30.0
+"""After so long no further map is begun; those that are left are named."""
+
+_NO_TIME = f"the search ended after {BUDGET_S:.0f} seconds"
+_NO_INDEX = "it has no index yet: open its page Localize, or run expmap build"
+
+
+@dataclass(frozen=True, slots=True)
+class FoundMap:
+    """A map that was searched.
+
+    Attributes
+    ----------
+    probability : float
+        That the photo was taken on it and not on another one.
+    answer : dict
+        Where on it, as `expmap localize --json` prints it; its probabilities are those of this map alone.
+    """
+
+    slug: str
+    name: str
+    probability: float
+    answer: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class SkippedMap:
+    """A map that was not searched, and why, for people."""
+
+    slug: str
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class MapSearch:
+    """The answer to "which map is this?".
+
+    Attributes
+    ----------
+    maps : tuple of FoundMap
+        The most probable first.
+    no_map_probability : float
+        That it was taken on none of them.
+    """
+
+    maps: tuple[FoundMap, ...]
+    no_map_probability: float
+    not_searched: tuple[SkippedMap, ...]
+    seconds: float
+
+
+def find_map(
+    cache: MapCache,
+    records: Sequence[MapRecord],
+    *,
+    photo: UploadedPhoto,
+    settings: Settings,
+    top: int = 1,
+    progress: Progress | None = None,
+) -> MapSearch:
+    """Look for a photo on maps, one after the other.
+
+    Parameters
+    ----------
+    records : sequence of MapRecord
+        Those that count, the most likely first: time may not be enough for all.
+    top : int
+        Maximum number of places on each map.
+    progress : Progress, optional
+        A step is a map.
+
+    Raises
+    ------
+    PhotoError
+        The photo cannot be used.
+    Busy
+        Others are being answered.
+    Cancelled
+    """
+    begun = time.perf_counter()
+    progress = progress or Progress()
+    progress.size(len(records))
+    with show_file_as(photo.name, photo.path):
+        read_facts(photo.path, limits=settings.photo)
+    request = LocalizeRequest((photo,), MethodChoice(), top=top)
+    answers: list[tuple[MapRecord, dict[str, Any]]] = []
+    skipped: list[SkippedMap] = []
+    for record in records:
+        progress.check()
+        progress.note(record.name)
+        if time.perf_counter() - begun > BUDGET_S:
+            skipped.append(SkippedMap(record.slug, record.name, _NO_TIME))
+            continue
+        try:
+            found = upload.localize_uploads(cache, record.id, request=request, settings=settings)
+            answers.append((record, found.form))
+        except NotReady:
+            skipped.append(SkippedMap(record.slug, record.name, _NO_INDEX))
+        except (MapError, NotFound, IndexDamaged) as error:
+            skipped.append(SkippedMap(record.slug, record.name, error.message))
+        progress.advance(1)
+    each, none = probabilities_over_maps([_on_map(form) for _, form in answers])
+    found_maps = [FoundMap(r.slug, r.name, p, form) for (r, form), p in zip(answers, each, strict=True)]
+    found_maps.sort(key=lambda one: -one.probability)
+    return MapSearch(tuple(found_maps), none, tuple(skipped), time.perf_counter() - begun)
+
+
+def search_json(search: MapSearch, *, query: str) -> dict[str, Any]:
+    """Return a search as the API and `expmap find --json` give it."""
+    return {
+        "query": query,
+        "maps": [
+            {"slug": one.slug, "name": one.name, "probability": one.probability, "answer": one.answer}
+            for one in search.maps
+        ],
+        "no_map_probability": search.no_map_probability,
+        "not_searched": [
+            {"slug": one.slug, "name": one.name, "reason": one.reason} for one in search.not_searched
+        ],
+        "seconds": search.seconds,
+    }
+
+
+def _on_map(form: dict[str, Any]) -> float:
+    """Sum up what a map says of all its places."""
+    return float(sum(place["probability"] for place in form["hypotheses"]) + form["other_probability"])

@@ -1,0 +1,90 @@
+"""A photo looked for on all maps that one may see, through the API."""
+
+from __future__ import annotations
+
+import secrets
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import File, Float, Integer, List, Nested, String
+from apiflask.validators import Range
+from flask import request
+
+from webapp.files.part_file import check_space, discard, receive
+from webapp.store.maps import maps
+from webapp.tasks.localize.find_map import BUDGET_S, find_map, search_json
+from webapp.tasks.localize.upload import UploadedPhoto
+from webapp.tasks.maps.add_photo import tidy_name
+from webapp.web.context import account, library, settings
+from webapp.web.localize.answers import Located
+from webapp.web.localize.api_localize import map_cache
+
+blueprint = APIBlueprint("api_find", __name__, url_prefix="/api/v1", tag="Localization")
+
+_OTHER_BYTES = 100_000
+"""Of a request, besides its file."""
+
+
+class FindIn(Schema):
+    """A photo."""
+
+    file = File(required=True)  # type: ignore[no-untyped-call]
+    top = Integer(load_default=1, validate=Range(1, 20), metadata={"description": "Most places on each map."})
+
+
+class FoundMapOut(Schema):
+    """A map that was searched."""
+
+    slug = String()
+    name = String()
+    probability = Float(metadata={"description": "That the photo was taken on it, and not on another one."})
+    answer = Nested(Located, metadata={"description": "Where on it, as if there were no other map."})
+
+
+class SkippedMapOut(Schema):
+    """A map that was not searched."""
+
+    slug = String()
+    name = String()
+    reason = String()
+
+
+class SearchOut(Schema):
+    """Maps, the most probable first; their probabilities and `no_map_probability` add up to 1."""
+
+    query = String(metadata={"description": "The photo, as its file was named."})
+    maps = List(Nested(FoundMapOut))
+    no_map_probability = Float(metadata={"description": "That it was taken on none of them."})
+    not_searched = List(
+        Nested(SkippedMapOut),
+        metadata={
+            "description": f"Maps without an index, and those that {BUDGET_S:.0f} s were not enough for."
+        },
+    )
+    seconds = Float()
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse what is too large while it is read."""
+    request.max_content_length = int(settings().photo.max_mb * 1e6) + _OTHER_BYTES
+
+
+@blueprint.post("/find")
+@blueprint.input(FindIn, location="form_and_files", arg_name="given")
+@blueprint.output(SearchOut)
+def find(given: dict[str, Any]) -> dict[str, Any]:
+    """Find out on which of your maps a photo was taken; the photo is not kept."""
+    who, file = account(), given["file"]
+    with library().database.read() as session:
+        records = maps.list_maps(session, who)
+    part, name = library().uploads / f"{secrets.token_hex(16)}.part", tidy_name(file.filename or "")
+    check_space(library().uploads, 0, reserve_mb=settings().upload.reserve_mb)
+    try:
+        receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
+        found = find_map(
+            map_cache(), records, photo=UploadedPhoto(part, name), settings=settings(), top=given["top"]
+        )
+    finally:
+        discard(part)
+    return search_json(found, query=name)
