@@ -90,3 +90,35 @@ def test_which_map_is_this(page, api, sample_map, sample_folder):
     results.get_by_role("button", name=f"Show on {name}").click()
     page.wait_for_url(re.compile(r"/maps/sample/localize\?query=\d+"))
     expect(page.get_by_test_id("hypothesis").first).to_be_visible()
+
+
+def test_maps_are_searched_sorted_and_put_into_the_bin_together(page, api, small_photos, sample_folder):
+    satellite = sample_folder / "satellite.png"
+    slug = api.make_map("Zoo Žižkov 2", satellite=satellite, photos=small_photos[:2])
+    ids = [photo["id"] for photo in api.state(slug)["photos"]]
+    changes = [{"id": id, "x_px": 100, "y_px": 100} for id in ids]
+    api.ask("PATCH", f"/maps/{slug}/experiences", data={"kind": "place", "changes": changes})
+    api.make_map("Zoo Žižkov 10", satellite=None)
+    page.goto("/")
+    expect(card(page, "Zoo Žižkov 2").locator(".map-card__dots")).to_have_count(1)
+    search = page.get_by_test_id("maps-search")
+    search.fill("zizkov")
+    shown = page.locator(".map-card:not([hidden]) h2")
+    expect(shown).to_have_text(["Zoo Žižkov 10", "Zoo Žižkov 2"])
+    page.locator("#maps-sort").select_option("name")
+    expect(shown).to_have_text(["Zoo Žižkov 2", "Zoo Žižkov 10"])
+    page.reload()
+    search.fill("zoo")
+    expect(shown).to_have_text(["Zoo Žižkov 2", "Zoo Žižkov 10"])
+    page.get_by_role("button", name="Select", exact=True).click()
+    for name in ("Zoo Žižkov 2", "Zoo Žižkov 10"):
+        page.get_by_role("checkbox", name=f"Select {name}", exact=True).check()
+    expect(page.get_by_test_id("maps-bar")).to_contain_text("2 selected")
+    assert axe.findings(page) == []
+    page.get_by_test_id("maps-bar").get_by_role("button", name="Move to the bin").click()
+    page.get_by_role("dialog").get_by_role("button", name="Move to the bin").click()
+    expect(card(page, "Zoo Žižkov")).to_have_count(0)
+    binned = {one["name"] for one in api.ask("GET", "/maps?bin=1")["maps"]}
+    assert {"Zoo Žižkov 2", "Zoo Žižkov 10"} <= binned
+    search.fill("no such map")
+    expect(page.get_by_text("No map is called that.")).to_be_visible()

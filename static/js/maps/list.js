@@ -6,6 +6,7 @@ import { askDialog, confirmDialog } from "../shared/dialogs.js";
 import { t } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 import { findPhoto } from "./find-photo.js";
+import { connectTools } from "./list-tools.js";
 
 const actions = { rename, duplicate, delete: bin, restore, "delete-forever": deleteForever };
 
@@ -17,6 +18,7 @@ for (const button of queryAll("[data-action]", HTMLButtonElement)) {
   });
   button.disabled = false; // until now a click would have been lost
 }
+connectTools();
 const finder = document.getElementById("find");
 if (finder instanceof HTMLButtonElement) {
   finder.addEventListener("click", findPhoto);

@@ -108,3 +108,11 @@ def test_visitors_get_the_same_and_nothing_of_the_tray(library, owner, stranger,
     answer = stranger.get(f"/api/v1/shared/{token}/photos?after=4&limit=3").json
     assert answer == {"photos": whole["photos"][3:6], "next": 8}
     assert stranger.get("/api/v1/shared/none/photos").status_code == 404
+
+
+def test_a_preview_has_some_of_many_positions(library, record):
+    with library.database.read() as session:
+        row = session.get(MapRecord, record.id)
+        every = [x for x, _ in maps.some_positions(session, row, most=100)]
+        assert every == [id + 0.123456 for id in (1, 2, 4, 5, 7, 8, 10)]
+        assert [x for x, _ in maps.some_positions(session, row, most=3)] == every[2::3]

@@ -162,6 +162,16 @@ def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[D
     return [Dot._make(row) for row in rows]
 
 
+def some_positions(session: Session, record: MapRecord, *, most: int) -> list[tuple[float, float]]:
+    """List where photos are placed, map pixels; of more than `most`, some, evenly."""
+    step = -(-counts(session, record)[1] // most)
+    number = func.row_number().over(order_by=Photo.id)
+    there = select(Photo.x_px, Photo.y_px, number.label("number")).where(*_present(record, placed=True))
+    one = there.subquery()
+    found = select(one.c.x_px, one.c.y_px).where(one.c.number % max(step, 1) == 0).order_by(one.c.number)
+    return [(x, y) for x, y in session.execute(found)]
+
+
 def _present(record: MapRecord, *, placed: bool) -> list[ColumnElement[bool]]:
     there = [Photo.map_id == record.id, ~Photo.removed]
     return [*there, Photo.x_px.is_not(None)] if placed else there

@@ -21,6 +21,9 @@ from webapp.web.pages import back, text
 
 blueprint = Blueprint("map_pages", __name__)
 
+_MOST_DOTS = 200
+"""In the preview of a map."""
+
 
 @dataclass(frozen=True, slots=True)
 class MapCard:
@@ -30,12 +33,15 @@ class MapCard:
     ----------
     role : str or None
         Of who looks at it.
+    dots : str
+        Path of an SVG picture: a point for each photo, or for some of many.
     """
 
     map: MapRecord
     role: Role | None
     photos: int
     placed: int
+    dots: str
 
 
 @blueprint.get("/")
@@ -63,7 +69,12 @@ def trash() -> str:
 
 def _cards(session: Session, who: Account, *, binned: bool) -> list[MapCard]:
     return [
-        MapCard(record, maps.role_of(session, record, account=who), *maps.counts(session, record))
+        MapCard(
+            record,
+            maps.role_of(session, record, account=who),
+            *maps.counts(session, record),
+            "".join(f"M{x:.0f} {y:.0f}h0" for x, y in maps.some_positions(session, record, most=_MOST_DOTS)),
+        )
         for record in maps.list_maps(session, who, binned=binned)
     ]
 
