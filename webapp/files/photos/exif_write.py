@@ -37,7 +37,7 @@ class CameraTags:
 
     Attributes
     ----------
-    taken_at : datetime
+    taken_at : datetime or None
         The camera's clock.
     focal_35mm : int
         Focal length in 35 mm film, mm, over the diagonal.
@@ -47,7 +47,7 @@ class CameraTags:
         68 % radius of the position.
     """
 
-    taken_at: datetime
+    taken_at: datetime | None
     focal_35mm: int
     position: LatLon | None = None
     heading_deg: float | None = None
@@ -59,10 +59,9 @@ def exif_bytes(tags: CameraTags) -> bytes:
     gps = _gps_tags(tags.position, tags.heading_deg)
     if tags.accuracy_m is not None:
         gps[piexif.GPSIFD.GPSHPositioningError] = (round(tags.accuracy_m * 1000), 1000)
-    camera = {
-        piexif.ExifIFD.DateTimeOriginal: tags.taken_at.strftime("%Y:%m:%d %H:%M:%S"),
-        piexif.ExifIFD.FocalLengthIn35mmFilm: tags.focal_35mm,
-    }
+    camera: dict[int, object] = {piexif.ExifIFD.FocalLengthIn35mmFilm: tags.focal_35mm}
+    if tags.taken_at is not None:
+        camera[piexif.ExifIFD.DateTimeOriginal] = tags.taken_at.strftime("%Y:%m:%d %H:%M:%S")
     return bytes(piexif.dump({"Exif": camera, "GPS": gps}))
 
 

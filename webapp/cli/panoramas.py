@@ -1,0 +1,70 @@
+"""`expmap map cut-panoramas`: panoramas become photos."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from webapp.cli.exitcodes import SOME_FAILED
+from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
+from webapp.tasks.maps.cut_panoramas import CutOptions, CutPhoto
+from webapp.tasks.maps.cut_panoramas import cut_panoramas as cut
+
+_FOLDER = click.Path(file_okay=False, path_type=Path)
+_ELEVATION = click.FloatRange(0.0, 90.0)
+
+
+@click.command("cut-panoramas", short_help="Cut panoramas into level views, which are photos.")
+@click.argument("folder", metavar="FOLDER", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("-o", "--out", required=True, type=_FOLDER, metavar="FOLDER", help="Where the views go.")
+@click.option(
+    "--views", default=6, show_default=True, type=click.IntRange(1, 36), metavar="N",
+    help="Views of a panorama, evenly all around.",
+)  # fmt: skip
+@click.option(
+    "--lowest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
+    help="Mask what is farther below the horizon: the robot or the tripod.",
+)  # fmt: skip
+@click.option(
+    "--highest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
+    help="Mask what is farther above it: the sky.",
+)  # fmt: skip
+@click.option("--assume", is_flag=True, help="Also cut photos twice as wide as high without such XMP.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.pass_context
+def cut_panoramas(
+    ctx: click.Context,
+    folder: Path,
+    out: Path,
+    views: int,
+    lowest: float,
+    highest: float,
+    assume: bool,
+    as_json: bool,
+) -> None:
+    """Cut the panoramas of a folder into level perspective views of 91 degrees.
+
+    A view has the panorama's position, accuracy and time, its own heading where the panorama says where it
+    looks, and a focal length: it is a photo like any other. Panoramas are equirectangular, as cameras and
+    street-level services make them. Exit code 1 when a photo could not be cut.
+    """
+    options = CutOptions(views, lowest_deg=lowest, highest_deg=highest, assume=assume)
+    with terminal_progress("photos") as progress:
+        done = list(cut(folder, out, options=options, limits=load_settings().photo, progress=progress))
+    click.echo(json.dumps([_as_json(one) for one in done]) if as_json else "\n".join(map(_line, done)))
+    failed = sum(bool(one.problem) for one in done)
+    click.echo(f"{out}: {len(done) - failed} of {len(done)} photos cut", err=True)
+    if failed:
+        ctx.exit(SOME_FAILED)
+
+
+def _as_json(one: CutPhoto) -> dict[str, object]:
+    return asdict(one) | {"problem": one.problem or None}
+
+
+def _line(one: CutPhoto) -> str:
+    return f"{one.photo}  {one.problem or f'{len(one.views)} views'}"

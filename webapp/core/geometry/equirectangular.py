@@ -1,0 +1,82 @@
+"""Level perspective views of panoramas: images of the whole sphere, of which a pixel is a fixed angle."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geometry.relative_pose import Camera
+
+_DIAGONAL_35MM = math.hypot(36.0, 24.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSize:
+    """Of views with sides 4:3, whose field of view EXIF can state exactly.
+
+    Attributes
+    ----------
+    focal_35mm : int
+        Focal length in 35 mm film, mm, over the diagonal.
+    """
+
+    width: int
+    height: int
+    focal_35mm: int
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of such a view."""
+        diagonal = math.hypot(self.width, self.height)
+        focal_px = self.focal_35mm / _DIAGONAL_35MM * diagonal
+        return Camera(self.width, self.height, math.degrees(2.0 * math.atan(self.width / 2.0 / focal_px)))
+
+
+def view_size(panorama_width: int, focal_35mm: int) -> ViewSize:
+    """Choose the size at which a view has as many pixels a degree in its middle as the panorama.
+
+    Parameters
+    ----------
+    panorama_width : int
+        Pixels, of 360 degrees.
+    """
+    focal_px = panorama_width / (2.0 * math.pi)
+    quarter = focal_px / focal_35mm * _DIAGONAL_35MM / 5.0
+    return ViewSize(max(4, round(4.0 * quarter)), max(3, round(3.0 * quarter)), focal_35mm)
+
+
+def view_pixels(
+    size: ViewSize, *, panorama: tuple[int, int], turn_deg: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
+    """Find where in a panorama the pixels of a level view are.
+
+    Parameters
+    ----------
+    panorama : (int, int)
+        Its width and height.
+    turn_deg : float
+        By how much the view is turned clockwise from the middle of the panorama.
+
+    Returns
+    -------
+    x, y : (h, w) float32
+        Pixels, centres at whole numbers; x may be beyond an edge, where the panorama begins again.
+    elevation_deg : (h, w) float64
+        Above the horizon.
+    """
+    columns, rows = np.meshgrid(np.arange(size.width), np.arange(size.height))
+    ray = size.camera.rays(np.stack([columns.ravel(), rows.ravel()], 1).astype(np.float64))
+    longitude = np.degrees(np.arctan2(ray[:, 0], ray[:, 2])) + turn_deg
+    elevation = np.degrees(np.arctan2(-ray[:, 1], np.hypot(ray[:, 0], ray[:, 2])))
+    width, height = panorama
+    x = (longitude / 360.0 + 0.5) % 1.0 * width - 0.5
+    y = (0.5 - elevation / 180.0) * height - 0.5
+    shape = size.height, size.width
+    return (
+        x.reshape(shape).astype(np.float32),
+        y.reshape(shape).astype(np.float32),
+        elevation.reshape(shape),
+    )

@@ -1,0 +1,124 @@
+"""Cuts panoramas into level perspective views, which are photos like all others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from webapp.core.geo.types import LatLon
+from webapp.core.geometry.equirectangular import ViewSize, view_pixels, view_size
+from webapp.errors import PhotoError, UsageError
+from webapp.files.listing import list_photos
+from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif_write import CameraTags
+from webapp.files.photos.panorama import Panorama, read_panorama, write_view
+from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits
+
+_GREY = 128
+"""What is masked has no texture, and so no keypoints."""
+
+
+@dataclass(frozen=True, slots=True)
+class CutOptions:
+    """How panoramas are cut.
+
+    Attributes
+    ----------
+    views : int
+        Evenly all around; the first looks where the middle of the panorama does.
+    focal_35mm : int
+        Of each, in 35 mm film, mm: 17 has 91 degrees.
+    lowest_deg : float
+        What is farther below the horizon is masked: the robot or the tripod.
+    highest_deg : float
+        The same above it: the sky.
+    assume : bool
+        Also take photos for panoramas that are twice as wide as high and do not say so.
+    """
+
+    views: int = 6
+    focal_35mm: int = 17
+    lowest_deg: float = 90.0
+    highest_deg: float = 90.0
+    assume: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CutPhoto:
+    """A photo of the folder: the views that were written, or why there are none."""
+
+    photo: str
+    views: tuple[str, ...] = ()
+    problem: str = ""
+
+
+def cut_panoramas(
+    folder: Path, out: Path, *, options: CutOptions, limits: PhotoLimits, progress: Progress
+) -> Iterator[CutPhoto]:
+    """Cut the panoramas of a folder and of those in it; each photo is given when its views are written.
+
+    Raises
+    ------
+    UsageError
+        There is no photo, or the views would be among the panoramas.
+    StorageError, Cancelled
+    """
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise UsageError(
+            "the views would be among the panoramas", where=str(out), hint="choose another folder"
+        )
+    names = list_photos(folder)
+    if not names:
+        raise UsageError("there is no photo in it", where=str(folder))
+    progress.size(len(names))
+    for name in names:
+        progress.check()
+        try:
+            yield CutPhoto(name, tuple(_cut(folder / name, out / name, options=options, limits=limits)))
+        except PhotoError as error:
+            yield CutPhoto(name, problem=error.message)
+        progress.advance()
+
+
+def _cut(path: Path, out: Path, *, options: CutOptions, limits: PhotoLimits) -> Iterator[str]:
+    content = read_file(path, limits=limits)
+    facts = read_facts(content, limits=limits)
+    pixels = read_upright(content, limits=limits)
+    size = pixels.shape[1], pixels.shape[0]
+    panorama = read_panorama(content, size)
+    if not panorama.is_whole:
+        raise PhotoError("it is no whole panorama, twice as wide as high")
+    if not (panorama.is_marked or options.assume):
+        raise PhotoError("it does not say that it is a panorama")
+    view = view_size(size[0], options.focal_35mm)
+    for number in range(options.views):
+        turn = 360.0 * number / options.views
+        x, y, elevation = view_pixels(view, panorama=size, turn_deg=turn)
+        # The left edge continues the right one: columns beyond them are taken from the other side.
+        wide = np.concatenate([pixels[:, -1:], pixels, pixels[:, :1]], 1)
+        cut = cv2.remap(wide, x + 1.0, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        cut[(elevation < -options.lowest_deg) | (elevation > options.highest_deg)] = _GREY
+        file = out.with_name(f"{out.stem}_{round(turn):03}.jpg")
+        write_view(file, np.asarray(cut, np.uint8), tags=_tags(facts, panorama, view, turn_deg=turn))
+        yield file.name
+
+
+def _tags(facts: PhotoFacts, panorama: Panorama, view: ViewSize, *, turn_deg: float) -> CameraTags:
+    middle = panorama.heading_deg
+    if middle is None and facts.heading is not None and facts.heading.reference != "M":
+        middle = facts.heading.deg
+    gps = facts.gps if isinstance(facts.gps, Gps) else None
+    return CameraTags(
+        None if facts.taken_at is None else datetime.fromisoformat(facts.taken_at),
+        view.focal_35mm,
+        position=None if gps is None else LatLon(gps.lat, gps.lon),
+        heading_deg=None if middle is None else (middle + turn_deg) % 360.0,
+        accuracy_m=None if gps is None else gps.accuracy_m,
+    )
