@@ -248,13 +248,47 @@ def test_a_track_without_times_shows_no_speed(page, tmp_path):
 
 def test_a_file_that_is_no_track_is_reported(page, context, tmp_path):
     context.watch.expect(422)
-    track = tmp_path / "walk.gpx"
+    track = tmp_path / "hollow file.gpx"
     track.write_text("no track", encoding="utf-8")
     page.goto("/missions")
     by_id(page, "import-track").click()
     by_id(page, "track-file").set_input_files(track)
     by_id(page, "import-start").click()
     expect(by_id(page, "error-message")).to_be_visible(timeout=240_000)
+    page.goto("/missions")
+    expect(page.locator("#loading")).to_be_hidden()
+    expect(by_id(page, "mission").filter(has_text="hollow file")).to_have_count(0)
+
+
+def test_a_track_in_metres_gets_its_start_with_the_file(page, tmp_path):
+    way = tmp_path / "rover way.tum"
+    way.write_text("".join(f"{1777629600 + n} {n} 0 0 0 0 0 1\n" for n in range(30)), encoding="utf-8")
+    page.goto("/missions")
+    by_id(page, "import-track").click()
+    by_id(page, "track-file").set_input_files(way)
+    page.locator("dialog summary").click()
+    for place, value in enumerate(("50", "14", "90")):
+        by_id(page, f"import-start-{place}").fill(value)
+    assert axe.findings(page) == []
+    by_id(page, "import-start").click()
+    page.wait_for_url(re.compile(r"/missions/\d+$"), timeout=240_000)
+    expect(by_id(page, "track")).to_contain_text("30")
+
+
+def test_what_was_left_out_is_said_before_the_mission_opens(page, tmp_path):
+    track = tmp_path / "patchy walk.csv"
+    rows = "".join(f"{1777629600 + n},{50 + n * 1e-5:.5f},14\n" for n in range(30))
+    track.write_text(f"time,lat,lon\n{rows}1777629700,,14\n-100000000,50,14\n", encoding="utf-8")
+    page.goto("/missions")
+    by_id(page, "import-track").click()
+    by_id(page, "track-file").set_input_files(track)
+    by_id(page, "import-start").click()
+    remarks = by_id(page, "import-remarks")
+    expect(remarks).to_contain_text("1 rows without a position", timeout=240_000)
+    expect(remarks).to_contain_text("dated before 1980")
+    assert axe.findings(page) == []
+    page.get_by_role("button", name="Close").click()
+    page.wait_for_url(re.compile(r"/missions/\d+$"))
 
 
 def test_on_the_image_of_a_map(page, api, sample_map):

@@ -3,7 +3,7 @@
 import { columnChoice } from "../shared/column-choice.js";
 import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
-import { t } from "../shared/i18n.js";
+import { locale, t } from "../shared/i18n.js";
 import { POSE_COLUMNS } from "./csv-columns.js";
 import { endpointsOf } from "./endpoints.js";
 import { sourceName } from "./format.js";
@@ -20,12 +20,17 @@ const SOURCES = ["gps", "odometry", "visual", "manual"];
  * @param {function(File): Promise<number>} what.mission gives the mission that the file goes into, made if need be
  * @param {Array<Node>} [what.more] fields in front
  * @param {function(number, Object): void} what.done called with the mission and the job's result
+ * @param {function(): Promise<void>} [what.undo] called where nothing was imported
  */
-export function importDialog({ file = null, mission, more = [], done }) {
+export function importDialog({ file = null, mission, more = [], done, undo = async () => {} }) {
   const input = h("input", { class: "input", type: "file", accept: ACCEPT, "data-testid": "track-file" });
   const source = h("select", { class: "select" },
     h("option", { value: "" }, t("as in the file")), ...SOURCES.map((name) => h("option", { value: name }, sourceName(name))));
   const least = h("input", { class: "input", placeholder: "0.00001", autocomplete: "off", inputmode: "text" });
+  const axes = h("select", { class: "select", "data-testid": "import-axes" },
+    ...[["", t("detected")], ["robot", t("robot: x forward, y left, z up")], ["camera", t("camera: x right, y down, z forward")],
+      ["ned", t("x north or forward, y east or right, z down")]].map(([value, label]) => h("option", { value }, label)));
+  const start = startFields();
   const columns = columnChoice(POSE_COLUMNS, ({ name }) => /\.(csv|tsv)$/i.test(name));
   const error = errorLine();
   const progress = h("div", { "aria-live": "polite" });
@@ -34,7 +39,8 @@ export function importDialog({ file = null, mission, more = [], done }) {
   const known = h("p", { class: "mi-file" }, icon("route"), file?.name);
   const options = h("details", {}, h("summary", {}, t("Options")), h("div", { class: "stack" },
     field(t("Source of the positions"), source),
-    field(t("Skip points that moved less than"), least, t("Degrees, or metres such as 0.5m; 0 keeps every point. The distance always includes every point."))));
+    field(t("Skip points that moved less than"), least, t("Degrees, or metres such as 0.5m; 0 keeps every point. The distance always includes every point.")),
+    field(t("Axes"), axes, t("Of a track in metres: TUM, KITTI or a table.")), start.element));
   const dialog = openDialog(t("Import a track"), [
     file ? known : field(t("File"), input, about), ...more, columns.element, options, progress, error,
   ], { actions: [send] });
@@ -47,14 +53,16 @@ export function importDialog({ file = null, mission, more = [], done }) {
   const run = async () => {
     error.show(null);
     if (!chosen()) return error.show({ message: t("Choose a file first.") });
+    const job = { begun: false };
     try {
+      const fields = { source: source.value, min_move: least.value.trim(), columns: columns.value(), axes: axes.value, start: start.value() };
       const id = await mission(chosen());
-      const fields = { source: source.value, min_move: least.value.trim(), columns: columns.value() };
-      const result = await sendFile({ id, file: chosen(), fields, progress, signal: abort.signal });
+      const result = await sendFile({ id, file: chosen(), fields, progress, signal: abort.signal, job });
       dialog.close();
-      done(id, result);
+      showRemarks(result, () => done(id, result));
     } catch (problem) {
       progress.replaceChildren();
+      if (!job.begun || problem.code === "job") await undo();
       if (problem.name !== "AbortError") error.show(problem);
     }
     return null;
@@ -62,7 +70,36 @@ export function importDialog({ file = null, mission, more = [], done }) {
   send.addEventListener("click", () => busy(send, run));
 }
 
-async function sendFile({ id, file, fields, progress, signal }) {
+/** Where the robot was at first, for tracks in its own frame. */
+function startFields() {
+  const number = (most) => h("input", { class: "input number", type: "number", step: "any", min: -most, max: most, inputmode: "decimal" });
+  const labels = [t("Latitude"), t("Longitude"), t("Heading, degrees")];
+  const inputs = [90, 180, 360].map(number);
+  inputs.forEach((input, place) => input.setAttribute("data-testid", `import-start-${place}`));
+  const element = h("fieldset", { class: "stack stack--tight" }, h("legend", {}, t("Start pose of the robot")),
+    h("p", { class: "soft small" }, t("Odometry and trajectories in metres begin there. Without it, and without one of the mission, they are left out.")),
+    h("div", { class: "mi-start" }, ...inputs.map((input, place) => field(labels[place], input))));
+  const value = () => {
+    const [lat, lon, heading] = inputs.map((input) => input.value);
+    return lat && lon ? `${lat},${lon},${heading || 90}` : "";
+  };
+  return { element, value };
+}
+
+/** Say what was left out and what is odd, before the import is done with. */
+function showRemarks({ skipped, doubts }, then) {
+  if (!skipped.length && !doubts.length) return then();
+  const lines = (title, remarks) => (remarks.length ? [h("h3", {}, title), h("ul", {}, ...remarks.map(remark))] : []);
+  const dialog = openDialog(t("Imported, with remarks"), [
+    h("div", { class: "stack", "data-testid": "import-remarks" }, ...lines(t("Left out"), skipped), ...lines(t("Odd"), doubts)),
+  ]);
+  dialog.addEventListener("close", then);
+  return null;
+}
+
+const remark = ({ count, reason, where }) => h("li", {}, `${count.toLocaleString(locale)} ${reason} (${where})`);
+
+async function sendFile({ id, file, fields, progress, signal, job: state }) {
   const server = endpointsOf(id);
   const body = new FormData();
   body.append("file", file, file.name);
@@ -70,6 +107,7 @@ async function sendFile({ id, file, fields, progress, signal }) {
   const sending = jobBar(t("Sending the file..."));
   progress.replaceChildren(sending);
   const { job } = await server.importFile(body, (sent, all) => sending.showJob({ state: "running", done: sent, total: all }), signal);
+  state.begun = true;
   const reading = jobBar(t("Reading the file"));
   progress.replaceChildren(reading);
   return (await ended(server.job, job, reading.showJob)).result;

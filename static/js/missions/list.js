@@ -161,5 +161,10 @@ function importFile(file) {
       return made;
     },
     done: (id) => location.assign(`/missions/${id}`),
+    async undo() {
+      const server = made && endpointsOf(made);
+      made = null;
+      if (server) await server.bin().then(server.deleteForever);
+    },
   });
 }
