@@ -11,9 +11,14 @@ import platform
 import subprocess
 import sys
 import sysconfig
+import tempfile
 import tomllib
 import venv
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / ".venv-ros"
@@ -32,9 +37,26 @@ def main() -> int:
         )
         return 0
     _install()
-    environ = {**os.environ, "PYTHONPATH": f"{ROOT / 'ros' / 'expmap_ros'}"}
     tests = sys.argv[1:] or ["ros/expmap_ros/test"]
-    return subprocess.run([PYTHON, "-m", "pytest", "-q", *tests], cwd=ROOT, env=environ).returncode
+    with _own_domain() as number:
+        paths = {"PYTHONPATH": str(ROOT / "ros" / "expmap_ros"), "ROS_DOMAIN_ID": str(number)}
+        command = [PYTHON, "-m", "pytest", "-q", *tests]
+        return subprocess.run(command, cwd=ROOT, env={**os.environ, **paths}).returncode
+
+
+@contextmanager
+def _own_domain() -> Iterator[int]:
+    """Choose a domain that no other run on this machine has: its nodes would answer."""
+    for number in range(1, 101):
+        lock = FileLock(Path(tempfile.gettempdir()) / f"expmap-ros-domain-{number}.lock")
+        try:
+            lock.acquire(blocking=False)
+        except Timeout:
+            continue
+        with lock:
+            yield number
+        return
+    raise SystemExit("no domain of ROS 2 is free")
 
 
 def _install() -> None:
