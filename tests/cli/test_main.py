@@ -14,8 +14,8 @@ from webapp.app import main as program
 from webapp.cli.exitcodes import exit_code
 
 COMMANDS = [
-    "sample", "map", "map check", "map from-photos", "map place-rest", "build", "localize", "find", "evaluate",
-    "landmarks", "landmarks build", "models", "models list", "models fetch", "serve", "worker",
+    "sample", "map", "map check", "map from-photos", "map place-rest", "build", "localize", "find",
+    "evaluate", "landmarks", "landmarks build", "models", "models list", "models fetch", "serve", "worker",
     "mission", "mission list", "mission new", "mission import", "mission inspect", "mission export",
     "robot", "robot send", "robot replay", "robot recover", "robot status", "foxglove",
     "account", "account link", "account token", "account add", "account list",
