@@ -10,18 +10,9 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.edit_page import EditPage
+from tests.browser.test_photos_first import PASTE
 
 CORNERS = {"top_left": {"lat": 50.001, "lon": 14.0}, "bottom_right": {"lat": 50.0, "lon": 14.002}}
-PASTE = """
-async () => {
-  const canvas = Object.assign(document.createElement("canvas"), { width: 40, height: 30 });
-  const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
-  const data = new DataTransfer();
-  data.items.add(new File([blob], "image.png", { type: "image/png" }));
-  const how = { clipboardData: data, bubbles: true, cancelable: true };
-  document.dispatchEvent(new ClipboardEvent("paste", how));
-}
-"""
 
 
 def dots_on_each_other(edit, api, at):
@@ -115,7 +106,7 @@ def test_a_wrong_clock_is_corrected_and_undone(page, api, timed_photos, sample_f
 
 def test_a_picture_is_pasted(make_page, api):
     edit = make_page(1)
-    edit.page.evaluate(PASTE)
+    edit.page.locator("body").evaluate(PASTE)
     edit.uploaded()
     expect(edit.unplaced).to_have_text("2")
     names = [photo["name"] for photo in api.state(edit.slug)["photos"]]

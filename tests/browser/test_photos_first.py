@@ -18,6 +18,16 @@ addEventListener("click", (event) => {
   if (event.isTrusted) sessionStorage.setItem("clicks", Number(sessionStorage.getItem("clicks")) + 1);
 }, true);
 """
+PASTE = """
+async (element) => {
+  const canvas = Object.assign(document.createElement("canvas"), { width: 40, height: 30 });
+  const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
+  const data = new DataTransfer();
+  data.items.add(new File([blob], "image.png", { type: "image/png" }));
+  const how = { clipboardData: data, bubbles: true, cancelable: true };
+  element.dispatchEvent(new ClipboardEvent("paste", how));
+}
+"""
 
 
 def gps(lat, lon):
@@ -115,6 +125,17 @@ def test_what_is_no_photo_is_named_and_a_closed_page_has_lost_nothing(new_page, 
     page.get_by_role("link", name="Half done", exact=True).click()
     page.get_by_role("link", name="Get one from a map service").click()
     expect(page.get_by_test_id("area-proposal")).to_contain_text("2 photos know")
+
+
+def test_a_pasted_picture_begins_a_map(new_page, api):
+    page = new_page
+    page.goto("/new")
+    name = page.get_by_test_id("map-name")
+    expect(name).to_be_focused()
+    name.evaluate(PASTE)
+    page.wait_for_url("**/image")
+    (photo,) = api.state(page.url.split("/")[-2])["photos"]
+    assert photo["name"].startswith("pasted ")
 
 
 def test_photos_without_gps_lead_to_the_image(new_page, small_photos):

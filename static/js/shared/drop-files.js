@@ -35,8 +35,10 @@ export function listenToDrops(shade, take) {
  */
 export function listenToPastes(take) {
   document.addEventListener("paste", (event) => {
-    const files = usable(event.clipboardData?.files ?? []);
-    if (!files.length || takesText(event.target) || document.querySelector("dialog[open]")) return;
+    const data = event.clipboardData;
+    const files = usable(data?.files ?? []);
+    const isText = takesText(event.target) && data?.types.includes("text/plain"); // some programs copy both
+    if (!files.length || isText || document.querySelector("dialog[open]")) return;
     event.preventDefault();
     take(files.map((file) => (file.name === UNNAMED ? named(file) : file)));
   });
