@@ -17,7 +17,8 @@ COMMANDS = [
     "sample", "map", "map check", "map from-photos", "map place-rest", "build", "localize", "find",
     "evaluate", "landmarks", "landmarks build", "models", "models list", "models fetch", "serve", "worker",
     "mission", "mission list", "mission new", "mission import", "mission inspect", "mission export",
-    "robot", "robot send", "robot replay", "robot recover", "robot status", "foxglove",
+    "robot", "robot send", "robot replay", "robot recover", "robot status",
+    "foxglove", "foxglove localize", "foxglove mission",
     "account", "account link", "account token", "account add", "account list",
     "settings", "backup", "restore",
 ]  # fmt: skip
