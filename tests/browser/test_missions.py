@@ -275,17 +275,21 @@ def test_a_track_in_metres_gets_its_start_with_the_file(page, tmp_path):
     expect(by_id(page, "track")).to_contain_text("30")
 
 
-def test_what_was_left_out_is_said_before_the_mission_opens(page, tmp_path):
+def test_what_was_left_out_is_said_before_the_mission_opens(page, context, tmp_path):
     track = tmp_path / "patchy walk.csv"
     rows = "".join(f"{1777629600 + n},{50 + n * 1e-5:.5f},14\n" for n in range(30))
     track.write_text(f"time,lat,lon\n{rows}1777629700,,14\n-100000000,50,14\n", encoding="utf-8")
     page.goto("/missions")
     by_id(page, "import-track").click()
-    by_id(page, "track-file").set_input_files(track)
+    hollow = tmp_path / "hollow file.gpx"
+    hollow.write_text("no track", encoding="utf-8")
+    context.watch.expect(422)
+    by_id(page, "track-file").set_input_files([track, hollow])
     by_id(page, "import-start").click()
     remarks = by_id(page, "import-remarks")
     expect(remarks).to_contain_text("1 rows without a position", timeout=240_000)
     expect(remarks).to_contain_text("dated before 1980")
+    expect(remarks).to_contain_text("hollow file.gpx: ")
     assert axe.findings(page) == []
     page.get_by_role("button", name="Close").click()
     page.wait_for_url(re.compile(r"/missions/\d+$"))

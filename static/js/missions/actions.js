@@ -25,16 +25,16 @@ export function connectActions(store, refresh) {
       });
     }
   };
-  const take = (file) => importDialog({
-    file,
+  const take = (files) => importDialog({
+    files,
     mission: async () => store.id,
     done: async (_, result) => {
       await refresh();
       tellImported(result);
     },
   });
-  on("import", () => take(null));
-  if (document.querySelector('[data-does="import"]')) listenToDrops(byId("drop"), (files) => files[0] && take(usable(files)[0]));
+  on("import", () => take([]));
+  if (document.querySelector('[data-does="import"]')) listenToDrops(byId("drop"), (files) => files.length && take(usable(files)));
   on("fuse", (button) => busy(button, () => fuse(server, refresh)));
   on("share", () => sharesDialog(server));
   on("rename", () => rename(store, server));

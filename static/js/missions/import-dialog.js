@@ -14,16 +14,16 @@ export const ACCEPT = ".bag,.mcap,.db3,.gpx,.tcx,.fit,.igc,.geojson,.json,.nmea,
 const SOURCES = ["gps", "odometry", "visual", "manual"];
 
 /**
- * Ask for a file and import it.
+ * Ask for files and import them, one after the other.
  * @param {Object} what
- * @param {?File} [what.file] chosen already
- * @param {function(File): Promise<number>} what.mission gives the mission that the file goes into, made if need be
+ * @param {Array<File>} [what.files] chosen already
+ * @param {function(File): Promise<number>} what.mission gives the mission that the files go into, made if need be
  * @param {Array<Node>} [what.more] fields in front
- * @param {function(number, Object): void} what.done called with the mission and the job's result
+ * @param {function(number, Object): void} what.done called with the mission and what the jobs did
  * @param {function(): Promise<void>} [what.undo] called where nothing was imported
  */
-export function importDialog({ file = null, mission, more = [], done, undo = async () => {} }) {
-  const input = h("input", { class: "input", type: "file", accept: ACCEPT, "data-testid": "track-file" });
+export function importDialog({ files = [], mission, more = [], done, undo = async () => {} }) {
+  const input = h("input", { class: "input", type: "file", multiple: true, accept: ACCEPT, "data-testid": "track-file" });
   const source = h("select", { class: "select" },
     h("option", { value: "" }, t("as in the file")), ...SOURCES.map((name) => h("option", { value: name }, sourceName(name))));
   const least = h("input", { class: "input", placeholder: "0.00001", autocomplete: "off", inputmode: "text" });
@@ -36,33 +36,46 @@ export function importDialog({ file = null, mission, more = [], done, undo = asy
   const progress = h("div", { "aria-live": "polite" });
   const send = h("button", { class: "button button--primary", type: "button", "data-testid": "import-start" }, icon("upload"), t("Import"));
   const about = t("Bags of ROS 1 and ROS 2, MCAP, GPX, TCX, FIT, IGC, NMEA, KML, KMZ, GeoJSON, TUM, KITTI and CSV.");
-  const known = h("p", { class: "mi-file" }, icon("route"), file?.name);
+  const known = h("p", { class: "mi-file" }, icon("route"), files.map(({ name }) => name).join(", "));
   const options = h("details", {}, h("summary", {}, t("Options")), h("div", { class: "stack" },
     field(t("Source of the positions"), source),
     field(t("Skip points that moved less than"), least, t("Degrees, or metres such as 0.5m; 0 keeps every point. The distance always includes every point.")),
     field(t("Axes"), axes, t("Of a track in metres: TUM, KITTI or a table.")), start.element));
   const dialog = openDialog(t("Import a track"), [
-    file ? known : field(t("File"), input, about), ...more, columns.element, options, progress, error,
+    files.length ? known : field(t("Files"), input, about), ...more, columns.element, options, progress, error,
   ], { actions: [send] });
-  const chosen = () => file || input.files[0];
-  input.addEventListener("change", () => columns.look(chosen()));
-  if (file) columns.look(file);
+  const chosen = () => (files.length ? files : [...input.files]);
+  input.addEventListener("change", () => chosen().length && columns.look(chosen()[0]));
+  if (files.length) columns.look(files[0]);
   const abort = new AbortController();
   dialog.addEventListener("close", () => abort.abort());
 
   const run = async () => {
     error.show(null);
-    if (!chosen()) return error.show({ message: t("Choose a file first.") });
-    const job = { begun: false };
+    if (!chosen().length) return error.show({ message: t("Choose a file first.") });
+    const fields = { source: source.value, min_move: least.value.trim(), columns: columns.value(), axes: axes.value, start: start.value() };
+    const results = [];
+    const failed = [];
+    let running = false; // a job that nobody waits for any more may still store something
     try {
-      const fields = { source: source.value, min_move: least.value.trim(), columns: columns.value(), axes: axes.value, start: start.value() };
-      const id = await mission(chosen());
-      const result = await sendFile({ id, file: chosen(), fields, progress, signal: abort.signal, job });
+      const id = await mission(chosen()[0]);
+      for (const file of chosen()) {
+        const job = { begun: false };
+        try {
+          results.push(await sendFile({ id, file, fields, progress, signal: abort.signal, job }));
+        } catch (problem) {
+          running ||= job.begun && problem.code !== "job";
+          if (problem.name === "AbortError") throw problem;
+          failed.push({ file, problem });
+        }
+      }
+      if (!results.length) throw failed[0].problem;
       dialog.close();
-      showRemarks(result, () => done(id, result));
+      const result = joined(results);
+      showRemarks({ ...result, failed }, () => done(id, result));
     } catch (problem) {
       progress.replaceChildren();
-      if (!job.begun || problem.code === "job") await undo();
+      if (!results.length && !running) await undo();
       if (problem.name !== "AbortError") error.show(problem);
     }
     return null;
@@ -86,12 +99,26 @@ function startFields() {
   return { element, value };
 }
 
+/** What several imports did together. */
+function joined(results) {
+  const all = (name) => results.flatMap((result) => result[name]);
+  return {
+    kind: [...new Set(results.map(({ kind }) => kind))].join(", "),
+    tracks: all("tracks"),
+    objects: results.reduce((sum, { objects }) => sum + objects, 0),
+    new: results.some((result) => result.new),
+    skipped: all("skipped"),
+    doubts: all("doubts"),
+  };
+}
+
 /** Say what was left out and what is odd, before the import is done with. */
-function showRemarks({ skipped, doubts }, then) {
-  if (!skipped.length && !doubts.length) return then();
+function showRemarks({ skipped, doubts, failed }, then) {
+  if (!skipped.length && !doubts.length && !failed.length) return then();
   const lines = (title, remarks) => (remarks.length ? [h("h3", {}, title), h("ul", {}, ...remarks.map(remark))] : []);
+  const refused = failed.map(({ file, problem }) => h("li", {}, `${file.name}: ${[problem.message, problem.hint].filter(Boolean).join(". ")}`));
   const dialog = openDialog(t("Imported, with remarks"), [
-    h("div", { class: "stack", "data-testid": "import-remarks" }, ...lines(t("Left out"), skipped), ...lines(t("Odd"), doubts)),
+    h("div", { class: "stack", "data-testid": "import-remarks" }, ...(refused.length ? [h("h3", {}, t("Not imported")), h("ul", {}, ...refused)] : []), ...lines(t("Left out"), skipped), ...lines(t("Odd"), doubts)),
   ]);
   dialog.addEventListener("close", then);
   return null;

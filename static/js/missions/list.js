@@ -15,8 +15,8 @@ const PAGE = 50;
 let follow = null; // where the list continues
 
 for (const button of queryAll("[data-opens=create]", HTMLButtonElement)) ready(button, create);
-for (const button of queryAll("[data-opens=import]", HTMLButtonElement)) ready(button, () => importFile(null));
-if (!binned) listenToDrops(byId("drop"), (files) => files.length && importFile(usable(files)[0]));
+for (const button of queryAll("[data-opens=import]", HTMLButtonElement)) ready(button, () => importFiles([]));
+if (!binned) listenToDrops(byId("drop"), (files) => files.length && importFiles(usable(files)));
 byId("try-again").addEventListener("click", show);
 byId("more").addEventListener("click", (event) => busy(event.currentTarget, showMore).catch(toastError));
 show();
@@ -149,11 +149,11 @@ function create() {
   name.focus();
 }
 
-function importFile(file) {
+function importFiles(files) {
   const { select, field: map } = mapField();
   let made = null;
   importDialog({
-    file,
+    files,
     more: [map],
     async mission({ name }) {
       const title = name.replace(/\.\w+$/, "").slice(0, 120) || name;
