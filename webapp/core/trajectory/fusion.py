@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
 from webapp.core.trajectory.noise_fit import NoiseFit, fit
+from webapp.core.trajectory.outliers import find_outliers
 from webapp.core.trajectory.records import Poses, Source, join, make_poses
-from webapp.core.trajectory.smoother import SmoothedTrack, smooth
+from webapp.core.trajectory.smoother import Judgement, SmoothedTrack, log_likelihood, smooth
 from webapp.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
 
 DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
@@ -31,6 +32,12 @@ MOST_POSES = 100_000
 
 SAMPLE = 500
 """Fixes of each source from which the noise is estimated; of odometry, four times as many poses."""
+
+MOST_JUDGED = 2000
+"""Fixes that are judged by the whole track."""
+
+WORSE = 2.0
+"""Factor on the errors of odometry by which wrong fixes are found before its noise is known."""
 
 LEAST_SAMPLE = 8
 """Fewer fixes are too few to estimate the noise from."""
@@ -132,7 +139,8 @@ def fuse(
     found = _fit(odometry, tracks, frame=frame, usual=usual)
     steps, stated = _filter_inputs(odometry, every, frame=frame, most=MOST_POSES)
     measured = found.fixes(stated, of_receiver=every.source == "gps")
-    done = smooth(steps, measured, noise=found.noise(usual), check=check)
+    judged = _judged(odometry, every, found, frame=frame, usual=usual)
+    done = smooth(steps, measured, noise=found.noise(usual), judged=judged, check=check)
     poses = _poses(steps, done, frame=frame, height_m=_heights(every, steps.times_s, done.gated))
     expected = frame.latlon_from_enu(done.expected)
     innovation_m = np.hypot(*(measured.position - done.expected).T)
@@ -155,7 +163,35 @@ def _fit(
     if len(sample.number) < LEAST_SAMPLE:
         return NoiseFit()
     steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
-    return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual)
+    coarse, _ = _filter_inputs(odometry, sample, frame=frame, most=SAMPLE)
+    worse = NoiseFit(odometry=WORSE).noise(usual)
+    nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
+
+    def judged(assumed: Fixes) -> Judgement | None:
+        return find_outliers(coarse, replace(assumed, node=nodes), noise=worse)
+
+    return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual, judged=judged)
+
+
+def _judged(
+    odometry: Poses | None, every: _AllFixes, found: NoiseFit, *, frame: LocalFrame, usual: Noise
+) -> Judgement | None:
+    """Judge the fixes by the whole track; of too many, some, between which the filter judges by itself.
+
+    None where the filter explains the fixes better, as by odometry whose drift bends the way.
+    """
+    chosen = np.linspace(0, len(every.number) - 1, min(len(every.number), MOST_JUDGED)).astype(np.intp)
+    some = _AllFixes(every.poses.take(chosen), every.source[chosen], every.number[chosen])
+    steps, stated = _filter_inputs(odometry, some, frame=frame, most=SAMPLE)
+    measured = found.fixes(stated, of_receiver=some.source == "gps")
+    noise = found.noise(usual)
+    judged = find_outliers(steps, measured, noise=noise)
+    by_itself = log_likelihood(steps, measured, noise=noise)
+    if judged is None or log_likelihood(steps, measured, noise=noise, judged=judged) < by_itself:
+        return None
+    weight = np.full(len(every.number), np.nan)
+    weight[chosen] = judged.weight
+    return Judgement(weight, judged.begins_s)
 
 
 def _decorrelated(poses: Poses) -> Poses:

@@ -9,16 +9,17 @@ Transactions on Information Theory 11, 1965).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.trajectory.motion import Noise
-from webapp.core.trajectory.smoother import log_likelihood
+from webapp.core.trajectory.smoother import Judgement, log_likelihood
 from webapp.core.trajectory.steps import Fixes, Steps
 
-ODOMETRY = (1.0, 2.0, 4.0)
+ODOMETRY = (0.25, 0.5, 1.0, 2.0, 4.0)
 """The usual errors of odometry times this."""
 
 RECEIVER = (1.0, 2.0, 4.0)
@@ -64,7 +65,14 @@ class NoiseFit:
         return replace(stated, covariance=stated.covariance * by[:, None, None])
 
 
-def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: Noise) -> NoiseFit:
+def fit(
+    steps: Steps,
+    fixes: Fixes,
+    *,
+    of_receiver: NDArray[np.bool_],
+    usual: Noise,
+    judged: Callable[[Fixes], Judgement | None] = lambda _: None,
+) -> NoiseFit:
     """Find how wrong odometry and receiver are.
 
     Parameters
@@ -73,6 +81,9 @@ def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: No
         A sample of the track is enough: it is filtered once for each assumption.
     of_receiver : (m,) bool
         Which fixes came from a satellite receiver.
+    judged : callable
+        Judges the fixes under an assumed covariance, as wrong ones are no evidence of a bad receiver. It
+        counts where that makes the fixes likelier.
     """
     with_odometry = bool(np.isfinite(steps.moves).any())
     assumed = [
@@ -80,8 +91,17 @@ def fit(steps: Steps, fixes: Fixes, *, of_receiver: NDArray[np.bool_], usual: No
         for odometry in (ODOMETRY if with_odometry else ODOMETRY[:1])
         for receiver in (RECEIVER if of_receiver.any() else RECEIVER[:1])
     ]
+    judgements = {
+        factor: judged(NoiseFit(1.0, factor).fixes(fixes, of_receiver=of_receiver))
+        for factor in {one.receiver for one in assumed}
+    }
     likelihoods = [
-        log_likelihood(steps, one.fixes(fixes, of_receiver=of_receiver), noise=one.noise(usual))
+        max(
+            log_likelihood(
+                steps, one.fixes(fixes, of_receiver=of_receiver), noise=one.noise(usual), judged=judgement
+            )
+            for judgement in (None, judgements[one.receiver])
+        )
         for one in assumed
     ]
     return assumed[int(np.argmax(likelihoods))]

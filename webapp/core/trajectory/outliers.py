@@ -82,14 +82,14 @@ def _judge(
     """Return which fixes are wrong (m,); only those of the nodes from `begin` to `end` are judged."""
     mine = (fixes.node >= begin) & (fixes.node < end)
     weight = _consistent(steps, fixes, mine=mine, noise=noise).astype(np.float64)
-    filter = Filter(steps, fixes, noise, weight=weight)
+    filter = Filter(steps, fixes, noise=noise, weight=weight)
     begun = start(steps, fixes.take((weight > 0) & (fixes.node >= begin)), begin=begin, noise=noise)
-    filter.forward(begin, begun, check, end=end)
+    filter.forward(begin, begun, check=check, end=end)
     filter.back(begin, end)
     inverse = np.linalg.inv(fixes.covariance)
 
     def solve() -> Floats:
-        filter.forward(begin, begun, check, end=end, around_last=True)
+        filter.forward(begin, begun, check=check, end=end, around_last=True)
         filter.back(begin, end)
         off = fixes.position - filter.state[fixes.node, POSITION]
         return np.where(mine, np.einsum("mi,mij,mj->m", off, inverse, off), 0.0)

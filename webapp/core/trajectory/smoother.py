@@ -36,6 +36,9 @@ OUTLIERS = 0.01
 ANYWHERE_M = 100.0
 """They are expected within such a radius."""
 
+LEAST_WEIGHT = 1e-6
+"""A fix of less weight counts for nothing."""
+
 _CHECK_EVERY = 1000
 
 
@@ -66,8 +69,29 @@ class SmoothedTrack:
     expected: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """Which fixes are wrong, and where the robot was carried, as the whole track shows.
+
+    Attributes
+    ----------
+    weight : (m,) float64
+        0 for a wrong fix, 1 for a good one; NaN where it is not judged.
+    begins_s : tuple of float
+        When each piece begins.
+    """
+
+    weight: Floats
+    begins_s: tuple[float, ...]
+
+
 def smooth(
-    steps: Steps, fixes: Fixes, *, noise: Noise | None = None, check: Callable[[int], None] = lambda _: None
+    steps: Steps,
+    fixes: Fixes,
+    *,
+    noise: Noise | None = None,
+    judged: Judgement | None = None,
+    check: Callable[[int], None] = lambda _: None,
 ) -> SmoothedTrack:
     """Filter a track forward and smooth it backward, twice.
 
@@ -75,47 +99,82 @@ def smooth(
     ----------
     fixes : Fixes
         At least one.
+    judged : Judgement, optional
+        Without it, fixes are judged by their predictions, and pieces begin where several are rejected.
     check : callable
         Called now and then with the number of nodes done; what it raises ends the work.
     """
-    filter = _Filter(steps, fixes, noise or Noise())
-    begins, node = [], 0
+    filter = Filter(steps, fixes, noise=noise or Noise(), weight=None if judged is None else judged.weight)
+    ends = None if judged is None else _ends(steps, judged.begins_s)
+    begins: list[int] = []
+    node = 0
     while node < len(steps):
-        begins.append(node)
         begun = filter.begun(node)
-        end = filter.forward(node, begun, check)
+        end = filter.forward(node, begun, check=check, end=None if ends is None else ends[len(begins)])
+        begins.append(node)
         filter.back(node, end)
         # Once more, around what came out: after a long way with a heading that was hardly known, straight
         # lines were no good where the filter thought to be. A third time changes next to nothing.
-        filter.forward(node, begun, check, again_to=end)
+        filter.forward(node, begun, check=check, end=end, around_last=True)
         filter.back(node, end)
         node = end
+    if judged is not None:
+        _compare_with_whole_track(filter, judged)
     return SmoothedTrack(
         filter.state, filter.covariance, tuple(begins), filter.distance, filter.gated, filter.expected
     )
 
 
-def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise) -> float:
+def _ends(steps: Steps, begins_s: tuple[float, ...]) -> list[int]:
+    """Return the node after the last of each piece."""
+    return [*np.searchsorted(steps.times_s, begins_s[1:]).tolist(), len(steps)]
+
+
+def _compare_with_whole_track(filter: Filter, judged: Judgement) -> None:
+    """Expect the fixes that were judged wrong where the whole track, of which they are no part, passes."""
+    for at in np.flatnonzero(judged.weight == 0.0).tolist():
+        node = filter.fixes.node[at]
+        filter.expected[at] = filter.state[node, POSITION]
+        off = filter.fixes.position[at] - filter.expected[at]
+        around = filter.covariance[node, POSITION, POSITION] + filter.fixes.covariance[at]
+        filter.distance[at] = off @ np.linalg.solve(around, off)
+
+
+def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: Judgement | None = None) -> float:
     """Return the log-likelihood of fixes, each predicted from those before it.
 
-    A few of them are taken to be anywhere, so that an outlier costs the same however far off it is.
+    A few of them are taken to be anywhere, so that an outlier costs the same however far off it is: as many
+    as are judged wrong, where they are judged.
     """
-    filter = _Filter(steps, fixes, noise)
+    filter = Filter(steps, fixes, noise=noise, weight=None if judged is None else judged.weight)
+    ends = None if judged is None else _ends(steps, judged.begins_s)
     node, pieces = 0, 0
     while node < len(steps):
-        node = filter.forward(node, filter.begun(node), lambda _: None)
+        begun = filter.begun(node)
+        node = filter.forward(node, begun, end=None if ends is None else ends[pieces])
         pieces += 1
+    share = OUTLIERS if judged is None else max(OUTLIERS, float((judged.weight == 0.0).mean()))
     density = np.exp(-(filter.distance + filter.log_determinant) / 2) / (2 * math.pi)
-    anywhere = OUTLIERS / (math.pi * ANYWHERE_M**2)
-    return float(np.log((1 - OUTLIERS) * density + anywhere).sum() + pieces * math.log(OUTLIERS))
+    if judged is not None:
+        density = np.where(judged.weight == 0.0, 0.0, density)
+    anywhere = share / (math.pi * ANYWHERE_M**2)
+    return float(np.log((1 - share) * density + anywhere).sum() + pieces * math.log(OUTLIERS))
 
 
-class _Filter:
-    """The arrays of one run."""
+class Filter:
+    """The arrays of one run.
 
-    def __init__(self, steps: Steps, fixes: Fixes, noise: Noise) -> None:
+    Parameters
+    ----------
+    weight : (m,) float64, optional
+        Of each fix, 0 to 1; NaN where the filter judges a fix by its prediction, as it does without weights.
+        It may be changed between runs.
+    """
+
+    def __init__(self, steps: Steps, fixes: Fixes, *, noise: Noise, weight: Floats | None = None) -> None:
         n, m = len(steps), len(fixes)
         self.steps, self.fixes, self.noise = steps, fixes, noise
+        self.weight = np.full(m, np.nan) if weight is None else weight
         self.state, self.covariance = np.empty((n, SIZE)), np.empty((n, SIZE, SIZE))
         self._predicted, self._uncertain = np.empty((n, SIZE)), np.empty((n, SIZE, SIZE))
         self._change = np.empty((n, SIZE, SIZE))
@@ -124,22 +183,31 @@ class _Filter:
 
     def begun(self, node: int) -> InitialState:
         """Find a state for a node."""
-        later = self.fixes.take(slice(int(np.searchsorted(self.fixes.node, node)), None))
+        used = (self.fixes.node >= node) & ~(self.weight < LEAST_WEIGHT)
+        later = self.fixes.take(used if used.any() else self.fixes.node >= node)
         return start(self.steps, later, begin=node, noise=self.noise)
 
     def forward(
-        self, begin: int, begun: InitialState, check: Callable[[int], None], *, again_to: int | None = None
+        self,
+        begin: int,
+        begun: InitialState,
+        *,
+        check: Callable[[int], None] = lambda _: None,
+        end: int | None = None,
+        around_last: bool = False,
     ) -> int:
         """Filter from a node on, to the end or to where a new piece begins; give the node after the last.
 
-        With `again_to` the piece ends there, and movements are linearised where the smoother has left them.
+        With `end` the piece ends there. With `around_last` movements are linearised where the smoother has
+        left them.
         """
         steps, fixes = self.steps, self.fixes
         at = int(np.searchsorted(fixes.node, begin))
         state, covariance = begun.state, begun.covariance
         pending: list[int] = []
-        around = None if again_to is None else self.state[begin:again_to].copy()
-        for node in range(begin, len(steps) if again_to is None else again_to):
+        stop = len(steps) if end is None else end
+        around = self.state[begin:stop].copy() if around_last else None
+        for node in range(begin, stop):
             if node > begin:
                 at_state = state if around is None else around[node - 1 - begin]
                 state, covariance = self._predict(node, state, covariance, around=at_state)
@@ -147,13 +215,13 @@ class _Filter:
                 state, covariance = self._update(at, state, covariance)
                 pending = [*pending, at] if self.gated[at] else []
                 at += 1
-                tested = again_to is None and pending and fixes.node[pending[0]] > begin
+                tested = end is None and pending and fixes.node[pending[0]] > begin
                 if tested and self._carried(pending):
                     return int(fixes.node[pending[0]])
             self.state[node], self.covariance[node] = state, covariance
             if node % _CHECK_EVERY == 0:
                 check(node)
-        return len(steps) if again_to is None else again_to
+        return stop
 
     def _predict(
         self, node: int, state: Floats, covariance: Floats, *, around: Floats
@@ -173,10 +241,13 @@ class _Filter:
         self.expected[at] = state[POSITION]
         self.distance[at] = off @ np.linalg.solve(around, off)
         self.log_determinant[at] = math.log(np.linalg.det(around))
-        self.gated[at] = self.distance[at] > GATE
+        weight = float(self.weight[at])
+        by_distance = math.isnan(weight)
+        self.gated[at] = self.distance[at] > GATE if by_distance else weight < LEAST_WEIGHT
         if self.gated[at]:
             return state, covariance
-        counts = measured / self.fixes.share[at]
+        weight = 1.0 if by_distance else weight
+        counts = measured / (self.fixes.share[at] * weight)
         gain = covariance[:, POSITION] @ np.linalg.inv(covariance[POSITION, POSITION] + counts)
         # Joseph's form keeps the covariance positive, whatever is rounded.
         keep = np.eye(SIZE)
