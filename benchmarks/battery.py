@@ -18,6 +18,7 @@ Columns, for each map, features and method:
 --baseline is another program, called and printing as in `benchmarks.side_by_side`; one is here,
 `benchmarks/peer_colmap.py`. --options adds options of `expmap evaluate` to the methods: once with each, and
 once with none. An index in the --index folder is used again, so that a second run measures queries only.
+--json has the figures of each map as soon as they are known.
 """
 
 from __future__ import annotations
@@ -64,9 +65,9 @@ def main() -> None:
             if cfg.with_name("queries.csv").exists():
                 right_px = float(within[cfg.parent.name]) if cfg.parent.name in within else None
                 rows += _measure(cfg, arguments, index=index / cfg.parent.name, right_px=right_px)
+                if arguments.json:  # after each map: the whole takes hours
+                    arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
     print(table("battery", COLUMNS, rows))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
 
 
 def _arguments() -> argparse.Namespace:

@@ -13,6 +13,7 @@ from webapp.cli.exitcodes import BAD_MAP, SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.core.geo.controlpoints import Model
+from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.core.mapmodel.findings import Finding
 from webapp.errors import UsageError
 from webapp.progress import Progress
@@ -50,6 +51,9 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
     counts = ((report.photos, "photo"), (report.errors, "error"), (report.warnings, "warning"))
     summary = ", ".join(f"{count} {noun}{'s' * (count != 1)}" for count, noun in counts)
     click.echo(f"{cfg}: {summary}", err=True)
+    if report.places is not None and not as_json:
+        kind, radius_px = KIND_WORDS[report.places.kind], report.places.radius_px
+        click.echo(f"{cfg}: by its positions {kind}; an answer is right within {radius_px:.0f} px", err=True)
     if report.errors:
         ctx.exit(BAD_MAP)
 
@@ -90,10 +94,13 @@ def _as_json(report: check_map.CheckReport) -> dict[str, object]:
         }
         for finding in report.findings
     ]
+    places = report.places
     return {
         "photos": report.photos,
         "errors": report.errors,
         "warnings": report.warnings,
+        "map_kind": None if places is None else places.kind,
+        "place_radius_px": None if places is None else places.radius_px,
         "findings": findings,
     }
 

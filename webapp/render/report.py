@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from webapp.core.evaluation.metrics import GRADES
 from webapp.core.evaluation.rows import Row
 from webapp.core.evaluation.summary import WITHIN_PX, outcomes
+from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.render.charts import error_chart, reliability_chart
 from webapp.resources import resource_folder
 from webapp.tasks.evaluation.types import Evaluation
@@ -70,6 +71,7 @@ def render_report(evaluation: Evaluation, *, worst: Sequence[QueryPictures]) -> 
         evaluation=evaluation,
         subject=subject,
         summary=summary,
+        kind=KIND_WORDS[subject.map_kind],
         title=subject.map_folder.resolve().name,
         figures={figure.name: figure for figure in figures(evaluation)},
         grades=[(word, limit * subject.place_radius_px) for word, limit in GRADES],

@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from tests.standin_models import write_aliked
 from webapp.core.hypotheses import looks
 from webapp.progress import Progress
 from webapp.tasks.localize import build_map, cascade, trials
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline, with_hidden_photos
 
 AUTO = OpenOptions(jobs=1)
 
@@ -131,3 +133,43 @@ def test_a_model_that_does_not_work_leaves_the_first_look(cfg, with_models):
     (with_models.models / "aliked.onnx").write_bytes(b"no network")
     pipeline = open_auto(cfg, with_models)
     assert (pipeline.features, pipeline.second) == ("sift", None)
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_photo_on_its_side_is_turned_upright_for_the_second_look(
+    cfg, with_models, tmp_path, monkeypatch, quarters
+):
+    """The first look sees it by its keypoints; matches are drawn on the photo as it came."""
+    monkeypatch.setattr(looks, "SURE", 1.1)
+    pipeline = open_auto(cfg, with_models)
+    looked_at, looking = [], LocalizationPipeline._look
+
+    def look(self, photo, **options):
+        answer = looking(self, photo, **options)
+        looked_at.append((photo, answer))
+        return answer
+
+    monkeypatch.setattr(LocalizationPipeline, "_look", look)
+    own = cfg.parent / "photos" / "3.jpg"
+    on_its_side = tmp_path / "on-its-side.png"
+    with Image.open(own) as photo:
+        photo.rotate(90 * quarters, expand=True).save(on_its_side)
+    answer = pipeline.localize(on_its_side, top=3)
+    (first, _), (second, by_second) = looked_at
+    assert answer.quarter_turns == quarters
+    upright = np.rot90(first.gray.pixels, -quarters)
+    assert np.array_equal(second.gray.pixels, upright)
+    assert answer.hypotheses[0].experiences[0] == pipeline.map.experiences[3].id
+    back = second.turned_back(by_second, quarters=quarters).evidence[0]
+    assert back.inlier.sum() > 10
+    turned = pil_rotated(back.photo_xy[back.inlier], upright.shape, quarters)
+    assert np.median(np.abs(back.query_xy[back.inlier] - turned)) < 2.0
+
+
+def pil_rotated(xy, shape, quarters):
+    """Pixels of a photo of (height, width), rotated counterclockwise as Pillow does it."""
+    height, width = shape
+    for _ in range(quarters):
+        xy = np.column_stack([xy[:, 1], width - 1 - xy[:, 0]])
+        height, width = width, height
+    return xy

@@ -1,6 +1,7 @@
 """The linter of maps, on folders with real image files."""
 
 import json
+import math
 import sys
 from collections.abc import Callable
 from io import BytesIO
@@ -12,6 +13,7 @@ from PIL import Image
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.places import MapPlaces
 from webapp.core.mapmodel.findings import Code, Finding
 from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
 from webapp.errors import Cancelled, MapError
@@ -298,3 +300,19 @@ def test_real_odd_photos_are_judged(shared_data: Path, tmp_path: Path) -> None:
     found = findings(tmp_path)
     assert {finding.code for finding in found} <= {Code.UNREADABLE_PHOTO}
     assert not any("heic" in finding.message for finding in found)
+
+
+def test_the_kind_of_map_and_its_place_radius_by_the_positions(folder: Path) -> None:
+    settings = Settings()
+
+    def places(cfg: bytes) -> MapPlaces | None:
+        (folder / "map.cfg").write_bytes(cfg)
+        return check_map.check_map(folder / "map.cfg", settings=settings, progress=Progress()).places
+
+    metric = places(GOOD)
+    assert metric is not None and metric.kind == "metric"
+    assert metric.radius_px == pytest.approx(2 * math.hypot(15, 14))
+    floors = b"s.png;400;300\n" + b"".join(b"%d;p/a.jpg;%d;20\n" % (n, 100 * (n % 3)) for n in range(60))
+    areas = places(floors)
+    assert areas is not None and areas.kind == "areas" and areas.radius_px == pytest.approx(40.0)
+    assert places(b"s.png;40;30\n") is None

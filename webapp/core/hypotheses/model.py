@@ -125,6 +125,8 @@ class Answer:
         Of the query; None where the method does not ask for it.
     looks : tuple of str
         Features that were used, in order; where the first were sure, there are no others.
+    quarter_turns : int
+        Clockwise, that bring the query upright; 0 where its keypoints show none.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -136,6 +138,7 @@ class Answer:
     seconds: dict[str, float] = field(default_factory=dict)
     fov: FieldOfView | None = None
     looks: tuple[str, ...] = ()
+    quarter_turns: int = 0
 
     @property
     def abstained(self) -> bool:

@@ -19,6 +19,14 @@ from webapp.core.geometry.extrinsics import MIN_TRUST
 MapKind = Literal["metric", "areas", "schematic", "mixed"]
 MAP_KINDS: tuple[MapKind, ...] = get_args(MapKind)
 
+KIND_WORDS: dict[MapKind, str] = {
+    "metric": "a metric map",
+    "areas": "a map of areas",
+    "schematic": "a schematic map",
+    "mixed": "a map of places and areas",
+}
+"""What reports call a map of each kind."""
+
 RADIUS_OVER_SPACING = 2.0
 AREA_RADIUS_OVER_SPACING = 0.4
 """Less than half: areas never overlap."""

@@ -38,6 +38,7 @@ from webapp.core.retrieval.shortlist import (
     ShortlistedPhoto,
     filter_by_rotation,
     median_turn_deg,
+    quarter_turns,
     rematch_with_network,
     shortlist,
     weighted_votes,
@@ -95,6 +96,7 @@ def with_probabilities(
         statistics=found.answer.statistics,
         evidence=tuple(_evidence(indexed, photo) for photo in shown),
         seconds=found.answer.seconds,
+        quarter_turns=found.answer.quarter_turns,
     )
 
 
@@ -140,7 +142,8 @@ def find_places(
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
-    upright = _roll_correction(median_turn_deg(indexed, query, found=found))
+    turn_deg = median_turn_deg(indexed, query, found=found)
+    upright = _roll_correction(turn_deg)
     if depths is None:
         depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
     verify = partial(_verify, indexed, camera=camera, upright=upright, depths=depths)
@@ -165,6 +168,7 @@ def find_places(
             no_pose=None if places else NoPose(reason),
             statistics=match_statistics(len(query), first, pruned=left),
             seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
+            quarter_turns=quarter_turns(indexed, query, nearest=nearest, turn_deg=turn_deg),
         ),
     )
 

@@ -38,6 +38,10 @@ class ShortlistedPhoto:
 
 _ROTATION_BINS = 36
 
+_AROUND_TURN_DEG, _SHOWN_BY = 30.0, 0.25
+"""A turn is shown by at least this share of the weight of all neighbours this close to it; chance alone
+brings about 0.2."""
+
 
 def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidates) -> Candidates:
     """Keep the neighbours whose rotation against the query's keypoint is the dominant one.
@@ -85,6 +89,28 @@ def median_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) 
     """
     turn, weight = _turns(indexed, query, found=found)
     return float(np.degrees(np.angle((weight * np.exp(1j * np.radians(turn))).sum())))
+
+
+def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, turn_deg: float) -> int:
+    """Count the quarter turns, clockwise, that bring the query upright, where its keypoints show it clearly.
+
+    Parameters
+    ----------
+    nearest : Candidates
+        (n, k), before `filter_by_rotation`.
+    turn_deg : float
+        As from `median_turn_deg`.
+
+    Returns
+    -------
+    int
+        0 to 3.
+    """
+    turn, weight = _turns(indexed, query, found=nearest)
+    around = np.abs(np.remainder(turn - turn_deg + 180.0, 360.0) - 180.0) <= _AROUND_TURN_DEG
+    if weight[around].sum() < _SHOWN_BY * weight.sum():
+        return 0
+    return round(turn_deg / 90.0) % 4
 
 
 def _turns(

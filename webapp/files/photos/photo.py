@@ -82,6 +82,12 @@ class GrayPhoto:
     scale: float
     full_size: tuple[int, int]
 
+    def turned(self, quarters: int) -> GrayPhoto:
+        """Turn it clockwise by quarter turns."""
+        width, height = self.full_size
+        size = (height, width) if quarters % 2 else (width, height)
+        return GrayPhoto(np.ascontiguousarray(np.rot90(self.pixels, -quarters)), self.scale, size)
+
 
 def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
     """Read the whole file of a photo.

@@ -53,6 +53,7 @@ from webapp.tasks.localize import (
     open_map,
     orient_map,
 )
+from webapp.tasks.localize.cascade import QueryPhoto
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions, guessed_fov_deg
 
 _ALL = 100
@@ -74,16 +75,6 @@ class _Stopwatch:
 
     def total(self) -> dict[str, float]:
         return {**self.seconds, "total": self.seconds["read"] + time.perf_counter() - self._begun}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _QueryPhoto:
-    """A query and its global descriptor, once for all looks at it; `seconds` is what reading took."""
-
-    gray: GrayPhoto
-    fov: FieldOfView | None
-    vector: NDArray[np.float32] | None
-    seconds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,13 +151,14 @@ class LocalizationPipeline:
         first = self._look(photo, top=_ALL, hide=hide, include=include)
         if looks.is_sure(first):
             return truncate(first, top)
-        photo = replace(photo, seconds=0.0)
-        further = self.second._look(photo, top=_ALL, hide=hide, include=include)
+        upright = replace(photo, seconds=0.0).turned(first.quarter_turns)
+        further = self.second._look(upright, top=_ALL, hide=hide, include=include)
+        further = replace(upright.turned_back(further, quarters=first.quarter_turns), fov=first.fov)
         return looks.combine_looks(
             (first, further), calibration=self.both, place_radius_px=self.place_radius_px, top=top
         )
 
-    def _look(self, photo: _QueryPhoto, *, top: int, hide: frozenset[int], include: frozenset[int]) -> Answer:
+    def _look(self, photo: QueryPhoto, *, top: int, hide: frozenset[int], include: frozenset[int]) -> Answer:
         """Localize by the pipeline's own features."""
         watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
@@ -189,12 +181,12 @@ class LocalizationPipeline:
         seconds = {**found.answer.seconds, **watch.total()}
         return replace(answer, seconds=seconds, fov=fov, looks=(self.features,))
 
-    def _read(self, photo_path: Path) -> _QueryPhoto:
+    def _read(self, photo_path: Path) -> QueryPhoto:
         started = time.perf_counter()
         limits = self.settings.photo
         gray = read_gray(photo_path, limits=limits, max_side=self.settings.extract.max_side_px)
         fov = self._fov(photo_path, gray)
-        return _QueryPhoto(gray, fov, self._vector(photo_path), time.perf_counter() - started)
+        return QueryPhoto(gray, fov, self._vector(photo_path), time.perf_counter() - started)
 
     def _vector(self, path: Path) -> NDArray[np.float32] | None:
         """Describe a photo as a whole, where there is a model for that."""
@@ -213,7 +205,7 @@ class LocalizationPipeline:
             return FieldOfView(exif, "exif")
         return FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
 
-    def _extract(self, photo: _QueryPhoto) -> Features:
+    def _extract(self, photo: QueryPhoto) -> Features:
         choice, gray = self.opened.choice, photo.gray
         features = extract(
             gray.pixels,

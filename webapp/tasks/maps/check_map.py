@@ -8,8 +8,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, whole_pixel
+from webapp.core.hypotheses.places import MapPlaces, describe_places
 from webapp.core.mapmodel.checks import FileFacts, FolderFacts, PhotoLine, check_folder, check_lines, free_id
 from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.errors import MapError, PhotoError
@@ -144,11 +147,15 @@ class CheckReport:
         Lines of photos that could be read.
     findings : tuple of Finding
         Those of the `.cfg` first, in the order of the lines, then those of the files next to it.
+    places : MapPlaces or None
+        What kind of map the positions alone make, and how far off a right answer may be; None where no photo
+        has a position on an image of known size.
     """
 
     cfg_path: Path
     photos: int
     findings: tuple[Finding, ...]
+    places: MapPlaces | None = None
 
     @property
     def errors(self) -> int:
@@ -189,7 +196,17 @@ def check_map(
     facts = _folder_facts(cfg_path, judge, pieces=pieces, in_tray=side_files.in_tray, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
-    return CheckReport(cfg_path, len(pieces.photos), tuple(findings))
+    return CheckReport(cfg_path, len(pieces.photos), tuple(findings), _places(pieces))
+
+
+def _places(pieces: Scan) -> MapPlaces | None:
+    image = pieces.image
+    positions = [(line.x, line.y) for line in pieces.photos if None not in (line.x, line.y)]
+    if image is None or image.width is None or image.height is None or not positions:
+        return None
+    return describe_places(
+        np.array(positions, np.float64), trust=None, width=image.width, height=image.height
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -172,7 +172,16 @@ def _lines(figures: dict[str, Any], metres: float | None) -> list[ResultLine]:
         for radius in WITHIN_PX
     ]
     median = figures["median_px"]
+    kinds = {
+        "metric": _("Photos stand where they were taken"),
+        "areas": _("Photos stand for areas"),
+        "schematic": _("A plan that is not to scale"),
+        "mixed": _("Some photos stand for areas"),
+    }
+    kind = figures.get("map_kind")  # an evaluation by an earlier version has none
     return [
+        *([] if kind is None else [ResultLine(_("Kind of map"), kinds[kind], "")]),
+        ResultLine(_("Counts as correct within"), _distance(figures["place_radius_px"], metres), ""),
         *within,
         ResultLine(_("Median error"), "–" if median is None else _distance(median, metres), ""),
         _share(figures, "answered_at_99_precision", _("Answered at a precision of 0.99")),
