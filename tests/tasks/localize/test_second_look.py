@@ -74,6 +74,17 @@ def test_without_a_budget_there_is_one_look(cfg, with_models):
     assert open_auto(cfg, little).second is None
 
 
+def test_a_busy_machine_during_the_calibration_does_not_cost_the_second_look(cfg, with_models, monkeypatch):
+    looked_for = trials._try
+
+    def slowly(indexed, photo, sightings, **options):
+        done = looked_for(indexed, photo, sightings, **options)
+        return done if photo < 2 else replace(done, seconds=60.0)
+
+    monkeypatch.setattr(trials, "_try", slowly)
+    assert open_auto(cfg, with_models).second is not None
+
+
 def test_both_are_built_and_calibrated_together_once(cfg, with_models, monkeypatch):
     report = build_map.build_map(cfg, AUTO, settings=with_models, progress=Progress())
     assert (report.features, report.second.features) == ("sift", "aliked")

@@ -35,7 +35,8 @@ class StoredCalibration:
     seconds : float
         It took.
     second_look_s : float
-        Of two looks: what the second one takes for a photo, once its features are extracted.
+        Of two looks: what the second one takes for a photo once its features are extracted, on an idle
+        machine.
     """
 
     calibration: Calibration
