@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from webapp.core.geo.georeference import Georeference
 from webapp.core.localize import verified
 from webapp.core.retrieval.indexed import candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, shortlist, weighted_votes
@@ -47,6 +48,34 @@ def test_queries_are_found_where_they_were_taken(localizer):
     assert np.mean([a.hypotheses[0].probability for a in found]) > 0.6
     assert all(a.fov is not None and a.fov.source == "exif" for a in first)
     assert any(a.hypotheses[0].kind == "position" for a in first)
+
+
+def test_headings_count_from_north_on_an_image_that_is_turned(localizer):
+    """Mapped again with north to the left of the image, every camera has turned by a quarter."""
+    east_up = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")
+    on_it = replace(localizer.opened.map, georeference=east_up)
+    turned = replace(localizer, opened=replace(localizer.opened, map=on_it))
+    compared = 0
+    for path, _ in [*queries(localizer)][:5]:
+        one, other = (each.localize(path, top=1).hypotheses[0] for each in (localizer, turned))
+        if one.heading_deg is not None:
+            norths = [each.map.georeference.north_deg(one.position) for each in (localizer, turned)]
+            assert norths[1] == pytest.approx(-90.0, abs=3.0)
+            expected = one.heading_deg + norths[0] - norths[1]
+            assert math.remainder(other.heading_deg - expected, 360.0) == pytest.approx(0.0, abs=1e-3)
+            compared += 1
+    assert compared >= 3
+
+
+def test_headings_agree_with_those_of_the_photos_named(localizer):
+    """A query and the photo that matches it best look about the same way."""
+    looked = {e.id: e.heading_deg for e in localizer.map.experiences}
+    off = []
+    for path, _ in queries(localizer):
+        first = localizer.localize(path, top=1).hypotheses[0]
+        if first.heading_deg is not None and looked.get(first.experiences[0]) is not None:
+            off.append(abs(math.remainder(first.heading_deg - looked[first.experiences[0]], 360.0)))
+    assert len(off) >= 5 and np.median(off) < 45.0
 
 
 @pytest.mark.parametrize("turn_deg", [25.0, -40.0, 90.0])

@@ -1,11 +1,13 @@
-"""What a compass says about the hypotheses: their headings should agree with it."""
+"""Headings of hypotheses: relative to north, and what a compass says about them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
+from webapp.core.geo.georeference import Georeference
 from webapp.core.hypotheses.bayes import reweight
 from webapp.core.hypotheses.model import Answer, Hypothesis
 
@@ -17,6 +19,24 @@ _OF_PHOTO_DEG = 40.0
 
 _ASTRAY = 0.1
 """Share of compass readings that say nothing: disturbed, or of the phone and not of its camera."""
+
+
+def relative_to_north(answer: Answer, georeference: Georeference | None) -> Answer:
+    """Turn headings that count from image-up into headings from north; without a georeference up is north.
+
+    Where the image is nowhere on the Earth there is no heading.
+    """
+    if georeference is None:
+        return answer
+    turned = tuple(_from_north(h, georeference) for h in answer.hypotheses)
+    return replace(answer, hypotheses=turned)
+
+
+def _from_north(hypothesis: Hypothesis, georeference: Georeference) -> Hypothesis:
+    if hypothesis.heading_deg is None:
+        return hypothesis
+    heading = hypothesis.heading_deg - georeference.north_deg(hypothesis.position)
+    return replace(hypothesis, heading_deg=heading % 360.0 if math.isfinite(heading) else None)
 
 
 def apply_compass(

@@ -31,6 +31,7 @@ from webapp.core.features.types import Features
 from webapp.core.hypotheses import looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
+from webapp.core.hypotheses.heading_prior import relative_to_north
 from webapp.core.hypotheses.model import Answer, FieldOfView
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
@@ -178,6 +179,7 @@ class LocalizationPipeline:
         )
         calibration = self.calibration.calibration if self.calibration else DEFAULT
         answer = with_probabilities(indexed, found, calibration=calibration, top=top)
+        answer = relative_to_north(answer, self.map.georeference)
         seconds = {**found.answer.seconds, **watch.total()}
         return replace(answer, seconds=seconds, fov=fov, looks=(self.features,))
 
