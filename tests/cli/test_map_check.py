@@ -24,7 +24,9 @@ def cfg(tmp_path: Path) -> Path:
 def test_good_map(cfg: Path) -> None:
     result = CliRunner().invoke(root, ["map", "check", str(cfg)])
     assert (result.exit_code, result.stdout) == (0, "")
-    assert result.stderr == f"{cfg}: 1 photo, 0 errors, 0 warnings\n"
+    summary, kind = result.stderr.splitlines()
+    assert summary == f"{cfg}: 1 photo, 0 errors, 0 warnings"
+    assert kind == f"{cfg}: by its positions a metric map; an answer is right within 2 px"
 
 
 def test_bad_map(cfg: Path) -> None:

@@ -56,10 +56,10 @@ def test_missing_weights_are_reported_before_anything_is_built(tmp_path, make_ma
 
 
 def test_what_can_be_chosen_depends_on_the_weights_that_are_here(tmp_path, shared_models):
-    assert files.usable_methods(tmp_path) == ["auto", "vote", "verified"]
+    assert files.usable_methods(tmp_path) == ["auto", "vote", "verified", "landmarks"]
     assert "xfeat" not in files.usable_features(tmp_path)
     assert "sift" in files.usable_features(tmp_path)
-    assert files.usable_methods(shared_models) == ["auto", "vote", "verified", "thorough"]
+    assert files.usable_methods(shared_models) == ["auto", "vote", "verified", "thorough", "landmarks"]
     assert "xfeat" in files.usable_features(shared_models)
     assert "disk" not in files.usable_features(shared_models)
     assert files.usable_features(tmp_path, method="thorough") == []
