@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -45,6 +46,10 @@ def main(make: Callable[[], Node]) -> None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make()
+        stopping = _stop_when_interrupted()
+    except KeyboardInterrupt:
+        rclpy.try_shutdown()
+        return
     except ParameterError as error:
         sys.exit(_refuse(str(error), code=2))
     except Exception as error:
@@ -54,14 +59,20 @@ def main(make: Callable[[], Node]) -> None:
     executor = MultiThreadedExecutor(num_threads=3)
     executor.add_node(node)
     try:
-        while True:
+        while not stopping.is_set():
             executor.spin_once(timeout_sec=_LOOK_S)
-    except KeyboardInterrupt:
-        pass
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
+
+
+def _stop_when_interrupted() -> threading.Event:
+    """Have interruptions set an event from now on, so that none comes in the middle of anything."""
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    return stopping
 
 
 def _refuse(text: str, *, code: int) -> int:

@@ -21,11 +21,12 @@ def command(node, *parameters):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_node_ends_without_a_word(bench, number):
-    words = command("fix_bridge", "origin:=50.0,14.0")
+    topic = f"/pose_before_signal_{int(number)}"  # nobody else's: once it is there, the node is made
+    words = [*command("fix_bridge", "origin:=50.0,14.0"), "-r", f"/visual_pose:={topic}"]
     node = subprocess.Popen(words, env=ENVIRON, stderr=subprocess.PIPE, text=True)
     bench.node.create_publisher(String, "/pose_estimator/answer", 10)
-    bench.listen(PoseWithCovarianceStamped, "/visual_pose")
-    bench.until(lambda: bench.node.count_publishers("/visual_pose"))
+    bench.listen(PoseWithCovarianceStamped, topic)
+    bench.until(lambda: bench.node.count_publishers(topic))
     node.send_signal(number)
     _, error = node.communicate(timeout=60)
     assert (node.returncode, error) == (0, "")

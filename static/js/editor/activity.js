@@ -22,7 +22,7 @@ const JOBS = {
 /** What the page gains by a job. */
 const REASONS = {
   index: () => t("New photos will be found on this map."),
-  evaluate: () => t("It tells how often and how exactly photos are found here."),
+  evaluate: () => t("It shows how often and how exactly photos are found here."),
   "satellite-pyramid": () => t("Large images are shown in tiles, so that they move smoothly."),
 };
 const FAILURES_SHOWN = 100;

@@ -18,6 +18,7 @@ from webapp.settings import Settings
 from webapp.tasks.localize.calibrate import fit_trials
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.spot import photo_headings
 from webapp.tasks.localize.trials import try_photos
 
 
@@ -76,6 +77,24 @@ def test_headings_agree_with_those_of_the_photos_named(localizer):
         if first.heading_deg is not None and looked.get(first.experiences[0]) is not None:
             off.append(abs(math.remainder(first.heading_deg - looked[first.experiences[0]], 360.0)))
     assert len(off) >= 5 and np.median(off) < 45.0
+
+
+def test_computed_headings_of_the_photos_count_from_north_too(localizer):
+    """They are compared with a compass where an answer has no heading itself."""
+    bare = replace(
+        localizer.opened.map,
+        experiences=tuple(replace(e, heading_deg=None) for e in localizer.map.experiences),
+    )
+    east_up = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")
+    one, other = (
+        photo_headings(
+            replace(localizer, opened=replace(localizer.opened, map=replace(bare, georeference=g)))
+        )
+        for g in (None, east_up)
+    )
+    assert len(one) >= 5 and one.keys() == other.keys()
+    turned = [math.remainder(other[id] - one[id] - 90.0, 360.0) for id in one]
+    assert np.abs(turned).max() < 3.0
 
 
 @pytest.mark.parametrize("turn_deg", [25.0, -40.0, 90.0])

@@ -118,3 +118,13 @@ def test_a_folder_without_photos_is_told(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(UsageError, match="no photo"):
         cut(tmp_path / "empty", tmp_path / "out")
+
+
+def test_photos_whose_views_would_be_the_same_files_are_not_both_cut(tmp_path):
+    panorama(tmp_path / "in" / "a.jpeg")
+    panorama(tmp_path / "in" / "a.jpg")
+    panorama(tmp_path / "in" / "there" / "a.jpg")
+    first, second, third = cut(tmp_path / "in", tmp_path / "out", views=1)
+    assert (first.views, first.problem) == (("a_000.jpg",), "")
+    assert second.views == () and "another photo" in second.problem
+    assert third.views == ("a_000.jpg",)

@@ -184,9 +184,9 @@ def _place(
 
 
 def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, laid: LaidCloud) -> list[Lens]:
-    """List what the query may have been taken with: the lens that is stated, and that of photos of its size.
+    """List what the query may have been taken with: the lens that is given, and that of photos of its size.
 
-    The reconstruction knows theirs better than EXIF does, and what is stated may be a guess.
+    The reconstruction knows theirs better than EXIF does, and what EXIF says may be a guess.
     """
     size = query.features.photo_size
     stated = Lens(*size, Camera(*size, query.fov_deg).focal_px)

@@ -117,8 +117,8 @@ class IndexedMap:
         """Look up where the keypoints of descriptor rows, any shape, are in their photos; (..., 2)."""
         return self._gather(row, [s.xy for s in self.segments])
 
-    def headings_deg(self) -> NDArray[np.float64]:
-        """Compute the headings of the photos: (p,), degrees from north, NaN where not known."""
+    def image_headings_deg(self) -> NDArray[np.float64]:
+        """Compute where the photos look: (p,), degrees clockwise from image-up, NaN where not known."""
         if self.extrinsics is None:
             return np.full(len(self.ids), np.nan)
         known = self.extrinsics.trust >= MIN_TRUST

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from webapp.core.hypotheses.across_maps import probabilities_over_maps
-from webapp.errors import IndexDamaged, MapError, NotFound, NotReady
+from webapp.errors import Busy, IndexDamaged, MapError, NotFound, NotReady
 from webapp.files.part_file import show_file_as
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
@@ -95,7 +95,7 @@ def find_map(
     PhotoError
         The photo cannot be used.
     Busy
-        Others are being answered.
+        Others are being answered, before any map has been searched.
     Cancelled
     """
     begun = time.perf_counter()
@@ -111,12 +111,17 @@ def find_map(
         progress.note(record.name)
         if time.perf_counter() - begun > BUDGET_S:
             skipped.append(SkippedMap(record.slug, record.name, _NO_TIME))
+            progress.advance(1)
             continue
         try:
             found = upload.localize_uploads(cache, record.id, request=request, settings=settings)
             answers.append((record, found.form))
         except NotReady:
             skipped.append(SkippedMap(record.slug, record.name, _NO_INDEX))
+        except Busy as error:
+            if not answers:
+                raise
+            skipped.append(SkippedMap(record.slug, record.name, error.message))
         except (MapError, NotFound, IndexDamaged) as error:
             skipped.append(SkippedMap(record.slug, record.name, error.message))
         progress.advance(1)

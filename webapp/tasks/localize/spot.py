@@ -11,6 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses import joint
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.circle_prior import CirclePrior, apply_circle_prior, photo_weights
@@ -93,9 +97,20 @@ def combine_without_prior(
 def photo_headings(pipeline: LocalizationPipeline) -> dict[int, float]:
     """Where photos of the map looked: as they say themselves, else as was worked out from what they see."""
     indexed = pipeline.opened.indexed
-    computed = zip(indexed.ids.tolist(), indexed.headings_deg().tolist(), strict=True)
+    computed = zip(indexed.ids.tolist(), _from_north(pipeline).tolist(), strict=True)
     own = {e.id: e.heading_deg for e in pipeline.map.experiences if e.heading_deg is not None}
     return {id: deg for id, deg in computed if not math.isnan(deg)} | own
+
+
+def _from_north(pipeline: LocalizationPipeline) -> NDArray[np.float64]:
+    """Compute the headings of the map's photos, degrees from north; NaN where not known."""
+    indexed, georeference = pipeline.opened.indexed, pipeline.map.georeference
+    headings = indexed.image_headings_deg()
+    if georeference is None:
+        return headings
+    norths = [georeference.north_deg(MapPixel(x, y)) for x, y in indexed.position.tolist()]
+    turned: NDArray[np.float64] = (headings - np.array(norths)) % 360.0
+    return turned
 
 
 def _within(pipeline: LocalizationPipeline, near: CirclePrior | None) -> frozenset[int]:

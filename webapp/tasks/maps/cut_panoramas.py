@@ -78,9 +78,13 @@ def cut_panoramas(
     if not names:
         raise UsageError("there is no photo in it", where=str(folder))
     progress.size(len(names))
+    taken: set[Path] = set()
     for name in names:
         progress.check()
         try:
+            if (views := (out / name).with_suffix("")) in taken:
+                raise PhotoError("its views would be those of another photo, whose name ends otherwise")
+            taken.add(views)
             yield CutPhoto(name, tuple(_cut(folder / name, out / name, options=options, limits=limits)))
         except PhotoError as error:
             yield CutPhoto(name, problem=error.message)

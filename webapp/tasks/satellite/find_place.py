@@ -61,16 +61,28 @@ def find_place(
     with paced(cache / "turn", gap_s=1.0 / settings.requests_per_second, wait_s=_PATIENCE_S):
         found = geocoder.search(wanted, language=language, settings=settings)
     write_text(kept, json.dumps([[*place] for place in map(_fields, found)]))
+    _forget(cache, days=settings.cache_days)
     return found
+
+
+def _forget(cache: Path, *, days: float) -> None:
+    """Remove the answers that are too old to be used."""
+    for kept in cache.glob("*.json"):
+        if _is_old(kept, days=days):
+            kept.unlink(missing_ok=True)
 
 
 def _fields(place: FoundPlace) -> tuple[object, ...]:
     return place.name, place.position, place.box
 
 
+def _is_old(path: Path, *, days: float) -> bool:
+    return time.time() - path.stat().st_mtime > days * 86400
+
+
 def _cached(path: Path, *, days: float) -> tuple[FoundPlace, ...] | None:
     try:
-        if time.time() - path.stat().st_mtime > days * 86400:
+        if _is_old(path, days=days):
             return None
         content = json.loads(path.read_text("utf-8"))
     except FileNotFoundError:

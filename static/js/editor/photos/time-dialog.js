@@ -14,7 +14,7 @@ export function shiftedTimes(photos, right) {
   const timed = photos.filter(({ taken_at: taken }) => taken);
   if (!timed.length) return new Map();
   const shift = seconds(right) - seconds(timed[0].taken_at);
-  return new Map(timed.map(({ id, taken_at: taken }) => [id, text(seconds(taken) + shift)]));
+  return new Map(timed.map(({ id, taken_at: taken }) => [id, text(seconds(taken) + shift) + offset(taken)]));
 }
 
 /**
@@ -55,6 +55,11 @@ function seconds(local) {
 
 function text(time) {
   return new Date(time * 1000).toISOString().slice(0, 19);
+}
+
+/** The UTC offset that a time ends with, which a wrong clock does not change. */
+function offset(time) {
+  return /(Z|[+-]\d\d:\d\d)$/.exec(time)?.[0] ?? "";
 }
 
 /** A shift for people, as +1:02:00, with days where there are any. */
