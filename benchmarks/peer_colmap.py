@@ -253,7 +253,7 @@ def _pose(database: Path, name: str, retrieved: Sequence[str], *, model: Model) 
                 continue
             image = number[other]
             verified = opened.read_two_view_geometry(query.image_id, image.image_id).inlier_matches
-            for mine, theirs in np.asarray(pycolmap.matches_to_matrix(verified), np.int64).reshape(-1, 2):
+            for mine, theirs in np.asarray(verified, np.int64).reshape(-1, 2):
                 point = image.points2D[theirs]
                 if point.has_point3D():
                     pixels.append(keypoints[mine])

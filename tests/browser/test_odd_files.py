@@ -59,6 +59,7 @@ def test_a_new_map_at_the_address_of_a_deleted_one_gets_all_files(make_page, sma
     edit = make_page(0)
     edit.choose_photos(small_photos[:1])
     edit.uploaded()
+    api.wait_for_jobs(edit.slug)  # one that still writes would make the folder anew
     for path in (f"/maps/{edit.slug}", f"/maps/{edit.slug}?forever=true"):
         api.ask("DELETE", path)
     again = make_page(0)
