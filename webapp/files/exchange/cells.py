@@ -82,7 +82,7 @@ def angle(text: str, *, scale: float, hemispheres: str) -> float:
 
 
 def day_order(text: str) -> str | None:
-    """Tell from a date whether its day or its month comes first: `dmy` or `mdy`.
+    """Decide from a date whether its day or its month comes first: `dmy` or `mdy`.
 
     Returns
     -------

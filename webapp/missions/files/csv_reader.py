@@ -1,6 +1,6 @@
 """Tables of poses and objects: CSV of any delimiter, with a header or not.
 
-A table is read twice: first for what only all of it can tell (which tracks have times, whether the day or the
+A table is read twice: first for what only all of it shows (which tracks have times, whether the day or the
 month comes first in its dates, which axes its frame has), then for its rows.
 """
 
@@ -80,7 +80,7 @@ def read(
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """What only all rows tell.
+    """What only all rows show.
 
     Attributes
     ----------

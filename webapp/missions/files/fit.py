@@ -6,6 +6,7 @@ Positions are in `record` messages, in units of 2^31 to a half turn.
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -15,6 +16,9 @@ from webapp.errors import TrackError
 from webapp.extras import extra
 from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import Findings, Piece
+
+MAX_BYTES = 50_000_000
+"""All records of a file are held in memory; a day of riding takes a few megabytes."""
 
 _DEG = 180.0 / 2**31
 _LEFT_OUT = {
@@ -30,10 +34,15 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     Raises
     ------
     TrackError
-        It is damaged.
+        It is too large, or damaged.
     MissingPart
         fitdecode is not installed.
     """
+    if file.seek(0, os.SEEK_END) > MAX_BYTES:
+        raise TrackError(
+            f"the FIT file is larger than {MAX_BYTES // 10**6} MB", hint="split it on the device"
+        )
+    file.seek(0)
     points = _points(file, findings=findings)
     line = LineBuffer("", timed=mostly_timed(points))
     for point in points:

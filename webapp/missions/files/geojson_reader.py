@@ -24,8 +24,8 @@ from webapp.missions.files.track_chunks import (
     WorldObjects,
 )
 
-MAX_BYTES = 100_000_000
-"""A larger file would need gigabytes of memory."""
+MAX_BYTES = 20_000_000
+"""All of a file is read at once, and takes many times its size in memory."""
 
 _MAX_DEPTH = 20
 _TIME_LISTS = ("times", "coordTimes", "timestamps")
@@ -83,15 +83,20 @@ class _Features:
     ----------
     poses : dict
         Points with times, by the name of their track: they become tracks at the end.
+    points, points_of_feature : int
+        In the file, and in the feature that is being read.
     """
 
     findings: Findings
     number: int = 0
     lines: int = 0
+    points: int = 0
+    points_of_feature: int = 0
     poses: dict[str, list[LinePoint]] = field(default_factory=dict)
 
     def feature(self, feature: Mapping[str, Any]) -> Iterator[Piece]:
         self.number += 1
+        self.points_of_feature = 0
         yield from self.geometry(feature.get("geometry"), feature, depth=0)
 
     def geometry(self, geometry: Any, feature: Mapping[str, Any], *, depth: int) -> Iterator[Piece]:
@@ -131,6 +136,8 @@ class _Features:
         yield from buffer.flush(self.findings)
 
     def point(self, place: Any, feature: Mapping[str, Any]) -> Iterator[Piece]:
+        self.points += 1
+        self.points_of_feature += 1
         own = _properties(feature)
         along = _along_line(feature)
         if along is not None:  # a track of one pose, as our own export has it
@@ -148,8 +155,7 @@ class _Features:
 
     def sighting(self, at: LinePoint, feature: Mapping[str, Any]) -> Sighting:
         own = _properties(feature)
-        id_ = feature.get("id", own.get("id"))
-        name = f"point {self.number} {_text(own.get('name'))}".strip() if id_ is None else _text(id_)
+        name = self.id_of_point(feature)
         time_s = _time(own.get("last_time")) if math.isnan(at.time_s) else at.time_s
         if math.isnan(time_s):
             time_s = 0.0
@@ -159,6 +165,14 @@ class _Features:
         kind = _text(own.get("class")) or "point"
         where = LatLon(at.lat, at.lon)
         return Sighting(name, kind, time_s, where, height, None if math.isnan(sure) else sure)
+
+    def id_of_point(self, feature: Mapping[str, Any]) -> str:
+        """Return an id that no other point has, even where a feature has several."""
+        own = _properties(feature)
+        id_ = feature.get("id", own.get("id"))
+        if id_ is None:
+            return f"point {self.points} {_text(own.get('name'))}".strip()
+        return _text(id_) if self.points_of_feature == 1 else f"{_text(id_)} {self.points_of_feature}"
 
     def rest(self) -> Iterator[Piece]:
         """Return the tracks of points."""
@@ -230,8 +244,13 @@ def _text(value: Any) -> str:
 
 
 def _number(value: Any) -> float:
-    usable = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if usable else math.nan
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return math.nan
+    try:
+        number = float(value)
+    except OverflowError:  # integers of JSON have no limit
+        return math.nan
+    return number if math.isfinite(number) else math.nan
 
 
 def _time(value: Any) -> float:

@@ -33,9 +33,11 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     timed = _timed(file)
     file.seek(0)
     buffer: LineBuffer | None = None
+    course_points = 0
     for line, element in _points(file):
         if local_name(element) == "CoursePoint":
-            yield from _object(element, line, findings=findings)
+            course_points += 1
+            yield from _object(element, line, number=course_points, findings=findings)
             continue
         if buffer is None or buffer.name != line:
             if buffer is not None:
@@ -90,7 +92,8 @@ def _point(element: Element) -> LinePoint | None:
     )
 
 
-def _object(element: Element, line: str, *, findings: Findings) -> Iterator[Piece]:
+def _object(element: Element, line: str, *, number: int, findings: Findings) -> Iterator[Piece]:
+    """Yield a course point, by its number in the file: names such as `Left` repeat."""
     place, name = _position(element), " ".join(child_text(element, "Name").split())
     if place is None or any(map(math.isnan, place)):
         findings.skip("course points without a position", where=name or line)
@@ -100,4 +103,5 @@ def _object(element: Element, line: str, *, findings: Findings) -> Iterator[Piec
         time_s = 0.0
         findings.note(UNTIMED_OBJECTS)
     kind = child_text(element, "PointType") or "waypoint"
-    yield WorldObjects((Sighting(f"waypoint {line} {name}".strip(), kind, time_s, LatLon(*place)),))
+    id_ = f"waypoint {number} {line} {name}".strip()
+    yield WorldObjects((Sighting(id_, kind, time_s, LatLon(*place)),))

@@ -68,6 +68,12 @@ def test_the_records_of_a_fit_are_a_track() -> None:
             read(fit.read, damaged)
 
 
+def test_a_fit_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fit, "MAX_BYTES", 50)
+    with pytest.raises(TrackError, match="the FIT file is larger than"):
+        read(fit.read, fit_file([(1_700_000_000, 50.5, -14.25, 200.4)] * 3))
+
+
 TCX = """<TrainingCenterDatabase xmlns="http://www.garmin.com/xmlschemas/TrainingCenterDatabase/v2"><Activities>
 <Activity Sport="Running"><Lap><Track>{points}</Track></Lap><Lap><Track>{more}</Track></Lap></Activity>
 </Activities><Courses><Course><Name>loop</Name><Track>{course}</Track>
@@ -101,6 +107,14 @@ def test_activities_and_courses_of_a_tcx_are_tracks() -> None:
     assert isinstance(point, WorldObjects)
     assert (point.sightings[0].kind, point.sightings[0].latlon) == ("Left", (50.2, 14.2))
     assert {one.reason for one in findings.skipped()} == {"points without a position", NO_TIME}
+
+
+def test_course_points_of_the_same_name_are_numbered() -> None:
+    course = TCX.format(points="", more="", course=trackpoint(51.0))
+    point = course[course.index("<CoursePoint>") : course.index("</Course>")]
+    pieces, _ = read(tcx.read, course.replace(point, point * 2))
+    ids = [piece.sightings[0].object_id for piece in pieces if isinstance(piece, WorldObjects)]
+    assert ids == ["waypoint 1 course 1 Turn", "waypoint 2 course 1 Turn"]
 
 
 IGC = """AXXXABC
@@ -179,6 +193,33 @@ def test_points_are_poses_where_they_have_times_and_objects_otherwise() -> None:
     assert thing.sightings[0].object_id == "point 3 bin"
     assert track.poses.times_s.tolist() == [1_700_000_000.0, 1_700_000_001.0]
     assert track.poses.heading_deg[0] == 90.0
+
+
+def test_every_point_has_an_id_of_its_own() -> None:
+    places = [[14, 50], [14, 50.1]]
+    collected = {"type": "GeometryCollection", "geometries": [{"type": "MultiPoint", "coordinates": places}]}
+    pieces, _ = read(
+        geojson_reader.read,
+        collection(
+            feature("MultiPoint", places, properties={"name": "bin"}),
+            {"type": "Feature", "geometry": collected},
+            feature("MultiPoint", places, id="lamp"),
+        ),
+    )
+    ids = [piece.sightings[0].object_id for piece in pieces]
+    assert ids == ["point 1 bin", "point 2 bin", "point 3", "point 4", "lamp", "lamp 2"]
+
+
+def test_a_number_beyond_every_float_is_none() -> None:
+    pieces, findings = read(geojson_reader.read, collection(feature("Point", [10**400, 50])))
+    assert not pieces
+    assert [one.reason for one in findings.skipped()] == ["points without a position"]
+
+
+def test_a_geojson_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(geojson_reader, "MAX_BYTES", 50)
+    with pytest.raises(TrackError, match="the GeoJSON is larger than"):
+        read(geojson_reader.read, collection(feature("Point", [14, 50])))
 
 
 @pytest.mark.parametrize("text", ["{", "[1, 2]", '{"a": 1}', '{"type": "Topology"}'])
