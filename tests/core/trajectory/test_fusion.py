@@ -102,6 +102,20 @@ def test_wheels_that_skid_are_noticed():
     assert error_m(found, drive) < 1.5
 
 
+def test_without_odometry_its_errors_are_the_usual_ones():
+    assert fuse(None, {"gps": gps_of(Drive(5))}).fit.odometry == 1.0
+
+
+def test_a_fusion_is_cancelled_before_the_smoother(monkeypatch):
+    def check(_):
+        raise InterruptedError
+
+    monkeypatch.setattr(fusion, "smooth", None)
+    drive = Drive(5)
+    with pytest.raises(InterruptedError):
+        fuse(odometry_of(drive), {"gps": gps_of(drive)}, check=check)
+
+
 def test_fixes_without_covariance_and_impossible_ones_get_the_usual_one():
     drive = Drive(6, sigma_m=5.0, every=10)
     poses = gps_of(drive)

@@ -136,10 +136,10 @@ def fuse(
     every = _all_fixes(tracks, most=MOST_POSES)
     frame = LocalFrame(centre_of(every.poses.latlon))
     usual = noise or Noise()
-    found = _fit(odometry, tracks, frame=frame, usual=usual)
+    found = _fit(odometry, tracks, frame=frame, usual=usual, check=check)
     steps, stated = _filter_inputs(odometry, every, frame=frame, most=MOST_POSES)
     measured = found.fixes(stated, of_receiver=every.source == "gps")
-    judged = _judged(odometry, every, found, frame=frame, usual=usual)
+    judged = _judged(odometry, every, found, frame=frame, usual=usual, check=check)
     done = smooth(steps, measured, noise=found.noise(usual), judged=judged, check=check)
     poses = _poses(steps, done, frame=frame, height_m=_heights(every, steps.times_s, done.gated))
     expected = frame.latlon_from_enu(done.expected)
@@ -155,7 +155,12 @@ def fuse(
 
 
 def _fit(
-    odometry: Poses | None, tracks: Mapping[Source, Poses], *, frame: LocalFrame, usual: Noise
+    odometry: Poses | None,
+    tracks: Mapping[Source, Poses],
+    *,
+    frame: LocalFrame,
+    usual: Noise,
+    check: Callable[[int], None],
 ) -> NoiseFit:
     """Estimate the noise of odometry and receiver, from fixes with independent errors."""
     apart = {source: _decorrelated(poses) if source == "gps" else poses for source, poses in tracks.items()}
@@ -168,13 +173,19 @@ def _fit(
     nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
 
     def judged(assumed: Fixes) -> Judgement | None:
-        return find_outliers(coarse, replace(assumed, node=nodes), noise=worse)
+        return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
 
     return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual, judged=judged)
 
 
 def _judged(
-    odometry: Poses | None, every: _AllFixes, found: NoiseFit, *, frame: LocalFrame, usual: Noise
+    odometry: Poses | None,
+    every: _AllFixes,
+    found: NoiseFit,
+    *,
+    frame: LocalFrame,
+    usual: Noise,
+    check: Callable[[int], None],
 ) -> Judgement | None:
     """Judge the fixes by the whole track; of too many, some, between which the filter judges by itself.
 
@@ -185,7 +196,7 @@ def _judged(
     steps, stated = _filter_inputs(odometry, some, frame=frame, most=SAMPLE)
     measured = found.fixes(stated, of_receiver=some.source == "gps")
     noise = found.noise(usual)
-    judged = find_outliers(steps, measured, noise=noise)
+    judged = find_outliers(steps, measured, noise=noise, check=check)
     by_itself = log_likelihood(steps, measured, noise=noise)
     if judged is None or log_likelihood(steps, measured, noise=noise, judged=judged) < by_itself:
         return None

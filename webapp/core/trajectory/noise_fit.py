@@ -88,8 +88,8 @@ def fit(
     with_odometry = bool(np.isfinite(steps.moves).any())
     assumed = [
         NoiseFit(odometry, receiver)
-        for odometry in (ODOMETRY if with_odometry else ODOMETRY[:1])
-        for receiver in (RECEIVER if of_receiver.any() else RECEIVER[:1])
+        for odometry in (ODOMETRY if with_odometry else (1.0,))
+        for receiver in (RECEIVER if of_receiver.any() else (1.0,))
     ]
     judgements = {
         factor: judged(NoiseFit(1.0, factor).fixes(fixes, of_receiver=of_receiver))
