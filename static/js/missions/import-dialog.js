@@ -4,6 +4,7 @@ import { columnChoice } from "../shared/column-choice.js";
 import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
 import { locale, t } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
 import { POSE_COLUMNS } from "./csv-columns.js";
 import { endpointsOf } from "./endpoints.js";
 import { sourceName } from "./format.js";
@@ -75,8 +76,8 @@ export function importDialog({ files = [], mission, more = [], done, undo = asyn
       showRemarks({ ...result, failed }, () => done(id, result));
     } catch (problem) {
       progress.replaceChildren();
-      if (!results.length && !running) await undo();
       if (problem.name !== "AbortError") error.show(problem);
+      if (!results.length && !running) await undo().catch(toastError);
     }
     return null;
   };

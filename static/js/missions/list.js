@@ -162,9 +162,10 @@ function importFiles(files) {
     },
     done: (id) => location.assign(`/missions/${id}`),
     async undo() {
-      const server = made && endpointsOf(made);
-      made = null;
-      if (server) await server.bin().then(server.deleteForever);
+      if (made === null) return;
+      const server = endpointsOf(made);
+      await server.bin().then(server.deleteForever);
+      made = null; // only now: a mission that is still there is used by the next attempt
     },
   });
 }
