@@ -1,6 +1,7 @@
 """Fixtures that many tests share."""
 
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,9 @@ from webapp.extras import EXTRAS
 from webapp.progress import Progress
 from webapp.sample import make as make_sample
 from webapp.settings import Settings
+
+# A shell starts what runs in the background without the interrupt, and commands that are tested inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Time limits and a search for new examples would make tests fail by chance. `make fuzz` searches, and what it
 # finds is kept as an `@example`.

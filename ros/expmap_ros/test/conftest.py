@@ -2,11 +2,14 @@
 
 import json
 import os
+import signal
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+# A shell starts what runs in the background without the interrupt, and the nodes would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import cv2
 import numpy as np
