@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -47,6 +48,11 @@ QUEUE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 _STAMPS = 200
 """For so many stamps, images and objects find each other."""
 
+_CATCH_UP_S = 10.0
+"""After a start, publishers may send again what they keep for so long."""
+
+_BEHIND = "stamps are older than what was sent before this start: was the clock set back?"
+
 Key = tuple[str, str]
 
 
@@ -61,7 +67,10 @@ class MissionBridge(Node):
         self._robot = None if start is None else RobotFrame(*start)
         self._client = _client(values)
         self._resources.callback(self._client.close, wait_s=0.0)
-        self._last_s: dict[Key, float] = self._client.last_times_s()
+        self._sent_before_s: dict[Key, float] = self._client.last_times_s()
+        self._last_s: dict[Key, float] = {}
+        self._caught_up_s = time.monotonic() + _CATCH_UP_S
+        self._is_behind = False
         self._counts = {"received": 0, "written": 0, "hardly moved": 0, "repeated": 0, "unusable": 0}
         self._refused = ""
         self._photos: OrderedDict[float, str] = OrderedDict()
@@ -98,7 +107,13 @@ class MissionBridge(Node):
         return running.seconds(header.stamp) or self.get_clock().now().nanoseconds * 1e-9
 
     def _is_new(self, key: Key, time_s: float) -> bool:
-        if time_s <= self._last_s.get(key, -math.inf):
+        """Return whether a message has not been sent yet: before this start it was, up to a time.
+
+        In this run only a stamp that comes again is a repetition; a clock may be set back.
+        """
+        before = time_s <= self._sent_before_s.get(key, -math.inf)
+        self._is_behind |= before and time.monotonic() > self._caught_up_s
+        if before or time_s == self._last_s.get(key):
             self._counts["repeated"] += 1
             return False
         return True
@@ -194,11 +209,13 @@ class MissionBridge(Node):
         status = self._client.status()
         values = {**self._counts, "records waiting": status.waiting, "photos waiting": status.photos}
         level, text = DiagnosticStatus.OK, "everything is sent" if not status.waiting else "sending"
+        if self._is_behind:
+            level, text = DiagnosticStatus.WARN, _BEHIND
         if status.problem:
             level, text = DiagnosticStatus.WARN, status.problem
         if status.refused is not None or self._refused:
             level, text = DiagnosticStatus.ERROR, self._refused or str(status.refused)
-        self._refused = ""
+        self._refused, self._is_behind = "", False
         self._diagnostics.publish(running.diagnostics(self, level, text, values=values.items()))
 
 

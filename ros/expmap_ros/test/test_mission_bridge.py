@@ -18,11 +18,13 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
+from expmap_ros import mission_bridge
 from expmap_ros.mission_bridge import MissionBridge
 from expmap_ros.parameters import ParameterError
 from ros.expmap_ros.test.support import LAT, LON
 from ros.run_tests import ROOT
 from tests.robot.stand_in import StandIn
+from webapp.robot.client import RobotClient
 
 COUNT, KILLS = 200, 3
 KEPT = QoSProfile(
@@ -101,6 +103,32 @@ def test_every_message_once_through_cuts_and_kills(bench, server, values):
     assert [record["time"] for record in records(server)] == [1000.0 + number for number in range(COUNT)]
     first = records(server)[0]
     assert (first["source"], first["lat"], first["covariance"]) == ("gps", LAT, [4.0, 9.0, 0.5])
+
+
+def test_a_clock_that_is_set_back_loses_nothing(bench, server, values):
+    bench.start(MissionBridge, **values)
+    publisher = bench.node.create_publisher(NavSatFix, "/fix", 10)
+    later, earlier = fix(500), fix(3)
+    bench.until(lambda: records(server), lambda: publisher.publish(later))
+    bench.until(lambda: has_records(server, 2), lambda: publisher.publish(earlier))
+    assert [record["time"] for record in records(server)] == [1500.0, 1003.0]
+
+
+def test_stamps_before_what_was_sent_by_an_earlier_run_are_a_warning(bench, server, values, monkeypatch):
+    with RobotClient(
+        server.url, "secret", mission=7, spool=values["spool"], about="mission_bridge"
+    ) as earlier:
+        earlier.pose(LAT, LON, time_s=2000.0, source="gps")
+    monkeypatch.setattr(mission_bridge, "_CATCH_UP_S", 0.0)
+    bench.start(MissionBridge, **values)
+    publisher = bench.node.create_publisher(NavSatFix, "/fix", 10)
+    states = bench.listen(DiagnosticArray, "/diagnostics")
+    bench.until(
+        lambda: any(s.status[0].message == mission_bridge._BEHIND for s in states),
+        lambda: publisher.publish(fix(3)),
+    )
+    bench.until(lambda: has_records(server, 2), lambda: publisher.publish(fix(1001)))
+    assert [record["time"] for record in records(server)] == [2000.0, 2001.0]
 
 
 def test_odometry_objects_and_their_images(bench, server, values):
