@@ -14,6 +14,7 @@ from PIL import Image
 
 from tests.foxglove_client import hear, read_mcap
 from webapp.api import GeoSource, PlaceOptions, place_photos
+from webapp.cli.foxglove import WatchedPhotos
 
 ROOT = Path(__file__).resolve().parents[2]
 TOPICS = {"/image", "/matches", "/map", "/answer", "/hypotheses", "/position"}
@@ -92,6 +93,26 @@ def test_answers_are_served_also_to_those_who_come_late(survey):
     for topic in ("/image", "/matches", "/map"):
         assert heard[topic].format == "jpeg"
         assert min(Image.open(BytesIO(heard[topic].data)).size) > 100
+
+
+def test_a_photo_is_taken_once_when_it_is_copied(tmp_path):
+    watched, photo = WatchedPhotos([tmp_path]), tmp_path / "a.jpg"
+    taken = []
+    for content in (b"ha", b"half", b"half", b"half"):
+        photo.write_bytes(content)
+        os.utime(photo, ns=(0, 0))
+        taken.append(list(watched.look(settled=False)))
+    assert taken == [[], [], [photo], []]
+
+
+def test_a_file_without_some_photos_has_an_exit_code_of_its_own(expmap, survey):
+    (survey / "broken.jpg").write_bytes(b"no photo")
+    photos = (survey / "broken.jpg", survey / "photos" / "2.jpg")
+    code, _, error = expmap(
+        "foxglove", "localize", survey / "map.cfg", *photos, "--features", "sift", "--out", survey / "a.mcap"
+    )
+    assert code == 1 and "broken.jpg" in error
+    assert "/answer" in {topic for topic, _, _ in read_mcap(survey / "a.mcap")}
 
 
 def test_a_mission_is_served(mission):

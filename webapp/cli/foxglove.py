@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ import click
 import cv2
 from PIL import Image
 
+from webapp.cli import exitcodes
 from webapp.cli.options import MAP_FILE, chosen_settings, fov_option, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
@@ -104,28 +106,52 @@ def localize(
                 progress=progress,
                 fov_deg=chosen["fov"],
             )
-        known: set[Path] = set()
+        watched = WatchedPhotos(photos)
+        unusable: list[Path] = []
 
         def look() -> None:
-            for photo in _new_photos(photos, known):
-                _show(sink, photo, pipeline=pipeline)
+            for photo in watched.look(settled=out is not None):
+                if not _show(sink, photo, pipeline=pipeline):
+                    unusable.append(photo)
 
         serve_until_interrupted(sink, host, look=look)
+    if out is not None and unusable:
+        sys.exit(exitcodes.SOME_FAILED)
 
 
-def _new_photos(given: Iterable[Path], known: set[Path]) -> Iterator[Path]:
-    """Photos that have not been shown; `known` grows by them."""
-    for path in given:
-        inside = (
-            sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS) if path.is_dir() else [path]
-        )
-        for photo in inside:
-            if photo not in known:
-                known.add(photo)
+class WatchedPhotos:
+    """Photos, and those that come into folders."""
+
+    def __init__(self, given: Iterable[Path]) -> None:
+        self._given = tuple(given)
+        self._seen: dict[Path, tuple[int, int]] = {}
+        self._taken: set[Path] = set()
+
+    def look(self, *, settled: bool) -> Iterator[Path]:
+        """Yield each photo once: if `settled` at once, else when a look finds it unchanged."""
+        for photo in self._inside():
+            if photo in self._taken:
+                continue
+            try:
+                state = photo.stat()
+            except FileNotFoundError:  # it had a name for the time of the copying, or was removed
+                continue
+            now = (state.st_size, state.st_mtime_ns)
+            if settled or self._seen.get(photo) == now:
+                self._taken.add(photo)
                 yield photo
+            self._seen[photo] = now
+
+    def _inside(self) -> Iterator[Path]:
+        for path in self._given:
+            if path.is_dir():
+                yield from sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS)
+            else:
+                yield path
 
 
-def _show(sink: FoxgloveSink, photo: Path, *, pipeline: LocalizationPipeline) -> None:
+def _show(sink: FoxgloveSink, photo: Path, *, pipeline: LocalizationPipeline) -> bool:
+    """Send a photo and its answer; return whether it could be used."""
     cfg, the_map, limits = pipeline.opened.cfg, pipeline.map, pipeline.settings.photo
     try:
         pixels = read_upright(photo, limits=limits, max_side=_SIDE_PX)
@@ -133,7 +159,7 @@ def _show(sink: FoxgloveSink, photo: Path, *, pipeline: LocalizationPipeline) ->
         matches = match_picture(cfg, the_map, query=photo, answer=answer, limits=limits)
     except PhotoError as error:
         click.echo(f"expmap: {error}", err=True)
-        return
+        return False
     now = time.time()
     sink.image("/image", cv2.imencode(".jpg", pixels)[1].tobytes(), time_s=now)
     if matches is not None:
@@ -145,6 +171,7 @@ def _show(sink: FoxgloveSink, photo: Path, *, pipeline: LocalizationPipeline) ->
         sink.points("/hypotheses", points, time_s=now)
         if not answer.abstained:
             sink.point("/position", points[0], time_s=now)
+    return True
 
 
 def _jpeg(picture: Image.Image) -> bytes:

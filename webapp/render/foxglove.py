@@ -38,7 +38,7 @@ class FoxglovePoint:
     heading_deg : float or None
         Degrees clockwise from north.
     about : mapping
-        What is shown beside it.
+        What is shown with it.
     """
 
     latlon: LatLon
@@ -186,7 +186,7 @@ class FoxgloveSink:
 
 
 def _listener(subscribed: Callable[[str], None]) -> ServerListener:
-    """Make what is told which topic somebody has just subscribed to."""
+    """Make a listener that calls `subscribed` with the topic of each new subscription."""
     with extra("foxglove"):
         from foxglove.websocket import ServerListener
 

@@ -15,7 +15,7 @@ AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
 """Standard deviation on each axis of a round normal distribution whose 68 % radius is 1."""
 
 KNOWN_YAW = math.radians(10.0) ** 2
-"""Variance of a direction: answers do not state it, headings are usually right to a few degrees."""
+"""Variance of a direction: answers do not say it, headings are usually right to a few degrees."""
 
 UNKNOWN_YAW = math.pi**2
 """Variance of a direction that is not known, square radians."""
@@ -41,7 +41,7 @@ class MapPose:
     variance: float
 
     def covariance(self) -> list[float]:
-        """The 36 numbers of a PoseWithCovariance; what an image does not tell has the variance 0."""
+        """The 36 numbers of a PoseWithCovariance; what an image leaves open has the variance 0."""
         matrix = [0.0] * 36
         matrix[0] = matrix[7] = self.variance
         matrix[35] = KNOWN_YAW if self.yaw is not None else UNKNOWN_YAW

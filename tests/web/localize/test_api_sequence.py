@@ -68,4 +68,5 @@ def test_photos_without_a_heading_have_the_one_that_was_computed(library, sample
     object.__setattr__(indexed, "extrinsics", known)
     object.__setattr__(localizer.map, "experiences", tuple(replace(e, heading_deg=None) for e in experiences))
     headings = spot.photo_headings(localizer)
-    assert headings == {int(i): 90.0 if n % 2 else 270.0 for n, i in enumerate(indexed.ids) if n >= 4}
+    expected = {int(i): 90.0 if n % 2 else 270.0 for n, i in enumerate(indexed.ids) if n >= 4}
+    assert headings == pytest.approx(expected)
