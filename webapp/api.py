@@ -16,7 +16,7 @@ from PIL import Image
 from webapp.configuration import load_settings
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
+from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import ExpMapError
 from webapp.progress import Progress
@@ -111,16 +111,7 @@ class PhotoMap:
         sequence : bool
             Whether the photo was one of a sequence.
         """
-        pipeline = self._pipeline
-        source = AnswerSource(
-            pipeline.method,
-            pipeline.features,
-            pipeline.map.georeference,
-            pipeline.map.revision,
-            map_kind=pipeline.map_kind,
-            place_radius_px=pipeline.place_radius_px,
-            sequence=sequence,
-        )
+        source = self._pipeline.answer_source(sequence=sequence)
         return answer_to_json(answer, query=query, source=source)
 
     def map_picture(self, answer: Answer) -> Image.Image:

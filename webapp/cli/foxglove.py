@@ -16,7 +16,7 @@ from PIL import Image
 from webapp.cli import exitcodes
 from webapp.cli.options import MAP_FILE, chosen_settings, fov_option, index_options, map_options, open_options
 from webapp.cli.progressbar import terminal_progress
-from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
+from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import PhotoError
 from webapp.extras import require
@@ -181,15 +181,7 @@ def _jpeg(picture: Image.Image) -> bytes:
 
 
 def _form(pipeline: LocalizationPipeline, photo: Path, *, answer: Answer) -> dict[str, Any]:
-    source = AnswerSource(
-        pipeline.method,
-        pipeline.features,
-        pipeline.map.georeference,
-        pipeline.map.revision,
-        map_kind=pipeline.map_kind,
-        place_radius_px=pipeline.place_radius_px,
-    )
-    return answer_to_json(answer, query=str(photo), source=source)
+    return answer_to_json(answer, query=str(photo), source=pipeline.answer_source())
 
 
 def _point(hypothesis: Hypothesis, pipeline: LocalizationPipeline) -> FoxglovePoint:

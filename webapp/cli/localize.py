@@ -25,7 +25,7 @@ from webapp.cli.options import (
 )
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.georeference import Georeference
-from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
+from webapp.core.hypotheses.jsonform import answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.files.localize.models import second_look_features
@@ -233,16 +233,7 @@ class _Output:
     sequence: bool
 
     def form(self, photo: Path, answer: Answer) -> dict[str, Any]:
-        the_map = self.pipeline.map
-        source = AnswerSource(
-            self.pipeline.method,
-            self.pipeline.features,
-            the_map.georeference,
-            the_map.revision,
-            map_kind=self.pipeline.map_kind,
-            place_radius_px=self.pipeline.place_radius_px,
-            sequence=self.sequence,
-        )
+        source = self.pipeline.answer_source(sequence=self.sequence)
         return answer_to_json(answer, query=str(photo), source=source)
 
     def show(self, photo: Path, answer: Answer, *, last: bool) -> None:

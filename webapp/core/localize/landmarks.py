@@ -38,14 +38,9 @@ from webapp.core.localize.evidence import Spots, evidence_vectors
 from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, voters_of
 from webapp.core.localize.verified import PlaceSearch
 from webapp.core.localize.vote import match_statistics
-from webapp.core.retrieval.indexed import IndexedMap, candidates
-from webapp.core.retrieval.shortlist import (
-    ShortlistedPhoto,
-    filter_by_rotation,
-    shortlist,
-    weighted_votes,
-)
-from webapp.core.retrieval.similar import standard_scores, with_similar
+from webapp.core.retrieval.indexed import IndexedMap
+from webapp.core.retrieval.retrieve import retrieve
+from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
 Array = NDArray[np.float64]
 
@@ -84,18 +79,12 @@ def find_by_landmarks(
         others are was estimated with those that are hidden.
     """
     clock = [time.perf_counter()]
-    tuning = indexed.tuning.retrieval
-    nearest = candidates(indexed, query.descriptors, k=tuning.neighbours + 1, hide=hide)
-    found = filter_by_rotation(indexed, query, found=nearest)
-    votes = weighted_votes(found, len(indexed.ids))
-    voting = shortlist(indexed, query, found=found, votes=votes, most=max(tuning.voters, tuning.shortlist))
-    listed, further = voting[: tuning.shortlist], voting[tuning.shortlist :]
-    alike = standard_scores(indexed, query, hide=hide)
-    if alike is not None:
-        listed, further = with_similar(indexed, query, voting=voting, votes=votes, alike=alike)
+    retrieved = retrieve(indexed, query, hide=hide)
+    nearest, found, alike = retrieved.nearest, retrieved.found, retrieved.alike
+    listed, further = retrieved.listed, retrieved.further
     clock.append(time.perf_counter())
     photos = np.array([one.photo for one in listed], np.int64)
-    places = _places(indexed, _Query(query, fov_deg, votes), photos, laid=laid, hide=hide)
+    places = _places(indexed, _Query(query, fov_deg, retrieved.votes), photos, laid=laid, hide=hide)
     clock.append(time.perf_counter())
     by_pose = [photo for place in places for photo in place.photos]
     named = {photo.matched.photo for photo in by_pose}

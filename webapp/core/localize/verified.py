@@ -34,6 +34,7 @@ from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, estimate_
 from webapp.core.localize.vote import match_statistics
 from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
+from webapp.core.retrieval.retrieve import retrieve
 from webapp.core.retrieval.shortlist import (
     ShortlistedPhoto,
     filter_by_rotation,
@@ -43,7 +44,6 @@ from webapp.core.retrieval.shortlist import (
     shortlist,
     weighted_votes,
 )
-from webapp.core.retrieval.similar import standard_scores, with_similar
 from webapp.threads import in_threads
 
 _EVIDENCE_PHOTOS = 5
@@ -126,19 +126,13 @@ def find_places(
         hidden.
     """
     clock = [time.perf_counter()]
-    nearest = candidates(indexed, query.descriptors, k=indexed.tuning.retrieval.neighbours + 1, hide=hide)
-    found = filter_by_rotation(indexed, query, found=nearest)
-    votes = weighted_votes(found, len(indexed.ids))
-    tuning = indexed.tuning.retrieval
-    voting = shortlist(indexed, query, found=found, votes=votes, most=max(tuning.voters, tuning.shortlist))
-    listed, further = voting[: tuning.shortlist], voting[tuning.shortlist :]
-    alike = standard_scores(indexed, query, hide=hide)
-    if alike is not None:
-        listed, further = with_similar(indexed, query, voting=voting, votes=votes, alike=alike)
+    retrieved = retrieve(indexed, query, hide=hide)
+    nearest, found, alike = retrieved.nearest, retrieved.found, retrieved.alike
+    listed, further = retrieved.listed, retrieved.further
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
         # In front: a network that matches only the first few is to match these.
-        listed = [*_shortlist_among(indexed, query, votes=votes, closer=closer), *listed]
+        listed = [*_shortlist_among(indexed, query, votes=retrieved.votes, closer=closer), *listed]
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)

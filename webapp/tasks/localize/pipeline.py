@@ -32,6 +32,7 @@ from webapp.core.hypotheses import looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
 from webapp.core.hypotheses.heading_prior import relative_to_north
+from webapp.core.hypotheses.jsonform import AnswerSource
 from webapp.core.hypotheses.model import Answer, FieldOfView
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
@@ -260,6 +261,13 @@ class LocalizationPipeline:
         kind = self.opened.indexed.kind
         schematic = self.calibration is not None and self.calibration.calibration.schematic
         return "schematic" if schematic and kind == "metric" else kind
+
+    def answer_source(self, *, sequence: bool = False) -> AnswerSource:
+        """Describe what gives the answers, for their JSON."""
+        return AnswerSource(
+            self.method, self.features, self.map.georeference, self.map.revision,
+            self.map_kind, self.place_radius_px, sequence,
+        )  # fmt: skip
 
     @property
     def build_seconds(self) -> float | None:

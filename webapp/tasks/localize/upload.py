@@ -10,7 +10,7 @@ from threading import BoundedSemaphore
 from typing import Any
 
 from webapp.core.hypotheses.circle_prior import CirclePrior
-from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
+from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
 from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import move_in, show_file_as
@@ -127,15 +127,8 @@ def localize_uploads(
     else:
         frame, best = spot.combine_without_prior(pipeline, answers, hints=hints)
         answer = sequence_state.filter_frame(request.sequence, frame, pipeline=pipeline, top=request.top)
-    source = AnswerSource(
-        pipeline.method,
-        pipeline.features,
-        pipeline.map.georeference,
-        ready.revision,
-        map_kind=pipeline.map_kind,
-        place_radius_px=pipeline.place_radius_px,
-        sequence=request.sequence is not None,
-    )
+    source = pipeline.answer_source(sequence=request.sequence is not None)
+    source = replace(source, map_revision=ready.revision)
     name = ", ".join(photo.name for photo in request.photos)
     form = answer_to_json(answer, query=name, source=source)
     return LocalizeResult(form, answer.evidence, best, ready)

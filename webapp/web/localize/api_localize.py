@@ -25,10 +25,11 @@ from webapp.files.localize.models import usable_features, usable_methods
 from webapp.files.part_file import check_space, discard, receive
 from webapp.store import queries
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize import examples, readiness, sequence_state, show_query, upload
+from webapp.tasks.localize import readiness, sequence_state, show_query, upload
 from webapp.tasks.localize.adopt_query import link_or_copy
 from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeResult, UploadedPhoto
+from webapp.tasks.maps import examples
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings

@@ -21,7 +21,7 @@ from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.stored import Kept, Miss
-from webapp.tasks.localize import examples
+from webapp.tasks.maps import examples
 from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.localize.answers import answer_colours

@@ -5,7 +5,7 @@ from PIL import Image
 
 from webapp.errors import NotFound
 from webapp.settings import PhotoLimits
-from webapp.tasks.localize.examples import names_of, path_of, thumb_of
+from webapp.tasks.maps.examples import names_of, path_of, thumb_of
 
 
 def test_only_photos_of_the_folder_are_examples(tmp_path):

@@ -1,0 +1,65 @@
+"""The first stage of a query: which photos of the map may show the same."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Features
+from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
+from webapp.core.retrieval.shortlist import (
+    ShortlistedPhoto,
+    filter_by_rotation,
+    shortlist,
+    weighted_votes,
+)
+from webapp.core.retrieval.similar import standard_scores, with_similar
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Retrieved:
+    """The photos of a map that match a query.
+
+    Attributes
+    ----------
+    nearest : Candidates
+        (n, k): the nearest map descriptors of each query descriptor.
+    found : Candidates
+        Those of them that are rotated as most are.
+    votes : (p,) float64
+        Of all photos.
+    listed, further : list of ShortlistedPhoto
+        The shortlist, and photos that only votes speak for.
+    alike : (p,) float64 or None
+        Standard scores by the global descriptors; None where there are none.
+    """
+
+    nearest: Candidates
+    found: Candidates
+    votes: NDArray[np.float64]
+    listed: list[ShortlistedPhoto]
+    further: list[ShortlistedPhoto]
+    alike: NDArray[np.float64] | None
+
+
+def retrieve(indexed: IndexedMap, query: Features, *, hide: Collection[int] = ()) -> Retrieved:
+    """List the photos with most votes, and where there are global descriptors those most similar.
+
+    Parameters
+    ----------
+    hide : collection of int
+        Experience ids to leave out.
+    """
+    tuning = indexed.tuning.retrieval
+    nearest = candidates(indexed, query.descriptors, k=tuning.neighbours + 1, hide=hide)
+    found = filter_by_rotation(indexed, query, found=nearest)
+    votes = weighted_votes(found, len(indexed.ids))
+    voting = shortlist(indexed, query, found=found, votes=votes, most=max(tuning.voters, tuning.shortlist))
+    listed, further = voting[: tuning.shortlist], voting[tuning.shortlist :]
+    alike = standard_scores(indexed, query, hide=hide)
+    if alike is not None:
+        listed, further = with_similar(indexed, query, voting=voting, votes=votes, alike=alike)
+    return Retrieved(nearest, found, votes, listed, further, alike)
