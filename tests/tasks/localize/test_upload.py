@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from webapp.core.hypotheses.jsonform import AnswerSource
 from webapp.settings import Settings
 from webapp.tasks.localize import spot, upload
 from webapp.tasks.localize.map_cache import MethodChoice
@@ -22,8 +23,9 @@ class Localizer:
     fov_deg: float | None = None
     features: str = "any"
     map = SimpleNamespace(georeference=None)
-    map_kind = "metric"
-    place_radius_px = 20.0
+
+    def answer_source(self, *, sequence):
+        return AnswerSource(self.method, "sift", None, map_revision=0, sequence=sequence)
 
 
 class Looks:
