@@ -27,6 +27,7 @@ import cv2
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
+from PIL import Image
 
 from benchmarks.derived_maps import read
 from webapp.core.hypotheses.places import place_radius_px
@@ -154,14 +155,20 @@ def _extract(work: Workspace, names: Sequence[str]) -> None:
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = MAX_SIDE
     options.sift.max_num_features = work.keypoints
-    mode = pycolmap.CameraMode.PER_FOLDER
+    # COLMAP leaves out a photo whose size differs from that of the camera it shares.
+    sizes = {(Path(name).parent, Image.open(work.root / name).size) for name in names}
+    shared = len(sizes) == len({folder for folder, _ in sizes})
+    mode = pycolmap.CameraMode.PER_FOLDER if shared else pycolmap.CameraMode.PER_IMAGE
     pycolmap.extract_features(work.database, work.root, names, camera_mode=mode, extraction_options=options)
 
 
 def _sift(database: Path, name: str) -> NDArray[np.float32]:
-    """Read the descriptors of a photo, as RootSIFT."""
+    """Read the descriptors of a photo, as RootSIFT; none of one that COLMAP left out."""
     with pycolmap.Database.open(database) as opened:
-        stored = opened.read_descriptors(opened.read_image_with_name(name).image_id)
+        image = opened.read_image_with_name(name)
+        if image is None:
+            return np.empty((0, 128), np.float32)
+        stored = opened.read_descriptors(image.image_id)
     rows = np.asarray(stored.data, np.float32)
     return np.sqrt(rows / np.maximum(rows.sum(1, keepdims=True), 1.0))
 
@@ -246,6 +253,8 @@ def _pose(database: Path, name: str, retrieved: Sequence[str], *, model: Model) 
     number = {image.name: image for image in model.found.images.values()}
     with pycolmap.Database.open(database) as opened:
         query = opened.read_image_with_name(name)
+        if query is None:
+            return None
         camera = opened.read_camera(query.camera_id)
         keypoints = np.asarray(opened.read_keypoints(query.image_id).data)[:, :2]
         for other in retrieved:
