@@ -37,7 +37,7 @@ from webapp.core.trajectory.thinning import parse_min_move
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import MissionSender, Track
 from webapp.missions.tasks import import_file
-from webapp.missions.tasks.import_file import Order
+from webapp.missions.tasks.import_order import Order
 from webapp.missions.tasks.place_track import ReadOptions
 from webapp.robot.content import has_spool, read_content
 from webapp.settings import Settings

@@ -14,6 +14,7 @@ from webapp.missions.web import (
     api_imports,
     api_missions,
     api_objects,
+    api_staged,
     api_tracks,
 )
 from webapp.missions.web import api_photos as mission_photos
@@ -44,6 +45,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_imports.blueprint,
     api_missions.blueprint,
     api_objects.blueprint,
+    api_staged.blueprint,
     mission_photos.blueprint,
     mission_shared.blueprint,
     mission_shares.blueprint,
@@ -90,6 +92,7 @@ PARTS = Parts(
     blueprints=BLUEPRINTS,
     public_lists={"missions": shares.public},
     path_parameters=PATH_PARAMETERS,
+    operations=api_staged.OPERATIONS,
 )
 
 

@@ -21,6 +21,7 @@ _KINDS = {
     "mission-fix": "webapp.missions.jobs:localize_mission_photos",
     "mission-fuse": "webapp.missions.jobs:fuse_mission",
     "mission-import": "webapp.missions.jobs:import_mission_file",
+    "mission-inspect": "webapp.missions.jobs:inspect_mission_file",
     "mission-pieces": "webapp.missions.jobs:build_track_pieces",
     "sample": "webapp.sample.job:make_sample_map",
 }

@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
+from sqlalchemy.orm import Session
+
 from webapp.errors import IndexDamaged, InputError, NotFound, NotReady, UsageError
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context
-from webapp.missions.tasks import delete, fuse, import_file, localize_photos, track_display
-from webapp.missions.tasks.import_file import order_of, waiting_path
+from webapp.missions.tasks import delete, fuse, import_file, localize_photos, staged_file, track_display
+from webapp.missions.tasks.import_file import MissionToMake
+from webapp.missions.tasks.import_order import order_of, waiting_path
+from webapp.store.operate import jobs
 from webapp.tasks.localize.map_cache import MapCache
 
 _LISTED = 100
@@ -29,7 +33,7 @@ def import_mission_file(context: Context) -> Mapping[str, Any]:
     try:
         done = import_file.import_track_file(
             context.library,
-            int(arguments["mission"]),
+            _destination(context),
             order=order_of(path, arguments),
             settings=context.settings,
             progress=context.progress,
@@ -39,7 +43,31 @@ def import_mission_file(context: Context) -> Mapping[str, Any]:
         path.unlink(missing_ok=True)  # it is refused the next time too
         raise
     path.unlink(missing_ok=True)
-    return asdict(done) | {"mission": int(arguments["mission"])}
+    return asdict(done)
+
+
+def _destination(context: Context) -> int | MissionToMake:
+    """Return the mission that a file goes into: one that is known, or a new one, which is then known."""
+    arguments = context.arguments
+    if arguments["mission"] is not None:
+        return int(arguments["mission"])
+
+    def remember(session: Session, id: int) -> None:
+        job = jobs.find(session, context.lease.job_id)
+        job.arguments = {**job.arguments, "mission": id}
+
+    if context.account_id is None:
+        raise NotFound("who wanted this mission no longer exists")
+    return MissionToMake(arguments["mission_name"], context.account_id, context.map_id, remember)
+
+
+def inspect_mission_file(context: Context) -> dict[str, Any]:
+    """Say what is in the staged file that the argument `file` names."""
+    arguments = context.arguments
+    if context.account_id is None:
+        raise NotFound("who uploaded this file no longer exists")
+    staged = staged_file.find(context.library, arguments["file"], account_id=context.account_id)
+    return staged_file.inspect_staged(staged, arguments, progress=context.progress)
 
 
 def localize_mission_photos(context: Context) -> dict[str, Any]:

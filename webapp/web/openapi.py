@@ -16,6 +16,7 @@ from flask import Flask
 from werkzeug.routing import Rule
 
 from webapp.render.export_file import FORMATS
+from webapp.web import pieces
 from webapp.web.context import is_public
 from webapp.web.state import parts
 
@@ -105,20 +106,7 @@ _MORE: dict[str, dict[str, Any]] = {
     "api_shares.list_shares": {"statuses": [403]},
     "maps.edit_one": {"parameters": [_IF_MATCH]},
     "maps.remove_one": {"parameters": [_IF_MATCH]},
-    "api_uploads.send": {
-        "parameters": [
-            {
-                "name": "Upload-Offset",
-                "in": "header",
-                "required": True,
-                "description": "Bytes of the file before this piece.",
-                "schema": {"type": "integer", "minimum": 0},
-            }
-        ],
-        "requestBody": {
-            "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
-        },
-    },
+    "api_uploads.send": pieces.OPERATION,
 }
 """What routes read, and answer with, that no schema of theirs describes, by endpoint."""
 
@@ -203,7 +191,7 @@ def _complete(app: Flask, document: dict[str, Any]) -> dict[str, Any]:
     document["security"] = [{"token": []}]
     _add_errors(document["components"])
     for rule, operation in _operations(app, document):
-        more = _MORE.get(rule.endpoint, {})
+        more = (_MORE | dict(parts().operations)).get(rule.endpoint, {})
         operation["operationId"] = rule.endpoint.removeprefix("api_").replace(".", "_")
         operation["parameters"] += more.get("parameters", [])
         operation.update({"requestBody": more["requestBody"]} if "requestBody" in more else {})

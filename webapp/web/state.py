@@ -29,11 +29,14 @@ class Parts:
         What the page of public content lists besides maps and answers, by the name its template has for it.
     path_parameters : mapping of str to mapping
         Parts of addresses, as the OpenAPI document describes them, by name.
+    operations : mapping of str to mapping
+        What routes read that no schema of theirs describes, by endpoint.
     """
 
     blueprints: tuple[Blueprint, ...]
     public_lists: Mapping[str, PublicList]
     path_parameters: Mapping[str, Mapping[str, Any]]
+    operations: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from webapp.errors import NotFound, TrackError
 from webapp.missions.store import batches, missions, objects, tracks
 from webapp.missions.store.objects import Page
 from webapp.missions.store.schema import Mission, Track
-from webapp.missions.tasks import import_file, read_track
-from webapp.missions.tasks.import_file import Order
+from webapp.missions.tasks import import_file, import_order, read_track
+from webapp.missions.tasks.import_order import Order
 from webapp.missions.tasks.place_track import ReadOptions
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -233,7 +233,7 @@ def test_a_file_is_known_again_after_the_keys_of_batches_are_forgotten(library, 
 
 def test_the_options_in_an_import_key_are_written_as_in_0_7_0():
     options = ReadOptions(start=Start(LatLon(50.0, 14.0), 30.0), topics=("/fix",))
-    assert import_file.options_key(options) == (
+    assert import_order.options_key(options) == (
         "Wishes(start=Start(position=LatLon(lat=50.0, lon=14.0), heading_deg=30.0), "
         "min_move=MinMove(value=1e-05, unit='deg'), "
         "topics=('/fix',), columns=None, source=None)"

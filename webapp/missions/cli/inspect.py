@@ -14,7 +14,7 @@ from webapp.core.trajectory.axes import AXES
 from webapp.errors import InputError
 from webapp.files.exchange.times import utc
 from webapp.missions.tasks import inspect_file
-from webapp.missions.tasks.import_file import order_of
+from webapp.missions.tasks.import_order import order_of
 from webapp.missions.tasks.inspect_file import FileReport, FileSource
 
 _SHOWN = 50

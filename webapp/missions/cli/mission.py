@@ -25,7 +25,8 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export as export_mission
 from webapp.missions.tasks import import_file, read_track
 from webapp.missions.tasks.export import FORMATS
-from webapp.missions.tasks.import_file import TrackImport, order_of
+from webapp.missions.tasks.import_file import TrackImport
+from webapp.missions.tasks.import_order import order_of
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
 from webapp.store.maps import maps

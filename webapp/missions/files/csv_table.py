@@ -191,6 +191,8 @@ class TableHead:
         The first ones.
     columns : dict of str to int
         Which column holds which field, from 0.
+    units : dict of str to str
+        Of the fields that have one.
     problem : str
         Why the columns are not recognized; empty where they are.
     """
@@ -198,6 +200,7 @@ class TableHead:
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     columns: dict[str, int]
+    units: dict[str, str]
     problem: str = ""
 
     def named(self) -> list[str]:
@@ -222,9 +225,14 @@ def table_head(path: Path, columns: str | None) -> TableHead:
         rows = tuple(tuple(cells) for _, cells in islice(table_rows(file, table), _SHOWN))
         if problem and rows:
             table, rows = replace(table, header=rows[0]), rows[1:]
-    return TableHead(
-        table.header, rows, {name: column.index for name, column in table.columns.items()}, problem
-    )
+    places = {name: column.index for name, column in table.columns.items()}
+    units = {name: unit for name, column in table.columns.items() if (unit := _unit(name, column.scale))}
+    return TableHead(table.header, rows, places, units, problem)
+
+
+def _unit(field: str, scale: float) -> str:
+    """Name the unit of a field by its scale; empty for a text."""
+    return next((unit for unit, known in POSE_FIELDS.units[field].items() if known == scale), "")
 
 
 def table_rows(file: BinaryIO, table: Table) -> Iterator[tuple[str, list[str]]]:

@@ -9,31 +9,31 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
-from pathlib import Path, PurePath
+from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.axes import parse_axes
-from webapp.core.trajectory.records import SOURCES, Sighting, Source
-from webapp.core.trajectory.robotframe import Start, parse_start
-from webapp.core.trajectory.thinning import MinMove, parse_min_move
-from webapp.errors import NotFound, TrackError, UsageError
+from webapp.core.trajectory.records import Sighting, Source
+from webapp.core.trajectory.robotframe import Start
+from webapp.errors import NotFound, TrackError
 from webapp.missions.files.track_chunks import Findings, Skipped
 from webapp.missions.files.track_format import TITLES, Kind, kind_of
 from webapp.missions.store import batches, missions, tracks
 from webapp.missions.store.schema import Mission, MissionSender, Track
 from webapp.missions.tasks import read_track
-from webapp.missions.tasks.place_track import ReadOptions, TrackSegment
+from webapp.missions.tasks.import_order import Order, options_key
+from webapp.missions.tasks.place_track import TrackSegment
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.database import Writes
 from webapp.store.library import Library
+from webapp.store.schema import MapRecord
 
 _AT_ONCE = 8192
 """Poses and objects in one transaction, and some."""
@@ -48,22 +48,23 @@ Key = tuple[Source, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
-    """What is to be imported.
+class MissionToMake:
+    """A mission that is made together with the first that is stored: a file that cannot be read makes none.
 
     Attributes
     ----------
-    path : Path
-        A file, or the folder of a ROS 2 bag.
-    name : str
-        What its sender calls it: tracks are named after it.
-    options : ReadOptions
-        Without a start, the mission's own counts.
+    account_id : int
+        Who makes it.
+    map_id : int or None
+        None for one on the globe.
+    made : callable
+        Called with the session that makes it, and its id: an import that begins again needs it.
     """
 
-    path: Path
     name: str
-    options: ReadOptions
+    account_id: int
+    map_id: int | None
+    made: Callable[[Session, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +85,8 @@ class TrackImport:
 
     Attributes
     ----------
+    mission : int
+        Where it is now.
     kind : str
         What the file is, for people.
     objects : int
@@ -98,6 +101,7 @@ class TrackImport:
         How the file was understood.
     """
 
+    mission: int
     kind: str
     tracks: tuple[ImportedTrack, ...]
     objects: int
@@ -109,7 +113,7 @@ class TrackImport:
 
 def import_track_file(
     library: Library,
-    mission_id: int,
+    into: int | MissionToMake,
     *,
     order: Order,
     settings: Settings,
@@ -120,6 +124,8 @@ def import_track_file(
 
     Parameters
     ----------
+    into : int or MissionToMake
+        Id of the mission.
     progress : Progress, optional
         One step a pose or object.
     writes : callable, optional
@@ -135,13 +141,15 @@ def import_track_file(
         What was stored stays; the same import continues.
     """
     progress, write = progress or Progress(), writes or library.database.write
-    order = _with_start(library, mission_id, order)
+    if isinstance(into, int):
+        order = _with_start(library, into, order)
     key = _key(order, progress)
     findings = Findings()
     with _called(order):
         survey = _survey(order, findings, progress)
     with write() as session:
-        mission = _mission(session, mission_id)
+        mission = _mission(session, into) if isinstance(into, int) else _made(session, into)
+        mission_id = mission.id
         ids = _tracks(session, mission, survey.tracks, key=key, name=order.name)
         if mission.start is None and order.options.start is not None:
             given = order.options.start
@@ -163,7 +171,14 @@ def import_track_file(
     kind = TITLES[survey.kind]
     new = stored < survey.parts
     return TrackImport(
-        kind, made, survey.objects, new, findings.skipped(), findings.doubts(), tuple(findings.notes)
+        mission_id,
+        kind,
+        made,
+        survey.objects,
+        new,
+        findings.skipped(),
+        findings.doubts(),
+        tuple(findings.notes),
     )
 
 
@@ -283,6 +298,14 @@ def _mission(session: Session, mission_id: int) -> Mission:
     return mission
 
 
+def _made(session: Session, new: MissionToMake) -> Mission:
+    if new.map_id is not None and session.get(MapRecord, new.map_id) is None:
+        raise NotFound("the map of the new mission is gone", hint="choose another one")
+    mission = missions.create(session, new.name, account_id=new.account_id, map_id=new.map_id)
+    new.made(session, mission.id)
+    return mission
+
+
 def _with_start(library: Library, mission_id: int, order: Order) -> Order:
     if order.options.start is not None:
         return order
@@ -313,13 +336,6 @@ def _key(order: Order, progress: Progress) -> str:
     return f"{batches.FILE}{digest.hexdigest()[:32]}"
 
 
-def options_key(options: ReadOptions) -> str:
-    """Write options as the keys of imports have them since 0.7.0: a file imported then is recognized."""
-    known = ((field.name, getattr(options, field.name)) for field in fields(options))
-    values = ", ".join(f"{name}={value!r}" for name, value in known if name != "axes" or value)
-    return f"Wishes({values})"
-
-
 @contextmanager
 def _called(order: Order) -> Iterator[None]:
     """Call a file in errors as its sender does."""
@@ -338,60 +354,3 @@ class _SilentProgress(Progress):
 
     def cancelled(self) -> bool:
         return self._other.cancelled()
-
-
-def waiting_path(library: Library, token: str) -> Path:
-    """Where an uploaded file waits for its import; its folder is made when missing.
-
-    Parameters
-    ----------
-    token : str
-        Of hexadecimal digits.
-    """
-    folder = library.inner / "imports"
-    folder.mkdir(exist_ok=True)
-    return folder / f"{int(token, 16):032x}.track"
-
-
-def order_of(path: Path, form: Mapping[str, Any]) -> Order:
-    """Read how a file is to be imported, as a form or a job has it.
-
-    Parameters
-    ----------
-    form : mapping
-        `name`; and where they are known `source`, `min_move`, `columns`, `axes`, `start` as latitude,
-        longitude and heading, and `topics`, separated by commas.
-
-    Raises
-    ------
-    UsageError
-        One of them is not valid.
-    """
-    topics = tuple(name for part in (form.get("topics") or "").split(",") if (name := part.strip()))
-    min_move = parse_min_move(form["min_move"]) if form.get("min_move") else MinMove()
-    columns, source = form.get("columns") or None, source_of(form.get("source"))
-    options = ReadOptions(
-        start=parse_start(form.get("start")),
-        topics=topics,
-        min_move=min_move,
-        columns=columns,
-        source=source,
-        axes=parse_axes(form.get("axes")),
-    )
-    return Order(path, form["name"], options)
-
-
-def source_of(text: str | None) -> Source | None:
-    """Read where poses come from; None for what the file itself says.
-
-    Raises
-    ------
-    UsageError
-        It is not a source.
-    """
-    if not text:
-        return None
-    found = next((source for source in SOURCES if source == text), None)
-    if found is None:
-        raise UsageError(f"{text[:40]!r} is not a source", where="source", hint=f"use {', '.join(SOURCES)}")
-    return found

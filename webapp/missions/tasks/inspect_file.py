@@ -22,6 +22,7 @@ from webapp.missions.tasks.read_track import about_file, file_kind, file_pieces
 from webapp.progress import Progress
 
 NEEDS_START = "a track in the robot's own frame needs a start position and heading to be imported"
+_WITH_AXES = ("tum", "kitti", "csv")
 _PREVIEW = 400
 """Points of the line that shows a source, at least, where it has as many; at most twice as many."""
 
@@ -44,7 +45,7 @@ class FileSource:
     headings, heights : int
         Poses that have one.
     line : list of (float, float)
-        The track, thinned: latitude and longitude, or metres forward and left of its first pose.
+        The track, thinned: latitude and longitude, or metres forward and left of the first pose in its frame.
     """
 
     source: str
@@ -73,6 +74,8 @@ class FileReport:
         What would be left out, and what can hardly be true.
     notes : tuple of str
         How the file was understood.
+    options : tuple of str
+        Options that say how such a file is read: `columns`, `axes`.
     table : TableHead or None
         Header and first rows of a table.
     problem : str
@@ -85,6 +88,7 @@ class FileReport:
     skipped: tuple[Skipped, ...]
     doubts: tuple[Skipped, ...]
     notes: tuple[str, ...]
+    options: tuple[str, ...] = ()
     table: TableHead | None = None
     problem: str = ""
 
@@ -121,18 +125,31 @@ def inspect_file(
         kind = file_kind(path, options)
         head = table_head(path, options.columns) if kind == "csv" else None
         if head is not None and head.problem:
-            return FileReport(TITLES[kind], (), 0, (), (), (), head, head.problem)
+            return FileReport(TITLES[kind], (), 0, (), (), (), ("columns",), head, head.problem)
         placer = TrackPlacer(options, findings, time.time() if now_s is None else now_s)
         found: dict[tuple[str, str, str], _Gathered] = {}
+        anchors: dict[str, Anchor] = {}
         objects = 0
         for piece in file_pieces(path, options=options, findings=findings):
             progress.check()
-            objects += _take(piece, placer, found)
+            objects += _take(piece, placer, found=found, anchors=anchors)
             progress.advance(len(piece.poses) if isinstance(piece, WorldPiece | RobotPiece) else 1)
     sources = tuple(gathered.source(*key) for key, gathered in found.items())
     problem = "" if sources or objects else _reasons(findings)
     doubts, notes = findings.doubts(), tuple(findings.notes)
-    return FileReport(TITLES[kind], sources, objects, findings.skipped(), doubts, notes, head, problem)
+    in_metres = any(source.frame == "robot" for source in sources)
+    may = (("columns", head is not None), ("axes", in_metres and kind in _WITH_AXES))
+    return FileReport(
+        TITLES[kind],
+        sources,
+        objects,
+        findings.skipped(),
+        doubts,
+        notes,
+        tuple(name for name, does in may if does),
+        head,
+        problem,
+    )
 
 
 def as_json(report: FileReport, *, lines: bool = True) -> dict[str, Any]:
@@ -204,13 +221,25 @@ class _Gathered:
         )
 
 
-def _take(piece: Piece, placer: TrackPlacer, found: dict[tuple[str, str, str], _Gathered]) -> int:
-    """Add a piece to what was found; returns how many objects it has."""
+def _take(
+    piece: Piece,
+    placer: TrackPlacer,
+    *,
+    found: dict[tuple[str, str, str], _Gathered],
+    anchors: dict[str, Anchor],
+) -> int:
+    """Add a piece to what was found; returns how many objects it has.
+
+    Parameters
+    ----------
+    anchors : dict
+        The first pose in each frame, as it will be laid on the start.
+    """
     if isinstance(piece, RobotPiece):
         poses = piece.poses
         key = ("robot", placer.options.source or piece.source, piece.track)
         if key not in found:
-            found[key] = _Gathered(anchor_of(poses))
+            found[key] = _Gathered(anchors.setdefault(piece.frame, anchor_of(poses)))
             placer.findings.note(NEEDS_START)
         placer.doubt_times(piece, poses.times_s)
         found[key].add(poses.times_s, poses.xyz_m, heading=poses.yaw_rad, timed=piece.timed)

@@ -55,6 +55,8 @@ class ReadOptions:
         Of all tracks; None for what the kind of the file says.
     axes : Axes or None
         Of frames in TUM, KITTI and tables; None to detect them.
+    tracks : tuple of (Source, str) or None
+        Only these tracks; None for all. Objects are not tracks.
     """
 
     start: Start | None = None
@@ -63,6 +65,15 @@ class ReadOptions:
     columns: str | None = None
     source: Source | None = None
     axes: Axes | None = None
+    tracks: tuple[tuple[Source, str], ...] | None = None
+
+    def key(self, piece: WorldPiece | RobotPiece) -> tuple[Source, str]:
+        """Name the track of a piece as it will be imported."""
+        return self.source or piece.source, piece.track
+
+    def wants(self, piece: WorldPiece | RobotPiece) -> bool:
+        """Return whether a piece is of a track that is wanted."""
+        return self.tracks is None or self.key(piece) in self.tracks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,16 +124,24 @@ class TrackPlacer:
         """Return what of a piece can be used."""
         match piece:
             case WorldPiece():
-                yield from self._part(piece, piece.poses)
+                if self.options.wants(piece):
+                    yield from self._part(piece, piece.poses)
             case RobotPiece():
-                if self.options.start is None:
-                    self.findings.skip(NO_START, where=piece.track or "line 1", count=len(piece.poses))
-                else:
-                    yield from self._part(piece, self._poses(piece, self.options.start))
+                yield from self._of_robot(piece)
             case WorldObjects():
                 yield from self._objects(piece.sightings)
             case RobotObjects():
                 yield from self._objects(tuple(self._on_earth(piece)))
+
+    def _of_robot(self, piece: RobotPiece) -> Iterator[TrackSegment]:
+        """Lay poses on the Earth; also those of tracks that are not wanted say where objects are."""
+        wanted = self.options.wants(piece)
+        if self.options.start is not None:
+            poses = self._poses(piece, self.options.start)
+            if wanted:
+                yield from self._part(piece, poses)
+        elif wanted:
+            self.findings.skip(NO_START, where=piece.track or "line 1", count=len(piece.poses))
 
     def _part(self, piece: WorldPiece | RobotPiece, poses: Poses) -> Iterator[TrackSegment]:
         where = piece.track or "line 1"
@@ -133,7 +152,7 @@ class TrackPlacer:
         poses = poses.take(placed & timed)
         if not len(poses):
             return
-        key = (self.options.source or piece.source, piece.track)
+        key = self.options.key(piece)
         self.findings.doubt(NULL_ISLAND, where=where, count=int((poses.latlon == 0.0).all(axis=1).sum()))
         self.doubt_times(piece, poses.times_s)
         odometer, thinner = self._meters.setdefault(key, (Odometer(), Thinner(self.options.min_move)))

@@ -15,7 +15,7 @@ from webapp.core.trajectory.axes import AXES
 from webapp.core.trajectory.records import SOURCES
 from webapp.files.part_file import receive
 from webapp.missions.files.track_format import kind_of
-from webapp.missions.tasks.import_file import order_of, waiting_path
+from webapp.missions.tasks.import_order import order_of, waiting_path
 from webapp.missions.web.context import open_mission
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name

@@ -15,6 +15,7 @@ from webapp.store.maps.maps import Role
 from webapp.web.context import account, library
 
 PATH_PARAMETERS: dict[str, dict[str, Any]] = {
+    "file_id": {"description": "Id of the file that was sent."},
     "mission_id": {"description": "Id of the mission."},
     "object_id": {"description": "Id of the object, as the robot gave it."},
     "track_id": {"description": "Id of the track."},

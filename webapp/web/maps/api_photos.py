@@ -14,7 +14,7 @@ from typing import Any
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, File, Integer, List, Nested, String
 from apiflask.validators import Length, Range
-from flask import Response, jsonify, request
+from flask import Response, request
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.blur import BlurBox
@@ -25,6 +25,7 @@ from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
+from webapp.web import pieces
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
@@ -38,9 +39,6 @@ uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<sl
 
 _OTHER_PARTS = 20
 """Fields of a form besides its files."""
-
-_HEADER = "Upload-Offset"
-_JSON_BYTES = 10_000
 
 
 class ErrorOut(Schema):
@@ -216,19 +214,8 @@ class PieceOut(IntakeOut):
     offset = Integer()
 
 
-@uploads_api.before_request
-def limit_bytes() -> None:
-    """Refuse pieces that are too large while they are read."""
-    request.max_content_length = _chunk_bytes() if request.method == "PATCH" else _JSON_BYTES
-
-
-@uploads_api.errorhandler(WrongOffset)
-def tell_offset(error: WrongOffset) -> Response:
-    """Return the offset at which to resume."""
-    response = jsonify(error=as_json(error), offset=error.offset)
-    response.status_code = 409
-    response.headers[_HEADER] = str(error.offset)
-    return response
+uploads_api.before_request(pieces.limit_bytes)
+uploads_api.errorhandler(WrongOffset)(pieces.tell_offset)
 
 
 @uploads_api.post("")
@@ -265,7 +252,7 @@ def send(slug: str, id: str) -> dict[str, Any]:
     """Send the next piece."""
     record = open_map(slug, "editor")
     upload = _find_upload(record, id)
-    offset, data, part = _offset(), request.get_data(cache=False), _part(upload)
+    offset, data, part = pieces.given_offset(), request.get_data(cache=False), _part(upload)
     with one_at_a_time(part):
         try:
             there = append(part, data, offset=offset, size=upload.size_bytes)
@@ -305,23 +292,8 @@ def _state(upload: Upload) -> dict[str, Any]:
         "id": upload.id,
         "offset": arrived(_part(upload)),
         "size_bytes": upload.size_bytes,
-        "chunk_bytes": _chunk_bytes(),
+        "chunk_bytes": pieces.chunk_bytes(),
     }
-
-
-def _chunk_bytes() -> int:
-    return int(settings().upload.chunk_mb * 1e6)
-
-
-def _offset() -> int:
-    given = request.headers.get(_HEADER, "")
-    if not (given.isascii() and given.isdecimal() and len(given) < 16):
-        raise UsageError(
-            "the header with the offset of the chunk is missing",
-            where=_HEADER,
-            hint="send the number of bytes before the chunk",
-        )
-    return int(given)
 
 
 def _check_size(name: str, size_bytes: int) -> None:

@@ -4,22 +4,12 @@ import io
 
 import pytest
 
-from webapp.app.wings import DUTIES
 from webapp.errors import UsageError
-from webapp.jobs.context import Context, JobProgress
-from webapp.missions.store import missions, tracks
+from webapp.missions.store import tracks
 from webapp.missions.store.schema import Mission
-from webapp.store.operate import jobs
-from webapp.store.operate.jobs import Lease, Limits
 
 TABLE = b"stamp;la;lo\n1000;50,5;14\n2000;50,6;14\n"
 COLUMNS = "time=stamp:ms, lat=la, lon=lo"
-
-
-@pytest.fixture
-def mission(library, owner):
-    with library.database.write() as session:
-        return missions.create(session, "Yard", account_id=owner.id).id
 
 
 @pytest.fixture
@@ -36,20 +26,6 @@ def upload(client, mission):
 def waiting(library):
     folder = library.inner / "imports"
     return sorted(folder.iterdir()) if folder.is_dir() else []
-
-
-@pytest.fixture
-def work(library, settings):
-    """Do the job that waits, as a worker does; gives its result."""
-
-    def go():
-        with library.database.write() as session:
-            job = jobs.lease(session, "test", limits=Limits(60, 3))
-            lease, function = Lease(job.id, job.fence), DUTIES.function(job.kind)
-            known = (job.map_id, job.account_id, job.arguments)
-        return function(Context(library, settings, JobProgress(), lease, *known))
-
-    return go
 
 
 def test_a_file_is_imported_by_a_job(upload, library, mission, client, work):

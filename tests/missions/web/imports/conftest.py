@@ -1,0 +1,30 @@
+"""A mission, and the worker that does what is queued."""
+
+import pytest
+
+from webapp.app.wings import DUTIES
+from webapp.jobs.context import Context, JobProgress
+from webapp.missions.store import missions
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Lease, Limits
+
+
+@pytest.fixture
+def mission(library, owner):
+    """Make a mission; gives its id."""
+    with library.database.write() as session:
+        return missions.create(session, "Yard", account_id=owner.id).id
+
+
+@pytest.fixture
+def work(library, settings):
+    """Do the job that waits, as a worker does; gives its result."""
+
+    def go(**limits):
+        with library.database.write() as session:
+            job = jobs.lease(session, "test", limits=Limits(limits.get("seconds", 60), 3))
+            lease, function = Lease(job.id, job.fence), DUTIES.function(job.kind)
+            known = (job.map_id, job.account_id, job.arguments)
+        return function(Context(library, settings, JobProgress(), lease, *known))
+
+    return go

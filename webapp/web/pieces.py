@@ -1,0 +1,67 @@
+"""Files that come in pieces: where a piece belongs, and the answer to one that does not fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flask import Response, jsonify, request
+
+from webapp.errors import UsageError
+from webapp.files.part_file import WrongOffset
+from webapp.web.context import settings
+from webapp.web.errors import as_json
+
+HEADER = "Upload-Offset"
+
+OPERATION: dict[str, Any] = {
+    "parameters": [
+        {
+            "name": HEADER,
+            "in": "header",
+            "required": True,
+            "description": "Bytes of the file before this piece.",
+            "schema": {"type": "integer", "minimum": 0},
+        }
+    ],
+    "requestBody": {
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
+    },
+}
+"""What a route that takes a piece reads, for the OpenAPI document."""
+
+_JSON_BYTES = 100_000
+
+
+def chunk_bytes() -> int:
+    """Return the size of the largest piece."""
+    return int(settings().upload.chunk_mb * 1e6)
+
+
+def limit_bytes() -> None:
+    """Refuse pieces that are too large while they are read; for `before_request`."""
+    request.max_content_length = chunk_bytes() if request.method == "PATCH" else _JSON_BYTES
+
+
+def given_offset() -> int:
+    """Read where the sender believes its piece belongs.
+
+    Raises
+    ------
+    UsageError
+    """
+    given = request.headers.get(HEADER, "")
+    if not (given.isascii() and given.isdecimal() and len(given) < 16):
+        raise UsageError(
+            "the header with the offset of the chunk is missing",
+            where=HEADER,
+            hint="send the number of bytes before the chunk",
+        )
+    return int(given)
+
+
+def tell_offset(error: WrongOffset) -> Response:
+    """Return the offset at which to resume; for `errorhandler`."""
+    response = jsonify(error=as_json(error), offset=error.offset)
+    response.status_code = 409
+    response.headers[HEADER] = str(error.offset)
+    return response
