@@ -116,8 +116,7 @@ def _measure(cfg: Path, features: str, arguments: argparse.Namespace, *, within:
 def _case(pipeline: LocalizationPipeline, path: Path, truth: Sequence[float] | None) -> Case:
     """Look for a photo; which of the places found are right is known from the truth, none without it."""
     indexed = pipeline.opened.indexed
-    photo = pipeline._read(path)  # its parts: an answer has no evidence vectors
-    assert photo.fov is not None
+    photo, *_ = pipeline._read(path)  # its parts: an answer has no evidence vectors
     found = find_places(indexed, pipeline._extract(photo), fov_deg=photo.fov.degrees)
     radius = indexed.place_radius_px
     stored = pipeline.calibration.calibration if pipeline.calibration else DEFAULT

@@ -11,7 +11,7 @@ import click
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.files.localize.models import MODELS, ModelFile, install_hint, models_folder
-from webapp.tasks.localize import models as task
+from webapp.tasks.operate import models as task
 
 
 @click.command("list")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,15 +69,55 @@ def view_pixels(
         Above the horizon.
     """
     columns, rows = np.meshgrid(np.arange(size.width), np.arange(size.height))
-    ray = size.camera.rays(np.stack([columns.ravel(), rows.ravel()], 1).astype(np.float64))
+    xy = np.stack([columns.ravel(), rows.ravel()], 1).astype(np.float64)
+    at, elevation = panorama_pixels(xy, size, panorama=panorama, turn_deg=turn_deg)
+    shape = size.height, size.width
+    x, y = at.astype(np.float32).T
+    return x.reshape(shape), y.reshape(shape), elevation.reshape(shape)
+
+
+def panorama_pixels(
+    xy: NDArray[np.float64], size: ViewSize, *, panorama: tuple[int, int], turn_deg: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find where in a panorama some pixels of a level view are.
+
+    Parameters
+    ----------
+    xy : (n, 2) float64
+
+    Returns
+    -------
+    (n, 2) float64
+        As from `view_pixels`.
+    elevation_deg : (n,) float64
+        Above the horizon.
+    """
+    ray = size.camera.rays(xy)
     longitude = np.degrees(np.arctan2(ray[:, 0], ray[:, 2])) + turn_deg
     elevation = np.degrees(np.arctan2(-ray[:, 1], np.hypot(ray[:, 0], ray[:, 2])))
     width, height = panorama
     x = (longitude / 360.0 + 0.5) % 1.0 * width - 0.5
-    y = (0.5 - elevation / 180.0) * height - 0.5
-    shape = size.height, size.width
-    return (
-        x.reshape(shape).astype(np.float32),
-        y.reshape(shape).astype(np.float32),
-        elevation.reshape(shape),
-    )
+    return np.column_stack([x, (0.5 - elevation / 180.0) * height - 0.5]), elevation
+
+
+def cut_view(
+    pixels: NDArray[np.uint8], size: ViewSize, *, turn_deg: float
+) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """Cut a level view out of a panorama.
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) uint8
+        The whole sphere.
+
+    Returns
+    -------
+    view : (h, w, 3) uint8
+    elevation_deg : (h, w) float64
+        As from `view_pixels`.
+    """
+    x, y, elevation = view_pixels(size, panorama=(pixels.shape[1], pixels.shape[0]), turn_deg=turn_deg)
+    # The left edge continues the right one: columns beyond them are taken from the other side.
+    wide = np.concatenate([pixels[:, -1:], pixels, pixels[:, :1]], 1)
+    view = cv2.remap(wide, x + 1.0, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(view, np.uint8), elevation

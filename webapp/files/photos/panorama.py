@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
+from webapp.files.photos.photo import PhotoFacts, read_file
+from webapp.settings import PhotoLimits
 
 _GPANO = re.compile(rb'GPano:(\w+)\s*(?:=\s*["\']|>)\s*([^"\'<]+)')
 _ASPECT, _TOLERANCE = 2.0, 0.01
@@ -58,6 +60,21 @@ def read_panorama(content: bytes, size: tuple[int, int]) -> Panorama:
         is_whole = False
     marked = tags.get("ProjectionType", "").lower() == "equirectangular"
     return Panorama(marked, is_whole, _number(tags.get("PoseHeadingDegrees")))
+
+
+def is_panorama(path: Path, facts: PhotoFacts, *, limits: PhotoLimits) -> bool:
+    """Check whether a photo says that it is a panorama, and is a whole one.
+
+    Raises
+    ------
+    PhotoError
+        It cannot be read.
+    """
+    size = facts.width, facts.height
+    if abs(size[0] / size[1] - _ASPECT) > _TOLERANCE * _ASPECT:  # most photos need not be read for this
+        return False
+    found = read_panorama(read_file(path, limits=limits), size)
+    return found.is_marked and found.is_whole
 
 
 def _number(text: str | None) -> float | None:

@@ -179,7 +179,11 @@ def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None
     PhotoError
         As `read_facts`, or the pixels are damaged or cut off.
     """
-    full = _read(source, "L", limits=limits)
+    return scaled_gray(_read(source, "L", limits=limits), max_side)
+
+
+def scaled_gray(full: Pixels, max_side: int | None) -> GrayPhoto:
+    """Scale a grey photo down until its longer side has that many pixels; never up."""
     pixels, scale = _scaled(full, max_side)
     return GrayPhoto(pixels, scale, (full.shape[1], full.shape[0]))
 

@@ -9,20 +9,18 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.hypotheses import looks
 from webapp.core.hypotheses.calibration import Calibration, Case, fit, probabilities
-from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis
+from webapp.core.hypotheses.model import Hypothesis
 from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import second_look_features
-from webapp.files.photos.photo import GrayPhoto
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import calibrate
@@ -35,50 +33,6 @@ _QUICKEST = 0.1
 
 _SAME_AREAS = 0.9
 """Share of the photos that both looks have to take for what the other does: in an area, or by itself."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class QueryPhoto:
-    """A query, read once for all looks at it.
-
-    Attributes
-    ----------
-    vector : (d,) float32 or None
-        Its global descriptor.
-    seconds : float
-        Reading it took.
-    """
-
-    gray: GrayPhoto
-    fov: FieldOfView | None
-    vector: NDArray[np.float32] | None
-    seconds: float
-
-    def turned(self, quarters: int) -> QueryPhoto:
-        """Turn it clockwise: a photo that lies on its side, for features that know upright ones only."""
-        gray, fov = self.gray.turned(quarters), self.fov
-        if fov is not None and quarters % 2:
-            width, height = self.gray.full_size
-            half = math.tan(math.radians(fov.degrees) / 2.0) * height / width
-            fov = replace(fov, degrees=math.degrees(2.0 * math.atan(half)))
-        return replace(self, gray=gray, fov=fov)
-
-    def turned_back(self, answer: Answer, *, quarters: int) -> Answer:
-        """Give the answer to this photo, `turned`, in pixels of the photo as it was."""
-        evidence = tuple(
-            replace(e, query_xy=_turned_back(e.query_xy, self.gray.full_size, quarters))
-            for e in answer.evidence
-        )
-        return replace(answer, evidence=evidence, quarter_turns=quarters)
-
-
-def _turned_back(xy: NDArray[np.float32], size: tuple[int, int], quarters: int) -> NDArray[np.float32]:
-    """Turn pixels of a photo of that size counterclockwise; pixel centres have whole numbers."""
-    width, height = size
-    for _ in range(quarters):
-        xy = np.column_stack([xy[:, 1], width - 1 - xy[:, 0]])
-        width, height = height, width
-    return xy
 
 
 def look_options(

@@ -1,6 +1,7 @@
 """The localization of one photo, stage by stage.
 
-1. read: the photo is decoded upright and small enough, and its field of view is read (`files.photos`);
+1. read: the photo is decoded upright and small enough, and its field of view is read; a panorama is cut into
+   views, each of which goes through the next stages (`query_photo`);
 2. extract: keypoints and descriptors (`core.features`), and before, where there is a model, one of the whole;
 3. retrieve, verify, position: the map's photos that match, relative poses, positions (`core.localize`);
 4. calibrate: evidence becomes probabilities (`core.hypotheses.calibration`);
@@ -17,23 +18,22 @@ both looks (`core.hypotheses.looks`).
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from webapp.core.features.extract import extract
 from webapp.core.features.table import Method
 from webapp.core.features.types import Features
-from webapp.core.hypotheses import looks
+from webapp.core.hypotheses import joint, looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
 from webapp.core.hypotheses.heading_prior import relative_to_north
 from webapp.core.hypotheses.jsonform import AnswerSource
-from webapp.core.hypotheses.model import Answer, FieldOfView
+from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.localize import vote
@@ -44,7 +44,6 @@ from webapp.errors import InputError, MapError, MissingPart
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import read_map
-from webapp.files.photos.photo import GrayPhoto, read_facts, read_gray, read_upright
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import (
@@ -55,8 +54,8 @@ from webapp.tasks.localize import (
     open_map,
     orient_map,
 )
-from webapp.tasks.localize.cascade import QueryPhoto
-from webapp.tasks.localize.open_map import OpenMap, OpenOptions, guessed_fov_deg
+from webapp.tasks.localize.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize.query_photo import QueryPhoto, read_query
 
 _ALL = 100
 """More hypotheses than a look has."""
@@ -147,28 +146,34 @@ class LocalizationPipeline:
         ------
         PhotoError
         """
-        photo = self._read(photo_path)
-        if self.second is None:
-            return self._look(photo, top=top, hide=hide, include=include)
-        first = self._look(photo, top=_ALL, hide=hide, include=include)
-        if looks.is_sure(first):
+        photos = self._read(photo_path)
+        first = self._look_at_all(photos, hide=hide, include=include)
+        if self.second is None or looks.is_sure(first):
             return truncate(first, top)
-        upright = replace(photo, seconds=0.0).turned(first.quarter_turns)
-        further = self.second._look(upright, top=_ALL, hide=hide, include=include)
-        further = replace(upright.turned_back(further, quarters=first.quarter_turns), fov=first.fov)
+        turns = first.quarter_turns
+        upright = [replace(photo, seconds=0.0).turned(turns) for photo in photos]
+        further = self.second._look_at_all(upright, hide=hide, include=include)
+        further = replace(upright[0].turned_back(further, quarters=turns), fov=first.fov)
         return looks.combine_looks(
             (first, further), calibration=self.both, place_radius_px=self.place_radius_px, top=top
         )
 
-    def _look(self, photo: QueryPhoto, *, top: int, hide: frozenset[int], include: frozenset[int]) -> Answer:
+    def _look_at_all(
+        self, photos: Sequence[QueryPhoto], *, hide: frozenset[int], include: frozenset[int]
+    ) -> Answer:
+        """Localize a photo, or the views of a panorama, which are photos of one spot."""
+        answers = [self._look(photo, hide=hide, include=include) for photo in photos]
+        return joint.combine(answers, paths=self.opened.indexed.paths, top=_ALL)
+
+    def _look(self, photo: QueryPhoto, *, hide: frozenset[int], include: frozenset[int]) -> Answer:
         """Localize by the pipeline's own features."""
         watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
             features = self._extract(photo)
         indexed, fov = self.opened.indexed, photo.fov
-        if fov is None:
+        if self.method == "vote":
             with watch.stage("retrieve"):
-                answer = vote.localize(indexed, features, top=top, hide=hide)
+                answer = vote.localize(indexed, features, top=_ALL, hide=hide)
             return replace(answer, seconds=watch.total(), looks=(self.features,))
         found = landmarks.find_places(
             self.opened,
@@ -179,34 +184,18 @@ class LocalizationPipeline:
             depths=self._depths_without(hide) if hide else None,
         )
         calibration = self.calibration.calibration if self.calibration else DEFAULT
-        answer = with_probabilities(indexed, found, calibration=calibration, top=top)
+        answer = with_probabilities(indexed, found, calibration=calibration, top=_ALL)
+        answer = replace(answer, fov=fov)
+        if photo.view is not None:
+            answer = photo.view.to_panorama(answer)
         answer = relative_to_north(answer, self.map.georeference)
         seconds = {**found.answer.seconds, **watch.total()}
-        return replace(answer, seconds=seconds, fov=fov, looks=(self.features,))
+        return replace(answer, seconds=seconds, looks=(self.features,))
 
-    def _read(self, photo_path: Path) -> QueryPhoto:
-        started = time.perf_counter()
-        limits = self.settings.photo
-        gray = read_gray(photo_path, limits=limits, max_side=self.settings.extract.max_side_px)
-        fov = self._fov(photo_path, gray)
-        return QueryPhoto(gray, fov, self._vector(photo_path), time.perf_counter() - started)
-
-    def _vector(self, path: Path) -> NDArray[np.float32] | None:
-        """Describe a photo as a whole, where there is a model for that."""
+    def _read(self, photo_path: Path) -> list[QueryPhoto]:
         described = (o.indexed.global_descriptors for o in self.all_opened)
-        network = next((d.network for d in described if d is not None), None)
-        return None if network is None else network.describe(read_upright(path, limits=self.settings.photo))
-
-    def _fov(self, photo_path: Path, gray: GrayPhoto) -> FieldOfView | None:
-        """Find a photo's field of view, which `vote` does not ask for."""
-        if self.opened.method == "vote":
-            return None
-        if self.fov_deg is not None:
-            return FieldOfView(self.fov_deg, "option")
-        exif = read_facts(photo_path, limits=self.settings.photo).fov_deg
-        if exif is not None:
-            return FieldOfView(exif, "exif")
-        return FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
+        describe = next((d.network for d in described if d is not None), None)
+        return read_query(photo_path, settings=self.settings, fov_deg=self.fov_deg, describe=describe)
 
     def _extract(self, photo: QueryPhoto) -> Features:
         choice, gray = self.opened.choice, photo.gray

@@ -89,7 +89,10 @@ def combine_without_prior(
     if hints.near is not None:
         answer = apply_circle_prior(answer, hints.near, paths=paths)
     if hints.heading_deg is not None:
-        answer = apply_compass(answer, hints.heading_deg, looked_deg=photo_headings(pipeline))
+        # A panorama may be matched with photos that look anywhere.
+        around = any(one.fov is not None and one.fov.degrees >= 360.0 for one in answers)
+        looked_deg = {} if around else photo_headings(pipeline)
+        answer = apply_compass(answer, hints.heading_deg, looked_deg=looked_deg)
     best = joint.most_confident(answers, answer.hypotheses)
     return joint.with_evidence_of(answer, answers[best]), best
 

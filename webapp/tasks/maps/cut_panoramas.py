@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from webapp.core.geo.types import LatLon
-from webapp.core.geometry.equirectangular import ViewSize, view_pixels, view_size
+from webapp.core.geometry.equirectangular import ViewSize, cut_view, view_size
 from webapp.errors import PhotoError, UsageError
 from webapp.files.listing import list_photos
 from webapp.files.photos.exif_gps import Gps
@@ -104,13 +101,10 @@ def _cut(path: Path, out: Path, *, options: CutOptions, limits: PhotoLimits) -> 
     view = view_size(size[0], options.focal_35mm)
     for number in range(options.views):
         turn = 360.0 * number / options.views
-        x, y, elevation = view_pixels(view, panorama=size, turn_deg=turn)
-        # The left edge continues the right one: columns beyond them are taken from the other side.
-        wide = np.concatenate([pixels[:, -1:], pixels, pixels[:, :1]], 1)
-        cut = cv2.remap(wide, x + 1.0, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        cut, elevation = cut_view(pixels, view, turn_deg=turn)
         cut[(elevation < -options.lowest_deg) | (elevation > options.highest_deg)] = _GREY
         file = out.with_name(f"{out.stem}_{round(turn):03}.jpg")
-        write_view(file, np.asarray(cut, np.uint8), tags=_tags(facts, panorama, view, turn_deg=turn))
+        write_view(file, cut, tags=_tags(facts, panorama, view, turn_deg=turn))
         yield file.name
 
 

@@ -16,7 +16,7 @@ from webapp.files.localize.index_store import index_key
 from webapp.files.localize.models import ModelFile
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import models as task
+from webapp.tasks.operate import models as task
 
 CONTENT = bytes(range(256)) * 1000
 

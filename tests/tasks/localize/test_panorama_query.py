@@ -1,0 +1,135 @@
+"""A panorama as a query: its views are looked for together, and the answer is about the whole."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.tasks.maps.test_cut_panoramas import LIMITS, XMP
+from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.equirectangular import panorama_pixels, view_size
+from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics
+from webapp.files.photos.panorama import is_panorama
+from webapp.files.photos.photo import read_facts
+from webapp.progress import Progress
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.query_photo import PanoramaView, read_query
+from webapp.tasks.localize.spot import Hints, combine, observe
+from webapp.tasks.maps.cut_panoramas import CutOptions, cut_panoramas
+
+WIDE, HIGH = 960, 480
+PLACES = 3
+
+
+def texture(seed):
+    """A panorama full of corners, whose seam fits: patches of random grey, in two sizes."""
+    random = np.random.default_rng(seed)
+    coarse = random.integers(0, 256, (HIGH // 24, WIDE // 24), dtype=np.uint8)
+    fine = random.integers(0, 256, (HIGH // 8, WIDE // 8), dtype=np.uint8)
+    large = [cv2.resize(one, (WIDE, HIGH), interpolation=cv2.INTER_NEAREST) for one in (coarse, fine)]
+    return cv2.merge([cv2.GaussianBlur(cv2.addWeighted(*[large[0], 0.7, large[1], 0.3, 0]), (5, 5), 0)] * 3)
+
+
+def save(path, pixels, *, xmp=XMP):
+    data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+    if xmp:
+        body = b"http://ns.adobe.com/xap/1.0/\x00" + xmp.replace(b"%s", b"0.0")
+        data = data[:2] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + data[2:]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+@pytest.fixture(scope="module")
+def cfg(tmp_path_factory):
+    """Three places, of each the six views of its panorama."""
+    folder = tmp_path_factory.mktemp("panoramas")
+    for place in range(PLACES):
+        save(folder / "panoramas" / f"{place}.jpg", texture(place))
+    cut = [
+        *cut_panoramas(
+            folder / "panoramas", folder / "photos", options=CutOptions(), limits=LIMITS, progress=Progress()
+        )
+    ]
+    cv2.imwrite(str(folder / "plan.png"), np.full((200, 800), 200, np.uint8))
+    lines = ["plan.png;800;200"]
+    for place, one in enumerate(cut):
+        for view in one.views:
+            lines.append(f"{len(lines) - 1};photos/{view};{200 + 200 * place};100")
+    (folder / "map.cfg").write_text("\n".join(lines) + "\n")
+    return folder / "map.cfg"
+
+
+def opened(cfg, settings, *, method="verified"):
+    options = OpenOptions(method=method, features="sift", jobs=1)
+    return open_pipeline(cfg, options, settings=settings, progress=Progress())
+
+
+@pytest.fixture
+def query(tmp_path):
+    """The panorama of the second place, by a camera that was turned by a quarter."""
+    return save(tmp_path / "query.jpg", np.roll(texture(1), WIDE // 4, axis=1))
+
+
+@pytest.mark.parametrize("method", ["vote", "verified"])
+def test_a_panorama_is_localized_by_all_its_views(cfg, query, quick, method):
+    pipeline = opened(cfg, quick, method=method)
+    answer = pipeline.localize(query, top=2)
+    first = answer.hypotheses[0]
+    assert np.hypot(first.position[0] - 400.0, first.position[1] - 100.0) < 20.0
+    assert first.experiences[0] // 6 == 1
+    assert answer.fov == (None if method == "vote" else FieldOfView(360.0, "exif"))
+    total = sum(h.probability for h in answer.hypotheses) + answer.other_probability
+    assert total + (answer.off_map_probability or 0.0) == pytest.approx(1.0)
+
+
+def test_matches_are_in_pixels_of_the_panorama(cfg, query, quick):
+    pipeline = opened(cfg, quick)
+    one, *_ = pipeline.localize(query, top=1).evidence
+    assert one.inlier.sum() > 10
+    turn = 60.0 * (one.experience % 6)
+    size = view_size(WIDE, 17)
+    there, _ = panorama_pixels(
+        one.photo_xy[one.inlier].astype(float), size, panorama=(WIDE, HIGH), turn_deg=turn
+    )
+    off = one.query_xy[one.inlier] - there - [WIDE / 4, 0.0]
+    off[:, 0] = (off[:, 0] + WIDE / 2) % WIDE - WIDE / 2
+    assert np.median(np.hypot(*off.T)) < 2.0
+
+
+def test_a_compass_is_not_compared_with_where_the_photos_look(cfg, query, quick):
+    """The views match photos that look anywhere."""
+    pipeline = opened(cfg, quick)
+    answer = observe(pipeline, query, hints=Hints())
+    answer = replace(answer, hypotheses=tuple(replace(h, heading_deg=None) for h in answer.hypotheses))
+    plain, _ = combine(pipeline, [answer], hints=Hints(), top=2)
+    hinted, _ = combine(pipeline, [answer], hints=Hints(heading_deg=77.0), top=2)
+    probabilities = [[h.probability for h in one.hypotheses] for one in (hinted, plain)]
+    assert probabilities[0] == pytest.approx(probabilities[1])
+
+
+def test_the_heading_is_that_of_the_middle():
+    view = PanoramaView(view_size(WIDE, 17), (WIDE, HIGH), 300.0)
+    seen = Hypothesis(1, "position", MapPixel(10.0, 20.0), 0.9, 5.0, -80.0, (1,), 30, 40)
+    none = MatchStatistics(1, 0, 0, None, None, None, None)
+    answer = Answer((seen,), 0.1, 0.0, None, none, fov=FieldOfView(91.0, "exif"))
+    (first,) = view.to_panorama(answer).hypotheses
+    assert first.heading_deg == pytest.approx(-20.0)  # -380, a whole turn on
+
+
+def test_views_are_all_around_and_as_small_as_photos(query, quick):
+    views = read_query(query, settings=quick, fov_deg=40.0, describe=None)
+    assert [v.view.turn_deg for v in views] == [0.0, 60.0, 120.0, 180.0, 240.0, 300.0]
+    assert all(v.fov.degrees == pytest.approx(91.0, abs=0.2) for v in views)
+    assert all(max(v.gray.pixels.shape) <= quick.extract.max_side_px for v in views)
+
+
+def test_what_does_not_say_that_it_is_a_panorama_is_a_photo(tmp_path, quick):
+    wide = save(tmp_path / "wide.jpg", texture(5), xmp=b"")
+    assert not is_panorama(wide, read_facts(wide, limits=LIMITS), limits=LIMITS)
+    (photo,) = read_query(wide, settings=quick, fov_deg=None, describe=None)
+    assert photo.view is None
+    narrow = save(tmp_path / "narrow.jpg", texture(5)[:, : WIDE // 2])
+    assert not is_panorama(narrow, read_facts(narrow, limits=LIMITS), limits=LIMITS)

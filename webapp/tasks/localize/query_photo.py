@@ -1,0 +1,157 @@
+"""Reads a query once for all looks at it: a photo, or a panorama as level views of what is around."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.global_descriptor import GlobalDescriptor
+from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pixels, view_size
+from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis
+from webapp.files.photos.panorama import is_panorama
+from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_facts, read_gray, read_upright, scaled_gray
+from webapp.settings import Settings
+from webapp.tasks.localize.open_map import guessed_fov_deg
+
+_VIEWS, _FOCAL_35MM = 6, 17
+"""Of a panorama: 60 degrees apart, each 91 degrees wide."""
+
+
+@dataclass(frozen=True, slots=True)
+class PanoramaView:
+    """Which part of a panorama a view shows.
+
+    Attributes
+    ----------
+    panorama : (int, int)
+        Width and height, pixels.
+    turn_deg : float
+        By how much it is turned clockwise from the middle of the panorama.
+    """
+
+    size: ViewSize
+    panorama: tuple[int, int]
+    turn_deg: float
+
+    def to_panorama(self, answer: Answer) -> Answer:
+        """Give the answer to the panorama: its middle is where it looks, and matches are in its pixels."""
+        whole = None if answer.fov is None else FieldOfView(360.0, answer.fov.source)
+        hypotheses = tuple(self._of_middle(h) for h in answer.hypotheses)
+        evidence = tuple(self._on_panorama(e) for e in answer.evidence)
+        return replace(answer, hypotheses=hypotheses, evidence=evidence, fov=whole, quarter_turns=0)
+
+    def _of_middle(self, hypothesis: Hypothesis) -> Hypothesis:
+        if hypothesis.heading_deg is None:
+            return hypothesis
+        return replace(hypothesis, heading_deg=math.remainder(hypothesis.heading_deg - self.turn_deg, 360.0))
+
+    def _on_panorama(self, evidence: Evidence) -> Evidence:
+        xy = evidence.query_xy.astype(np.float64)
+        at, _ = panorama_pixels(xy, self.size, panorama=self.panorama, turn_deg=self.turn_deg)
+        return replace(evidence, query_xy=at.astype(np.float32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QueryPhoto:
+    """A query, or a view of one.
+
+    Attributes
+    ----------
+    vector : (d,) float32 or None
+        Its global descriptor.
+    seconds : float
+        Reading it took.
+    view : PanoramaView or None
+        What it shows of a panorama.
+    """
+
+    gray: GrayPhoto
+    fov: FieldOfView
+    vector: NDArray[np.float32] | None
+    seconds: float
+    view: PanoramaView | None = None
+
+    def turned(self, quarters: int) -> QueryPhoto:
+        """Turn it clockwise: a photo that lies on its side, for features that know upright ones only."""
+        gray, fov = self.gray.turned(quarters), self.fov
+        if quarters % 2:
+            width, height = self.gray.full_size
+            half = math.tan(math.radians(fov.degrees) / 2.0) * height / width
+            fov = replace(fov, degrees=math.degrees(2.0 * math.atan(half)))
+        return replace(self, gray=gray, fov=fov)
+
+    def turned_back(self, answer: Answer, *, quarters: int) -> Answer:
+        """Give the answer to this photo, `turned`, in pixels of the photo as it was."""
+        evidence = tuple(
+            replace(e, query_xy=_turned_back(e.query_xy, self.gray.full_size, quarters))
+            for e in answer.evidence
+        )
+        return replace(answer, evidence=evidence, quarter_turns=quarters)
+
+
+def _turned_back(xy: NDArray[np.float32], size: tuple[int, int], quarters: int) -> NDArray[np.float32]:
+    """Turn pixels of a photo of that size counterclockwise; pixel centres have whole numbers."""
+    width, height = size
+    for _ in range(quarters):
+        xy = np.column_stack([xy[:, 1], width - 1 - xy[:, 0]])
+        width, height = height, width
+    return xy
+
+
+def read_query(
+    path: Path, *, settings: Settings, fov_deg: float | None, describe: GlobalDescriptor | None
+) -> list[QueryPhoto]:
+    """Read a photo, or cut a panorama that says that it is one into views.
+
+    Parameters
+    ----------
+    fov_deg : float or None
+        Horizontal field of view of a photo, instead of what its EXIF says.
+    describe : GlobalDescriptor or None
+        Describes it as a whole.
+
+    Raises
+    ------
+    PhotoError
+    """
+    started = time.perf_counter()
+    limits = settings.photo
+    facts = read_facts(path, limits=limits)
+    if is_panorama(path, facts, limits=limits):
+        return [*_views(path, settings=settings, describe=describe)]
+    gray = read_gray(path, limits=limits, max_side=settings.extract.max_side_px)
+    vector = None if describe is None else describe.describe(read_upright(path, limits=limits))
+    fov = _field_of_view(facts, gray, given=fov_deg)
+    return [QueryPhoto(gray, fov, vector, time.perf_counter() - started)]
+
+
+def _field_of_view(facts: PhotoFacts, gray: GrayPhoto, *, given: float | None) -> FieldOfView:
+    if given is not None:
+        return FieldOfView(given, "option")
+    if facts.fov_deg is not None:
+        return FieldOfView(facts.fov_deg, "exif")
+    return FieldOfView(guessed_fov_deg(*gray.full_size), "guess")
+
+
+def _views(path: Path, *, settings: Settings, describe: GlobalDescriptor | None) -> Iterator[QueryPhoto]:
+    started = time.perf_counter()
+    pixels = read_upright(path, limits=settings.photo)
+    height, width = pixels.shape[:2]
+    size = view_size(width, _FOCAL_35MM)
+    fov = FieldOfView(size.camera.fov_deg, "exif")
+    for number in range(_VIEWS):
+        turn_deg = 360.0 * number / _VIEWS
+        cut, _ = cut_view(pixels, size, turn_deg=turn_deg)
+        gray = np.asarray(cv2.cvtColor(cut, cv2.COLOR_BGR2GRAY), np.uint8)
+        vector = None if describe is None else describe.describe(cut)
+        view = PanoramaView(size, (width, height), turn_deg)
+        small = scaled_gray(gray, settings.extract.max_side_px)
+        yield QueryPhoto(small, fov, vector, time.perf_counter() - started, view)
+        started = time.perf_counter()
