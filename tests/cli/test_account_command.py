@@ -51,3 +51,12 @@ def test_accounts_are_added_and_listed(expmap, library):
     lines = [line.split("\t")[:2] for line in expmap("account", "list")[1].splitlines()]
     assert lines == [["Jana", "-"], ["owner", "owner"]]
     assert expmap("account", "link", "--account", "Petr")[0] == 1
+
+
+@pytest.mark.parametrize("command", [("link",), ("token", "--name", "robot"), ("add", "Jana"), ("list",)])
+def test_an_account_command_makes_no_library(expmap, tmp_path, command):
+    """Else a slip in the folder's name would give a token that no server knows."""
+    code, _, err = expmap("account", *command, "--library", tmp_path / "typo")
+    assert code == 1
+    assert "there is no library in this folder" in err
+    assert not (tmp_path / "typo").exists()

@@ -8,10 +8,8 @@ from pathlib import Path
 import click
 
 from webapp.cli.exitcodes import DONE, SOME_FAILED
-from webapp.cli.library import Composition, library_option, library_settings
+from webapp.cli.library import Composition, existing_library, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
-from webapp.errors import NotFound
-from webapp.store.library import DATABASE, INNER, open_library
 from webapp.tasks.operate import backup as backup_library
 from webapp.tasks.operate import restore as restore_library
 
@@ -26,19 +24,11 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
     The library may be served and changed meanwhile. Accounts are part of it: keep FILE where only you can
     read it.
     """
-    folder = library_settings(library).library
-    if not (folder / INNER / DATABASE).is_file():
-        raise NotFound(
-            "there is no library in this folder", where=str(folder), hint="set it: --library FOLDER"
-        )
-    opened = open_library(folder)
-    try:
-        with terminal_progress("copying") as progress:
-            report = backup_library.back_up(
-                opened, file, parts=composition.library_parts(), progress=progress
-            )
-    finally:
-        opened.database.close()
+    with (
+        existing_library(library_settings(library).library) as opened,
+        terminal_progress("copying") as progress,
+    ):
+        report = backup_library.back_up(opened, file, parts=composition.library_parts(), progress=progress)
     for name in report.missing:
         click.echo(f"{name}: the library has lost this file", err=True)
     click.echo(

@@ -11,12 +11,11 @@ import click
 from sqlalchemy import select
 
 from webapp.cli import exitcodes
-from webapp.cli.library import library_option, library_settings
+from webapp.cli.library import existing_library, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.jsonform import failure_to_json
-from webapp.errors import NotFound, PhotoError
+from webapp.errors import PhotoError
 from webapp.settings import keep_freed_memory
-from webapp.store.library import DATABASE, INNER, open_library
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize.find_map import MapSearch, find_map, search_json
 from webapp.tasks.localize.map_cache import MapCache
@@ -41,15 +40,10 @@ def find(photos: tuple[Path, ...], top: int, as_json: bool, library: Path | None
     Maps without an index are named and not searched; expmap build, or the page Localize, makes one.
     """
     settings = library_settings(library)
-    if not (settings.library / INNER / DATABASE).is_file():
-        raise NotFound(
-            "there is no library in this folder", where=str(settings.library), hint="set it: --library FOLDER"
-        )
     keep_freed_memory()
-    opened = open_library(settings.library)
     forms: list[dict[str, Any]] = []
     failed = False
-    try:
+    with existing_library(settings.library) as opened:
         with opened.database.read() as session:
             there = (
                 select(MapRecord).where(MapRecord.binned_at.is_(None)).order_by(MapRecord.changed_at.desc())
@@ -71,8 +65,6 @@ def find(photos: tuple[Path, ...], top: int, as_json: bool, library: Path | None
             forms.append(search_json(found, query=str(photo)))
             if not as_json:
                 click.echo(_text(found, query=str(photo)))
-    finally:
-        opened.database.close()
     if as_json:
         click.echo(json.dumps(forms, indent=2))
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)

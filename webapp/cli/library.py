@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -10,7 +11,9 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from webapp.configuration import load_settings
+from webapp.errors import NotFound
 from webapp.settings import Settings
+from webapp.store.library import DATABASE, INNER, Library, open_library
 
 if TYPE_CHECKING:
     from webapp.jobs.kinds import Duties
@@ -50,3 +53,24 @@ def library_settings(folder: Path | None) -> Settings:
     """Load the settings, with the library that was chosen."""
     settings = load_settings()
     return settings if folder is None else replace(settings, library=folder)
+
+
+@contextmanager
+def existing_library(folder: Path) -> Iterator[Library]:
+    """Open the library of a command that has no use for a new one.
+
+    Raises
+    ------
+    NotFound
+        There is none in the folder.
+    StorageError
+    """
+    if not (folder / INNER / DATABASE).is_file():
+        raise NotFound(
+            "there is no library in this folder", where=str(folder), hint="set it: --library FOLDER"
+        )
+    library = open_library(folder)
+    try:
+        yield library
+    finally:
+        library.database.close()

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from webapp.cli.foxglove import serve_until_interrupted, sink_options
-from webapp.cli.library import library_option, library_settings
+from webapp.cli.library import existing_library, library_option, library_settings
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.outgoing import ExportTrack
 from webapp.core.trajectory.records import Poses
@@ -22,7 +22,6 @@ from webapp.missions.store.schema import Mission
 from webapp.render.colours import RGB
 from webapp.render.foxglove import FoxglovePoint, FoxgloveSink
 from webapp.store.database import Database
-from webapp.store.library import open_library
 
 _LINE_POSES = 2000
 """Of each track in the lines that are drawn anew whenever something comes."""
@@ -35,8 +34,7 @@ _LINE_POSES = 2000
 def mission(mission: int, out: Path | None, host: str, port: int, library: Path | None) -> None:
     """Show tracks and objects of MISSION, a number, in Foxglove, as they come in."""
     require("foxglove")
-    place = open_library(library_settings(library).library)
-    try:
+    with existing_library(library_settings(library).library) as place:
         find_revision(place.database, mission)
         with FoxgloveSink(out=out, address=(host, port)) as sink:
             if out is None:
@@ -44,8 +42,6 @@ def mission(mission: int, out: Path | None, host: str, port: int, library: Path 
                 serve_until_interrupted(sink, host, look=lambda: follower.look(sink))
             else:
                 send_mission(sink, place.database, number=mission)
-    finally:
-        place.database.close()
 
 
 def find_revision(database: Database, number: int) -> int:
