@@ -231,6 +231,8 @@ def _facts(e: Experience, latlon: tuple[float, float] | None) -> str:
         facts.append(f"{e.heading_deg:.0f}°")
     if e.taken_at is not None:
         facts.append(e.taken_at)
+    if e.source is not None:
+        facts.append(e.source.credit)
     return " · ".join(facts)
 
 

@@ -202,6 +202,8 @@ class Photo(Base):
     heading_deg: Mapped[float | None]
     blurred: Mapped[list[dict[str, Any]] | None]
     """Boxes that are blurred in every picture of it: `x`, `y`, `width`, `height`, shares of its size."""
+    source: Mapped[dict[str, Any] | None]
+    """Of a photo that is from a service: `service`, `id`, `licence`, `author`, `url`, as in `map.json`."""
     removed: Mapped[bool] = mapped_column(default=False)
     """Taken out of the map; kept, so that it can be undone."""
     revision: Mapped[int] = mapped_column(default=0)

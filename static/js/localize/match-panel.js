@@ -3,6 +3,7 @@
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
+import { creditLine } from "../shared/photo-credit.js";
 import { matchView } from "./match-view.js";
 
 const ROOM_IN_PANEL = 0.85;
@@ -66,6 +67,7 @@ export class MatchPanel {
       query: { src: query.preview, name: query.name, width: query.width, height: query.height },
       photo: { src: photo.preview, name: photo.name, width: photo.width, height: photo.height },
       lines: match,
+      credit: photo.source ? creditLine(photo.source) : null,
     };
   }
 
@@ -73,7 +75,7 @@ export class MatchPanel {
     const pair = this._pair;
     const view = byId("matches-view");
     view.replaceChildren(...(pair ? [matchView(pair, { all: this._all, shape: ROOM_IN_PANEL })] : []));
-    byId("matches-count").textContent = pair ? count(pair.lines) : "";
+    byId("matches-count").replaceChildren(...(pair ? [count(pair.lines), ...behind(pair.credit)] : []));
   }
 
   get _all() {
@@ -86,11 +88,13 @@ export class MatchPanel {
     const shape = innerWidth / innerHeight;
     const dialog = openDialog(t("{query} and {photo}", { query: pair.query.name, photo: pair.photo.name }), [
       matchView(pair, { all: this._all, shape }),
-      h("p", { class: "small soft" }, count(pair.lines), " · ", t("Zoom by wheel, pinch or double-click.")),
+      h("p", { class: "small soft" }, count(pair.lines), ...behind(pair.credit), " · ", t("Zoom by wheel, pinch or double-click.")),
     ]);
     dialog.classList.add("lo-dialog");
   }
 }
+
+const behind = (part) => (part ? [" · ", part] : []);
 
 function count({ inlier }) {
   const inliers = inlier.filter(Boolean).length;

@@ -5,6 +5,7 @@ import { byId, h } from "../shared/dom.js";
 import { clockText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
 import { latLonText } from "../shared/map/coords.js";
+import { creditLine } from "../shared/photo-credit.js";
 
 /** Follows the current photo of the store. */
 export class PhotoPanel {
@@ -48,6 +49,7 @@ export class PhotoPanel {
       latLon && [t("Coordinates"), latLonText(latLon)],
       photo.heading_deg !== null && [t("Heading"), headingText(photo.heading_deg)],
       photo.taken_at && [t("Taken"), clockText(photo.taken_at)],
+      photo.source && [t("From"), creditLine(photo.source)],
       photo.original && [t("File"), h("a", { href: photo.original, download: true }, t("original"))],
     ].filter(Boolean);
   }

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage
+from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage
 from webapp.errors import CfgError, MapError, MapJsonError
 from webapp.files.maps.folder import json_path, photo_path, read_map, write_map
 
@@ -31,6 +31,7 @@ def full_maps(draw: st.DrawFn) -> Map:
             fov_deg=draw(some),
             gps_accuracy_m=draw(some),
             taken_at=draw(st.none() | st.datetimes().map(lambda time: time.isoformat())),
+            source=draw(st.sampled_from([None, PhotoSource("Street", f"s-{id}", "CC BY 4.0", "Ana")])),
         )
         for id in ids
     )

@@ -12,6 +12,7 @@ from PIL import Image
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon
+from webapp.core.mapmodel.model import PhotoSource
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import Settings
@@ -48,6 +49,19 @@ def test_geojson_has_longitude_first(source):
         assert TURNED.pixel_of(LatLon(lat, lon)) == pytest.approx(e.position, abs=1e-3)
         assert (feature["id"], feature["properties"]["photo"]) == (e.id, e.photo)
     assert content["features"][1]["properties"]["heading_deg"] == 271.5
+
+
+def test_whom_a_photo_is_from_leaves_with_it(source, tmp_path):
+    first, *others = source.map.experiences
+    first = replace(first, source=PhotoSource("Street", "s-1", "CC BY 4.0", "Ana <b>"))
+    credited = replace(source, map=replace(source.map, experiences=(first, *others)))
+    content = json.loads(whole(export_files.export_map_geojson(credited)))
+    credits_ = [feature["properties"]["credit"] for feature in content["features"]]
+    assert credits_ == ["© Ana <b>, Street (CC BY 4.0)", None, None]
+    kml = ET.fromstring(whole(export_files.export_map_kml(credited)))
+    assert [
+        data.findtext(f"{KML}value") for data in kml.iter(f"{KML}Data") if data.get("name") == "credit"
+    ] == ["© Ana <b>, Street (CC BY 4.0)"]
 
 
 def test_a_photo_beyond_the_horizon_has_no_geometry(source):

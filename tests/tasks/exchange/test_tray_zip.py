@@ -99,12 +99,14 @@ def test_it_keeps_its_ids_and_so_the_order_of_the_photos(park, exported, bring, 
 def test_what_is_known_of_each_photo_comes_back(park, exported, bring, library, owner, rows):
     known = {
         1: {
+            "source": {"service": "Street", "id": "s-1", "licence": "CC BY 4.0"},
             "name": "výlet (2).JPG",
             "heading_deg": 12.5,
             "gps_accuracy_m": 30.0,
             "taken_at": "2026-05-01T12:00:00",
         },
         2: {
+            "source": {"service": "Street", "id": "s-2", "licence": "CC0", "url": "https://a.example/s-2"},
             "name": "IMG_2.JPG",
             "heading_deg": 271.25,
             "fov_deg": 70.0,

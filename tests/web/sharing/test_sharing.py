@@ -163,6 +163,17 @@ def test_nothing_of_exif_is_shown_unless_the_owner_allows_it(stranger, share, an
             assert b"SECRETCAM" not in got.data and b"2019:05" not in got.data, address
 
 
+def test_whom_a_photo_is_from_is_always_named(library, client, stranger, full, share, owner):
+    source = {"service": "Street", "id": "s-1", "licence": "CC BY 4.0", "url": "https://a.example/s-1"}
+    with library.database.write() as session:
+        maps.photo(session, maps.find(session, full, account=owner), 0).source = source
+    expected = {**source, "credit": "© Street (CC BY 4.0)"}
+    own = client.get(f"/api/v1/maps/{full}").json["photos"]
+    assert [photo["source"] for photo in own] == [expected, None, None]
+    shown = stranger.get(api(share())).json["photos"]
+    assert [photo["source"] for photo in shown] == [expected, None]
+
+
 def test_the_owner_can_give_files_out(stranger, share, answer):
     shared = share(photos=True, originals=True, query=answer)
     state = stranger.get(api(shared)).json

@@ -28,6 +28,37 @@ class SatelliteImage:
 
 
 @dataclass(frozen=True, slots=True)
+class PhotoSource:
+    """Where a photo comes from that somebody else has taken, and on what terms.
+
+    Attributes
+    ----------
+    service : str
+        That gives it: its name for people.
+    id : str
+        Of the photo there; a view cut out of a panorama has its turn behind `#`.
+    licence : str
+        Its short name, such as `CC BY-SA 4.0`.
+    author : str or None
+        Who is to be named.
+    url : str or None
+        Page or record of the photo.
+    """
+
+    service: str
+    id: str
+    licence: str
+    author: str | None = None
+    url: str | None = None
+
+    @property
+    def credit(self) -> str:
+        """The line that goes with the photo."""
+        who = self.service if self.author is None else f"{self.author}, {self.service}"
+        return f"© {who} ({self.licence})"
+
+
+@dataclass(frozen=True, slots=True)
 class Experience:
     """A photo and where it was taken.
 
@@ -49,6 +80,8 @@ class Experience:
         Of the original file; None where `photo` ends with it.
     blurred : tuple of BlurBox
         What every picture of the photo hides.
+    source : PhotoSource or None
+        Of a photo that is from a service.
     """
 
     id: int
@@ -60,6 +93,7 @@ class Experience:
     taken_at: str | None = None
     name: str | None = None
     blurred: tuple[BlurBox, ...] = ()
+    source: PhotoSource | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +108,7 @@ class UnplacedPhoto:
     taken_at: str | None = None
     name: str | None = None
     blurred: tuple[BlurBox, ...] = ()
+    source: PhotoSource | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,6 +74,7 @@ def photo_properties(e: Experience) -> dict[str, object]:
         "fov_deg": e.fov_deg,
         "gps_accuracy_m": e.gps_accuracy_m,
         "taken_at": e.taken_at,
+        "credit": None if e.source is None else e.source.credit,
     }
 
 

@@ -182,6 +182,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         taken_at=known.taken_at,
         name=known.name,
         blurred=known.blurred,
+        source=known.source,
     )
 
 
@@ -198,6 +199,7 @@ def _unplaced(base: Map, extras: MapJson) -> tuple[UnplacedPhoto, ...]:
             known.taken_at,
             known.name,
             known.blurred,
+            known.source,
         )
         for id, known in sorted(extras.unplaced.items())
         if id not in ids and known.photo not in photos

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 
 from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto
+from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, UnplacedPhoto
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
 
 FORMAT = "experience-map"
 VERSION = 1
 
-_FACTS = ("heading_deg", "fov_deg", "gps_accuracy_m", "taken_at", "name", "blurred")
+_FACTS = ("heading_deg", "fov_deg", "gps_accuracy_m", "taken_at", "name", "blurred", "source")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,7 @@ class MapJsonPhoto:
     taken_at: str | None = None
     name: str | None = None
     blurred: tuple[BlurBox, ...] = ()
+    source: PhotoSource | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +208,7 @@ def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
 
 
 def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJsonPhoto:
-    heading, fov, accuracy, taken_at, name, blurred = (fields[name] for name in _FACTS)
+    heading, fov, accuracy, taken_at, name, blurred, source = (fields[name] for name in _FACTS)
     if not taken_at.missing:
         _check_time(taken_at)
     return MapJsonPhoto(
@@ -219,6 +220,7 @@ def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJso
         taken_at=None if taken_at.missing else taken_at.text(),
         name=None if name.missing else name.text(),
         blurred=tuple(_box(box) for box in blurred.items()),
+        source=None if source.missing else _source(source),
     )
 
 
@@ -229,6 +231,20 @@ def _box(item: JsonField) -> BlurBox:
     if not box.inside:
         raise item.error("is not a box inside the photo")
     return box
+
+
+def _source(item: JsonField) -> PhotoSource:
+    """Read whom a photo is from; its address becomes a link in pages, so that it has to be a web address."""
+    fields = item.record(required=("service", "id", "licence"), optional=("author", "url"))
+    known = {name: field.text() for name, field in fields.items() if not field.missing}
+    if not known.get("url", "https://").startswith(("https://", "http://")):
+        raise fields["url"].error("is not a web address", hint="it begins with https://")
+    return PhotoSource(**known)
+
+
+def source_fields(source: PhotoSource | None) -> dict[str, str] | None:
+    """Return whom a photo is from as `map.json` has it; None stays None."""
+    return None if source is None else {name: text for name, text in asdict(source).items() if text}
 
 
 def _pixel(field: JsonField) -> float:
@@ -277,6 +293,7 @@ def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
         "taken_at": photo.taken_at,
         "name": photo.name,
         "blurred": [box._asdict() for box in photo.blurred] or None,
+        "source": source_fields(photo.source),
     }
     present = {name: value for name, value in known.items() if value is not None}
     position = _position_fields(photo.position) if isinstance(photo, Experience) else {}

@@ -100,6 +100,7 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
             taken_at=photo.taken_at,
             name=photo.name,
             blurred=photo.blurred,
+            source=photo.source,
         )
         for photo in the_map.unplaced
         if photo.id in places

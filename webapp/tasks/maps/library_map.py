@@ -12,7 +12,14 @@ from sqlalchemy.orm import Session
 from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage, UnplacedPhoto
+from webapp.core.mapmodel.model import (
+    Experience,
+    Map,
+    PhotoSource,
+    Placement,
+    SatelliteImage,
+    UnplacedPhoto,
+)
 from webapp.files.maps.map_json import parse_georeference
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
@@ -67,6 +74,7 @@ def _facts(photo: Photo) -> dict[str, Any]:
         "taken_at": photo.taken_at,
         "name": photo.name if photo.name != PurePosixPath(photo.path).name else None,
         "blurred": tuple(BlurBox(**box) for box in photo.blurred or ()),
+        "source": None if photo.source is None else PhotoSource(**photo.source),
     }
 
 

@@ -29,6 +29,17 @@ class BoxOut(Schema):
     height = Float(required=True)
 
 
+class SourceOut(Schema):
+    """Where a photo comes from that somebody else has taken, and on what terms."""
+
+    service = String()
+    id = String(metadata={"description": "Of the photo in the service."})
+    licence = String()
+    author = String()
+    url = String(metadata={"description": "Page or record of the photo."})
+    credit = String(metadata={"description": "The line that has to be shown with the photo."})
+
+
 class PhotoOut(Schema):
     """A photo of a map; one that was taken out has `id`, `removed` and `revision` alone."""
 
@@ -49,6 +60,9 @@ class PhotoOut(Schema):
     )
     revision = Integer(metadata={"description": "Of the map, when the photo last changed."})
     blurred = List(Nested(BoxOut), metadata={"description": "What is blurred in pictures of it."})
+    source = Nested(
+        SourceOut, allow_none=True, metadata={"description": "Of a photo from a street-level service."}
+    )
     preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})
     removed = Boolean()

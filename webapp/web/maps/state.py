@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import PhotoSource
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
 from webapp.store.maps.maps import Dot
@@ -200,9 +201,15 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "gps_problem": photo.gps_problem,
         "revision": photo.revision,
         "blurred": photo.blurred or [],
+        "source": source_of_photo(photo),
         "preview": f"{address}/preview{look}",
         "thumb": f"{address}/thumb{look}",
     }
+
+
+def source_of_photo(photo: Photo) -> dict[str, str] | None:
+    """Return where a photo comes from, with the line to show; None where people of the map have added it."""
+    return None if photo.source is None else {**photo.source, "credit": PhotoSource(**photo.source).credit}
 
 
 def _gps_spots(record: MapRecord, photos: list[Photo]) -> dict[int, dict[str, Any]]:

@@ -137,6 +137,7 @@ def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
         "name": photo.name if exif else None,
         "fov_deg": photo.fov_deg if exif else None,
         "taken_at": photo.taken_at if exif else None,
+        "source": state.source_of_photo(photo),
         "thumb": f"{address}/thumb" if shown else None,
         "preview": f"{address}/preview" if shown else None,
         "original": f"{address}/original" if file else None,

@@ -4,6 +4,7 @@ import { byId, h, icon, targetOf } from "../../shared/dom.js";
 import { accuracyText, clockText } from "../../shared/format.js";
 import { t } from "../../shared/i18n.js";
 import { latLonText } from "../../shared/map/coords.js";
+import { creditLine } from "../../shared/photo-credit.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
 import { blurDialog } from "../blur-dialog.js";
@@ -97,6 +98,7 @@ export class CurrentPhoto {
     if (photo.taken_at) facts.push(...fact(t("Taken"), clockText(photo.taken_at)));
     facts.push(...fact(t("GPS"), this._gps(photo)));
     if (position) facts.push(...fact(t("Placed at"), this.view.positionText(position)));
+    if (photo.source) facts.push(...fact(t("From"), creditLine(photo.source)));
     return facts;
   }
 

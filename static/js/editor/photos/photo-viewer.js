@@ -3,6 +3,7 @@
 import { h, icon } from "../../shared/dom.js";
 import { clockText } from "../../shared/format.js";
 import { t } from "../../shared/i18n.js";
+import { creditLine } from "../../shared/photo-credit.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
 
@@ -32,7 +33,8 @@ export function openViewer(commands) {
     zoom.reset();
     picture.show(photo);
     name.textContent = photo.name;
-    about.textContent = photo.taken_at ? clockText(photo.taken_at) : "";
+    const when = photo.taken_at ? clockText(photo.taken_at) : "";
+    about.replaceChildren(when, ...(photo.source ? [when && " · ", creditLine(photo.source)] : []));
     return undefined;
   };
   const keys = {

@@ -2,6 +2,8 @@
 
 import { h } from "../dom.js";
 import { t } from "../i18n.js";
+import { mapCredit } from "../photo-credit.js";
+import { rafThrottle } from "../timing.js";
 import { imageBounds, isInside, latLngOf, latLonText, pixelOf, roundLength } from "./coords.js";
 
 const TILE = 256;
@@ -36,6 +38,7 @@ export class MapView {
     this._layer = null;
     this._shown = "";
     store.on("satellite", () => this.showSatellite());
+    store.on("photos", rafThrottle(() => this._credit()));
     this._whole = false;
     this.map.on("movestart zoomstart", () => (this._whole = false));
     new ResizeObserver(() => this._resize()).observe(element);
@@ -147,9 +150,11 @@ export class MapView {
   }
 
   _credit() {
-    const credit = this.store.satellite?.attribution;
+    const credits = [this.store.satellite?.attribution, mapCredit(this.store.photos.values())].filter(Boolean).join(" · ");
+    if (credits === this._credits) return;
+    this._credits = credits;
     const leaflet = h("a", { href: "https://leafletjs.com", rel: "noopener", target: "_blank" }, "Leaflet");
-    this._creditBox.replaceChildren(...(credit ? [credit, " · "] : []), leaflet);
+    this._creditBox.replaceChildren(...(credits ? [credits, " · "] : []), leaflet);
     this._creditBox.title = t("Shown with Leaflet");
   }
 }
