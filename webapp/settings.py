@@ -217,6 +217,41 @@ class GeocoderSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class StreetSettings:
+    """Services that photos of streets are fetched from; without an address or a token, none."""
+
+    panoramax: str | None = None
+    """Address of a Panoramax instance, whose STAC API is asked; none: not used."""
+
+    mapillary_token: str | None = None
+    """Access token for Mapillary; none: not used."""
+
+    mapillary: str = "https://graph.mapillary.com"
+    """Address of Mapillary's API."""
+
+    photo_hosts: str = (
+        "panoramax.xyz, panoramax.fr, panoramax.ign.fr, panoramax.openstreetmap.fr, "
+        "panoramax-storage-public-fast.s3.gra.perf.cloud.ovh.net, fbcdn.net"
+    )
+    """Hosts that photos may come from, and all below them, besides that of the service itself."""
+
+    max_photos: int = 2000
+    """Of one area."""
+
+    parallel: int = 2
+    """Photos fetched at the same time."""
+
+    requests_per_second: float = 4.0
+    """To a service and the hosts of its photos together."""
+
+    timeout_s: float = 30.0
+    """Seconds without an answer after which a request is tried again."""
+
+    patience_s: float = 120.0
+    """Seconds that a service may ask to wait; when it wants more, the work stops and is continued later."""
+
+
+@dataclass(frozen=True, slots=True)
 class MissionSettings:
     """What robots send."""
 
@@ -251,6 +286,7 @@ class Settings:
     satellite: SatelliteLimits = field(default_factory=SatelliteLimits)
     tiles: TileSettings = field(default_factory=TileSettings)
     geocoder: GeocoderSettings = field(default_factory=GeocoderSettings)
+    street: StreetSettings = field(default_factory=StreetSettings)
     missions: MissionSettings = field(default_factory=MissionSettings)
     library: Path = Path("maps")
     """Folder of the maps."""

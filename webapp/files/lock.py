@@ -50,6 +50,40 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
 
 
 @contextmanager
+def exclusive(path: Path, *, doing: str) -> Iterator[None]:
+    """Do something in one process at a time; nobody waits.
+
+    Parameters
+    ----------
+    path : Path
+        Of the lock; its folder is made when missing.
+    doing : str
+        What another one is doing, for people.
+
+    Raises
+    ------
+    Busy
+        Another process, or thread, is at it.
+    StorageError
+        The folder cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path, timeout=0)
+        lock.acquire()
+    except Timeout as error:
+        raise Busy(doing, wait_s=60, hint="wait until it has finished") from error
+    except OSError as error:
+        raise StorageError(
+            f"the folder cannot be written: {error.strerror}", where=str(path.parent)
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+@contextmanager
 def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
     """Do something in one process at a time, and not too often.
 

@@ -30,6 +30,7 @@ KINDS: dict[str, str] = {
     "place-rest": "webapp.jobs.map_jobs:suggest_places",
     "satellite-pyramid": "webapp.jobs.map_jobs:make_satellite_tiles",
     "satellite-tiles": "webapp.jobs.map_jobs:fetch_satellite_tiles",
+    "street-photos": "webapp.jobs.map_jobs:fetch_street_photos",
 }
 """Name of each kind to "module:function"."""
 

@@ -32,6 +32,9 @@ from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.files import taken_back_if_refused
 from webapp.tasks.satellite.tiles import TileRequest
+from webapp.tasks.street.add_street import add_street_photos
+from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
+from webapp.tasks.street.targets import LibraryTarget
 
 _NAMED = 100
 """Maximum number of photos or findings named in a result."""
@@ -197,6 +200,25 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
         "warnings": list(fetched.warnings),
         "to_tray": applied.to_tray,
         "from_tray": applied.from_tray,
+    }
+
+
+def fetch_street_photos(context: Context) -> dict[str, Any]:
+    """Add photos of streets from a service; those that the map has are not downloaded again."""
+    asked, settings = context.arguments, context.settings
+    area = None if asked["area"] is None else PixelBox(*asked["area"])
+    request = StreetRequest(asked["source"], area, asked["panoramas"])
+    target = LibraryTarget(context.library, context.map().id, settings=settings, changing=context.changing)
+    survey = survey_street(target, request, settings=settings.street, progress=context.progress)
+    report = add_street_photos(target, survey, request=request, settings=settings, progress=context.progress)
+    failed = [{"id": one.id, "reason": one.reason} for one in report.failed]
+    return {
+        "found": survey.found,
+        "known": survey.known,
+        "outside": survey.outside,
+        "added": report.added,
+        "duplicates": report.duplicates,
+        "failed": failed[:_NAMED],
     }
 
 

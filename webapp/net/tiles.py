@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import secrets
-import threading
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -17,6 +16,7 @@ from urllib3.util import Retry
 from webapp import __version__
 from webapp.core.geo.tilegrid import Tile
 from webapp.errors import InputError, StorageError
+from webapp.net.polite import RateLimit
 from webapp.net.services import TileService
 from webapp.progress import Progress
 from webapp.settings import TileSettings
@@ -46,7 +46,7 @@ class TileFetcher:
         self._service = service
         self._folder = cache / hashlib.sha256(service.url.encode()).hexdigest()[:16]
         self._settings = settings
-        self._pace = _RateLimit(settings.requests_per_second)
+        self._pace = RateLimit(settings.requests_per_second)
         # tried again after 0.5, 1, 2 s, or when the server says
         retry = Retry(_TRIES - 1, backoff_factor=0.5, status_forcelist=_TRY_AGAIN, raise_on_status=False)
         self._session = requests.Session()
@@ -101,7 +101,7 @@ class TileFetcher:
         cached = self._folder / f"{zoom}" / f"{tile.x}" / f"{tile.y}"
         data = self._cached(cached)
         if data is None:
-            self._pace.wait()
+            self._pace.wait(time.sleep)
             data = self._ask(self._service.address(z=zoom, x=tile.x, y=tile.y))
             if data is not None:
                 _keep(cached, data)
@@ -142,22 +142,6 @@ class TileFetcher:
             message = f"{self._service.name} sent something else than a tile"
             raise InputError(message, where="tile service", hint=hint)
         return bytes(data)
-
-
-class _RateLimit:
-    """Limits the rate of requests over all threads."""
-
-    def __init__(self, per_second: float) -> None:
-        self._lock = threading.Lock()
-        self._gap = 1.0 / per_second
-        self._next = 0.0
-
-    def wait(self) -> None:
-        with self._lock:
-            now = time.monotonic()
-            at = max(self._next, now)
-            self._next = at + self._gap
-        time.sleep(at - now)
 
 
 def _keep(path: Path, data: bytes) -> None:

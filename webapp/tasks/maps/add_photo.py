@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
 from webapp.core.geo.types import LatLon
+from webapp.core.mapmodel.model import PhotoSource
 from webapp.errors import NotFound
+from webapp.files.maps.map_json import source_fields
 from webapp.files.part_file import show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
@@ -16,6 +19,7 @@ from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
+from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.photo_files import forget_intake, free_path, keep, sha256_of
 from webapp.tasks.maps.place_photos import FileState, SurveyedFile, place
@@ -37,6 +41,28 @@ _MAX_NAME = 300
 
 
 @dataclass(frozen=True, slots=True)
+class KnownOfPhoto:
+    """What a service says of its photo, which goes before the photo's EXIF; None where it does not know.
+
+    Attributes
+    ----------
+    heading_deg : float or None
+        Degrees clockwise from north.
+    accuracy_m : float or None
+        68 % radius of the position.
+    taken_at : str or None
+        ISO 8601.
+    """
+
+    source: PhotoSource
+    position: LatLon
+    heading_deg: float | None = None
+    fov_deg: float | None = None
+    accuracy_m: float | None = None
+    taken_at: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class IncomingPhoto:
     """A file on its way into a map.
 
@@ -48,11 +74,18 @@ class IncomingPhoto:
         Of the original file; any text.
     id : int or None
         That was reserved for it in the map; None takes the next one.
+    known : KnownOfPhoto or None
+        Of a photo that is from a service.
     """
 
     file: Path
     name: str
     id: int | None = None
+    known: KnownOfPhoto | None = None
+
+
+Changing = Callable[[int], AbstractContextManager[MapChange]]
+"""Opens a change of a map: the library's, or that of a job which holds its lease."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +117,13 @@ class Intake:
 
 
 def add_photo(
-    library: Library, map_id: int, *, photo: IncomingPhoto, settings: Settings, by_gps: bool = True
+    library: Library,
+    map_id: int,
+    *,
+    photo: IncomingPhoto,
+    settings: Settings,
+    by_gps: bool = True,
+    changing: Changing | None = None,
 ) -> Intake:
     """Take a photo into a map.
 
@@ -95,6 +134,8 @@ def add_photo(
     ----------
     by_gps : bool
         Place it by its GPS where map and photo know where they are.
+    changing : callable, optional
+        Instead of the library's own.
 
     Raises
     ------
@@ -111,12 +152,14 @@ def add_photo(
         facts = read_facts(source, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
     sha256 = sha256_of(source)
-    with library.changing(map_id) as change:
+    with (changing or library.changing)(map_id) as change:
         session, record = change.session, change.record
         if record.binned_at is not None:
             raise NotFound("the map is gone, or in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
+        if photo.known is not None:
+            _say(row, photo.known)
         if photo.id is not None:
             row.id = photo.id
         row.path = free_path(session, record, folder=folder, row=row, suffix=suffix_of(facts))
@@ -183,6 +226,16 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
         gps_problem=why_no_gps(facts),
         heading_deg=facts.heading_deg,
     )
+
+
+def _say(row: Photo, known: KnownOfPhoto) -> None:
+    """Complete a record by what a service says."""
+    row.source = source_fields(known.source)
+    row.gps_lat, row.gps_lon = known.position
+    row.gps_accuracy_m, row.gps_problem = known.accuracy_m, None
+    row.heading_deg = row.heading_deg if known.heading_deg is None else known.heading_deg
+    row.fov_deg = row.fov_deg if known.fov_deg is None else known.fov_deg
+    row.taken_at = known.taken_at or row.taken_at
 
 
 def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:

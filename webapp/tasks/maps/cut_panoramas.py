@@ -48,6 +48,16 @@ class CutOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class PanoramaPose:
+    """Where a panorama was taken and its middle looks, degrees clockwise from north; None is unknown."""
+
+    position: LatLon | None = None
+    heading_deg: float | None = None
+    accuracy_m: float | None = None
+    taken_at: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CutPhoto:
     """A photo of the folder: the views that were written, or why there are none."""
 
@@ -82,13 +92,36 @@ def cut_panoramas(
             if (views := (out / name).with_suffix("")) in taken:
                 raise PhotoError("its views would be those of another photo, whose name ends otherwise")
             taken.add(views)
-            yield CutPhoto(name, tuple(_cut(folder / name, out / name, options=options, limits=limits)))
+            cut = cut_panorama(folder / name, out / name, options=options, limits=limits)
+            yield CutPhoto(name, tuple(cut))
         except PhotoError as error:
             yield CutPhoto(name, problem=error.message)
         progress.advance()
 
 
-def _cut(path: Path, out: Path, *, options: CutOptions, limits: PhotoLimits) -> Iterator[str]:
+def view_turns(options: CutOptions) -> tuple[int, ...]:
+    """Return by how many degrees the views are turned from the middle of the panorama, as their names say."""
+    return tuple(round(360.0 * number / options.views) for number in range(options.views))
+
+
+def cut_panorama(
+    path: Path, out: Path, *, options: CutOptions, limits: PhotoLimits, pose: PanoramaPose | None = None
+) -> Iterator[str]:
+    """Cut one panorama; the name of each view is given when it is written, in the order of `view_turns`.
+
+    Parameters
+    ----------
+    out : Path
+        `NAME.jpg`, of the views `NAME_060.jpg`; its folder is made.
+    pose : PanoramaPose, optional
+        Goes before what the file says.
+
+    Raises
+    ------
+    PhotoError
+        It is damaged, or not a whole panorama.
+    StorageError
+    """
     content = read_file(path, limits=limits)
     facts = read_facts(content, limits=limits)
     pixels = read_upright(content, limits=limits)
@@ -98,25 +131,32 @@ def _cut(path: Path, out: Path, *, options: CutOptions, limits: PhotoLimits) -> 
         raise PhotoError("it is no whole panorama, twice as wide as high")
     if not (panorama.is_marked or options.assume):
         raise PhotoError("it does not say that it is a panorama")
+    known = pose or _pose_in_file(facts, panorama)
     view = view_size(size[0], options.focal_35mm)
     for number in range(options.views):
         turn = 360.0 * number / options.views
         cut, elevation = cut_view(pixels, view, turn_deg=turn)
         cut[(elevation < -options.lowest_deg) | (elevation > options.highest_deg)] = _GREY
         file = out.with_name(f"{out.stem}_{round(turn):03}.jpg")
-        write_view(file, cut, tags=_tags(facts, panorama, view, turn_deg=turn))
+        write_view(file, cut, tags=_tags(known, view, turn_deg=turn))
         yield file.name
 
 
-def _tags(facts: PhotoFacts, panorama: Panorama, view: ViewSize, *, turn_deg: float) -> CameraTags:
+def _pose_in_file(facts: PhotoFacts, panorama: Panorama) -> PanoramaPose:
     middle = panorama.heading_deg
     if middle is None and facts.heading is not None and facts.heading.reference != "M":
         middle = facts.heading.deg
-    gps = facts.gps if isinstance(facts.gps, Gps) else None
+    if not isinstance(facts.gps, Gps):
+        return PanoramaPose(heading_deg=middle, taken_at=facts.taken_at)
+    at = LatLon(facts.gps.lat, facts.gps.lon)
+    return PanoramaPose(at, middle, facts.gps.accuracy_m, facts.taken_at)
+
+
+def _tags(pose: PanoramaPose, view: ViewSize, *, turn_deg: float) -> CameraTags:
     return CameraTags(
-        None if facts.taken_at is None else datetime.fromisoformat(facts.taken_at),
+        None if pose.taken_at is None else datetime.fromisoformat(pose.taken_at),
         view.focal_35mm,
-        position=None if gps is None else LatLon(gps.lat, gps.lon),
-        heading_deg=None if middle is None else (middle + turn_deg) % 360.0,
-        accuracy_m=None if gps is None else gps.accuracy_m,
+        position=pose.position,
+        heading_deg=None if pose.heading_deg is None else (pose.heading_deg + turn_deg) % 360.0,
+        accuracy_m=pose.accuracy_m,
     )

@@ -1,0 +1,168 @@
+"""`expmap map street-photos`: photos of streets come from a service into a map."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from webapp.cli.exitcodes import SOME_FAILED
+from webapp.cli.options import MAP_FILE
+from webapp.cli.progressbar import terminal_progress
+from webapp.configuration import load_settings
+from webapp.core.geo.tilegrid import GeoBox
+from webapp.errors import UsageError
+from webapp.settings import StreetSettings
+from webapp.tasks.landmarks.accept import library_of
+from webapp.tasks.street.add_street import StreetReport, add_street_photos
+from webapp.tasks.street.survey import (
+    PANORAMA_WISHES,
+    SOURCES,
+    PanoramaWish,
+    PixelBox,
+    SourceKey,
+    StreetRequest,
+    StreetSurvey,
+    services,
+    survey_street,
+)
+from webapp.tasks.street.targets import FolderTarget, LibraryTarget, StreetTarget
+
+
+def _four_numbers(_ctx: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 4:
+        raise click.BadParameter(f"write {option.metavar}: four numbers with commas")
+    return numbers
+
+
+@click.command("street-photos", short_help="Add photos of streets from Panoramax or Mapillary.")
+@click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
+@click.option("--source", type=click.Choice(SOURCES), help="The service; default: the first that is set up.")
+@click.option(
+    "--bbox", callback=_four_numbers, metavar="WEST,SOUTH,EAST,NORTH",
+    help="The area, degrees; default: all of the map's image.",
+)  # fmt: skip
+@click.option(
+    "--within", callback=_four_numbers, metavar="LEFT,TOP,RIGHT,BOTTOM",
+    help="The area, in pixels of the map's image.",
+)  # fmt: skip
+@click.option(
+    "--panoramas", type=click.Choice(PANORAMA_WISHES), default="cut", show_default=True,
+    help="Cut each into six level views, skip them, or keep them as they are.",
+)  # fmt: skip
+@click.option("--dry-run", is_flag=True, help="Say what there is, and download nothing.")
+@click.option("--yes", is_flag=True, help="Do not ask before downloading, in a terminal.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.pass_context
+def street_photos(
+    ctx: click.Context,
+    cfg: Path,
+    source: SourceKey | None,
+    bbox: tuple[float, ...] | None,
+    within: tuple[float, ...] | None,
+    panoramas: PanoramaWish,
+    dry_run: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Add the photos that a street-level service has of an area, with places, headings, authors and licences.
+
+    How many there are, and about how large, is said first. The map needs a georeference. It can be stopped
+    at any moment: the next time it goes on, and photos that the map has are never fetched again. Exit code 1
+    when a photo could not be used.
+    """
+    if bbox is not None and within is not None:
+        raise click.UsageError("give either --bbox or --within")
+    settings = load_settings()
+    with library_of(cfg) as there:
+        target: StreetTarget = (
+            FolderTarget(cfg, settings=settings)
+            if there is None
+            else LibraryTarget(there[0], there[1], settings=settings)
+        )
+        area = _area(bbox, within)
+        request = StreetRequest(source or _first(settings.street), area, panoramas)
+        with terminal_progress("photos") as progress:
+            survey = survey_street(target, request, settings=settings.street, progress=progress)
+        _say(survey)
+        report = StreetReport(0, 0)
+        goes_on = bool(survey.wanted) and not dry_run
+        if goes_on and not yes and sys.stdin.isatty():
+            goes_on = click.confirm("Download them?", default=True, err=True)
+        if goes_on:
+            with terminal_progress("photos") as progress:
+                report = add_street_photos(
+                    target, survey, request=request, settings=settings, progress=progress
+                )
+    click.echo(json.dumps(_as_json(survey, report), indent=1) if as_json else _lines(survey, report))
+    if report.failed:
+        ctx.exit(SOME_FAILED)
+
+
+def _area(bbox: tuple[float, ...] | None, within: tuple[float, ...] | None) -> GeoBox | PixelBox | None:
+    if bbox is not None:
+        west, south, east, north = bbox
+        return GeoBox(north, south, west, east)
+    return None if within is None else PixelBox(*within)
+
+
+def _first(settings: StreetSettings) -> SourceKey:
+    for source in services(settings):
+        return source
+    raise UsageError(
+        "no street-level service is set up",
+        hint="set street.panoramax or street.mapillary_token, see docs/street.md",
+    )
+
+
+def _say(survey: StreetSurvey) -> None:
+    """Say on standard error what would be downloaded."""
+    megabytes = survey.size_bytes / 1e6
+    licences = ", ".join(f"{licence}: {count}" for licence, count in survey.licences.items())
+    parts = [f"{survey.service}: {len(survey.wanted)} photos to download, about {megabytes:.1f} MB"]
+    parts += [f"licences {licences}"] if licences else []
+    parts += [
+        f"{count} {words}"
+        for count, words in (
+            (survey.panoramas, "of them panoramas"),
+            (survey.known, "in the map already"),
+            (survey.outside, "outside its image"),
+            (survey.skipped, "panoramas left out"),
+            (survey.unusable, "cannot be used"),
+        )
+        if count
+    ]
+    click.echo("; ".join(parts), err=True)
+
+
+def _lines(survey: StreetSurvey, report: StreetReport) -> str:
+    lines = [f"{one.id}  {one.reason}" for one in report.failed]
+    return "\n".join([*lines, f"{report.added} photos added, {len(report.failed)} failed"])
+
+
+def _as_json(survey: StreetSurvey, report: StreetReport) -> dict[str, object]:
+    return {
+        "service": survey.service,
+        "found": survey.found,
+        "to_download": len(survey.wanted),
+        "panoramas": survey.panoramas,
+        "size_mb": round(survey.size_bytes / 1e6, 3),
+        "licences": dict(survey.licences),
+        "authors": survey.authors,
+        "known": survey.known,
+        "outside": survey.outside,
+        "skipped": survey.skipped,
+        "unusable": survey.unusable,
+        "added": report.added,
+        "duplicates": report.duplicates,
+        "failed": [asdict(one) for one in report.failed],
+    }

@@ -1,0 +1,208 @@
+"""Asks one service politely: few requests a second, as late as it wants, and only hosts that are named."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from urllib.parse import urljoin, urlsplit
+
+import requests
+from requests.adapters import HTTPAdapter
+
+from webapp import __version__
+from webapp.errors import Cancelled, InputError, TooMany
+from webapp.settings import StreetSettings
+
+_USER_AGENT = f"experience-map/{__version__} (photos of one area for a map)"
+_CHUNK = 65_536
+_MAX_JSON_BYTES = 50_000_000
+_TRIES = 4
+_REDIRECTS = 3
+_TRY_AGAIN = (429, 500, 502, 503, 504)
+_REFUSED = (401, 403)
+_WHERE = "street-level photos"
+_LATER = "try again later: what was fetched is kept"
+
+
+class RateLimit:
+    """Limits the rate of requests over all threads."""
+
+    def __init__(self, per_second: float) -> None:
+        self._lock = threading.Lock()
+        self._gap = 1.0 / per_second
+        self._next = 0.0
+
+    def wait(self, sleep: Callable[[float], object]) -> None:
+        """Wait for the next turn."""
+        with self._lock:
+            now = time.monotonic()
+            at = max(self._next, now)
+            self._next = at + self._gap
+        sleep(at - now)
+
+    def pause(self, seconds: float) -> None:
+        """Give no turn for so long."""
+        with self._lock:
+            self._next = max(self._next, time.monotonic() + seconds)
+
+
+class PoliteClient:
+    """Requests to one service and to the hosts that its photos are on.
+
+    Parameters
+    ----------
+    name : str
+        Of the service, for people.
+    base : str
+        Its address.
+    headers : mapping
+        For itself alone: a token goes to no other host.
+    """
+
+    def __init__(
+        self, name: str, base: str, *, headers: Mapping[str, str] | None = None, settings: StreetSettings
+    ) -> None:
+        self._name, self._origin, self._headers = name, _origin(base), dict(headers or {})
+        self._hosts = tuple(host.strip().lower() for host in settings.photo_hosts.split(",") if host.strip())
+        self._settings = settings
+        self._pace = RateLimit(settings.requests_per_second)
+        self._stopped = threading.Event()
+        self._session = requests.Session()
+        self._session.trust_env = False  # a .netrc would send its passwords along
+        self._session.headers["User-Agent"] = _USER_AGENT
+        for scheme in ("https://", "http://"):
+            self._session.mount(scheme, HTTPAdapter(pool_maxsize=settings.parallel))
+
+    def stop(self) -> None:
+        """End what waits, in other threads too; nothing can be asked any more."""
+        self._stopped.set()
+        self._session.close()
+
+    def json(self, address: str) -> object:
+        """Ask the service itself.
+
+        Raises
+        ------
+        InputError
+            It does not answer, refuses, or answers no JSON.
+        TooMany
+            It wants a longer pause than is allowed.
+        Cancelled
+            `stop` was called.
+        """
+        if _origin(address) != self._origin:
+            raise self._error("leads to another host", hint="is its address right?")
+        data = self._fetch(address, max_bytes=_MAX_JSON_BYTES)
+        try:
+            return json.loads(data)
+        except (ValueError, RecursionError) as error:
+            raise self._error("sent something else than a list of photos") from error
+
+    def photo(self, address: str, *, max_bytes: int) -> bytes:
+        """Fetch a photo; errors as those of `json`, and InputError where its host is not allowed."""
+        return self._fetch(address, max_bytes=max_bytes)
+
+    def may_fetch(self, address: str) -> bool:
+        """Return whether photos may come from this address."""
+        if _origin(address) == self._origin:
+            return True
+        parts = urlsplit(address)
+        host = (parts.hostname or "").lower()
+        return parts.scheme == "https" and any(host == own or host.endswith(f".{own}") for own in self._hosts)
+
+    def _fetch(self, address: str, *, max_bytes: int) -> bytes:
+        """Try until it works, with growing pauses, or those that the service asks for."""
+        for turn in range(1, _TRIES + 1):
+            self._pace.wait(self._sleep)
+            try:
+                answer = self._answer(address, max_bytes=max_bytes)
+            except requests.RequestException as error:
+                if turn == _TRIES:
+                    raise self._error(f"cannot be reached ({type(error).__name__})", hint=_LATER) from error
+                self._pace.pause(2.0 ** (turn - 2))
+                continue
+            if isinstance(answer, bytes):
+                return answer
+            if answer.status_code in _REFUSED:
+                hint = "check its token in the settings" if self._headers else "it may be for members only"
+                raise self._error(f"refused access ({answer.status_code})", hint=hint)
+            if answer.status_code not in _TRY_AGAIN or turn == _TRIES:
+                raise self._error(f"answered {answer.status_code}", hint=_LATER)
+            self._wait_as_asked(answer, otherwise_s=2.0 ** (turn - 2))
+        raise AssertionError("the last try returns or raises")
+
+    def _answer(self, address: str, *, max_bytes: int) -> bytes | requests.Response:
+        """Ask once: the content, or an answer without any."""
+        for _ in range(_REDIRECTS + 1):
+            own = _origin(address) == self._origin
+            if not self.may_fetch(address):
+                raise self._error(
+                    f"has a photo on the host {urlsplit(address).hostname or '?'}, which is not allowed",
+                    hint="add it to street.photo_hosts if you trust it",
+                )
+            with self._session.get(
+                address,
+                headers=self._headers if own else {},
+                timeout=self._settings.timeout_s,
+                stream=True,
+                allow_redirects=False,
+            ) as answer:
+                if answer.is_redirect:
+                    address = urljoin(address, answer.headers["Location"])
+                    continue
+                return self._content(answer, max_bytes) if answer.ok else answer
+        raise self._error("leads from one address to the next without end")
+
+    def _content(self, answer: requests.Response, max_bytes: int) -> bytes:
+        data = bytearray()
+        for chunk in answer.iter_content(_CHUNK):
+            self._check()
+            data += chunk
+            if len(data) > max_bytes:
+                raise self._error(f"sent more than {max_bytes / 1e6:.0f} MB")
+        return bytes(data)
+
+    def _wait_as_asked(self, answer: requests.Response, *, otherwise_s: float) -> None:
+        wait_s = _seconds(answer.headers.get("Retry-After"))
+        if wait_s is not None and wait_s > self._settings.patience_s:
+            raise TooMany(
+                f"{self._name} asks for a pause of {wait_s:.0f} seconds",
+                wait_s=int(wait_s),
+                where=_WHERE,
+                hint=_LATER,
+            )
+        self._pace.pause(otherwise_s if wait_s is None else wait_s)
+
+    def _sleep(self, seconds: float) -> None:
+        self._stopped.wait(seconds)
+        self._check()
+
+    def _check(self) -> None:
+        if self._stopped.is_set():
+            raise Cancelled("stopped; what was finished is kept")
+
+    def _error(self, what: str, *, hint: str | None = None) -> InputError:
+        return InputError(f"{self._name} {what}", where=_WHERE, hint=hint)
+
+
+def _origin(address: str) -> tuple[str, str]:
+    parts = urlsplit(address)
+    return parts.scheme, parts.netloc
+
+
+def _seconds(text: str | None) -> float | None:
+    """Read the header Retry-After: seconds, or a date; None where it says neither."""
+    if text is None:
+        return None
+    if text.strip().isdecimal():
+        return float(text)
+    try:
+        at = parsedate_to_datetime(text)
+    except ValueError:
+        return None
+    at = at if at.tzinfo else at.replace(tzinfo=UTC)
+    return max(0.0, (at - datetime.now(UTC)).total_seconds())

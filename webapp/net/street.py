@@ -1,0 +1,299 @@
+"""Services of street-level photos: what both have in common, and which of them are set up."""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Protocol
+
+from webapp.core.geo.tilegrid import GeoBox
+from webapp.core.geo.types import LatLon
+from webapp.errors import InputError, UsageError
+from webapp.net.polite import PoliteClient
+from webapp.progress import Progress
+
+SIDE_PX = 2048
+"""Longer side of the photos that are fetched; a map uses no more. Panoramas come whole."""
+
+_BYTES_PER_PIXEL = 0.25
+"""Of a typical JPEG, where a service does not say how large its file is."""
+
+_SMALLEST_DEG = 1e-5
+"""A box of one metre is not divided further."""
+
+_MOST_REQUESTS = 2000
+_MOST_TEXT = 200
+_PLAIN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
+_WHERE = "street-level photos"
+
+
+@dataclass(frozen=True, slots=True)
+class StreetPhoto:
+    """A photo that a service has.
+
+    Attributes
+    ----------
+    id : str
+        In the service: letters, digits, `_` and `-`.
+    heading_deg : float or None
+        Where it looks, or the middle of a panorama, degrees clockwise from north.
+    fov_deg : float or None
+        Horizontal field of view.
+    accuracy_m : float or None
+        68 % radius of its position.
+    taken_at : str or None
+        ISO 8601.
+    is_panorama : bool
+        Equirectangular, of the whole sphere.
+    address : str
+        Of the file.
+    size_bytes : int
+        Of the file, as the service says, or estimated from its pixels.
+    page : str
+        For people: the photo at the service.
+    """
+
+    id: str
+    position: LatLon
+    address: str
+    licence: str
+    page: str
+    size_bytes: int
+    is_panorama: bool = False
+    heading_deg: float | None = None
+    fov_deg: float | None = None
+    accuracy_m: float | None = None
+    taken_at: str | None = None
+    author: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ListedPage:
+    """A part of the answer of a service.
+
+    Attributes
+    ----------
+    items : list
+        As the service describes photos.
+    next : str or None
+        Address of the next part.
+    """
+
+    items: list[Any]
+    next: str | None = None
+
+
+class StreetService(Protocol):
+    """How a service is asked, and how its answers are read."""
+
+    name: str
+    """For people."""
+
+    key: str
+    """For programs."""
+
+    base: str
+    """Its address."""
+
+    headers: Mapping[str, str]
+    """With every request to it."""
+
+    page_size: int
+    """Photos in one answer, at most; one with fewer is complete."""
+
+    max_area_deg2: float
+    """Of one request."""
+
+    def address(self, box: GeoBox) -> str:
+        """Return the address of the first part of the list of an area."""
+
+    def page(self, content: Any) -> ListedPage:
+        """Read a part of a list; KeyError, TypeError and the like where it is none."""
+
+    def photo(self, item: Any) -> StreetPhoto:
+        """Read the description of a photo; KeyError, TypeError, ValueError where it cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreetListing:
+    """The photos of an area.
+
+    Attributes
+    ----------
+    unusable : int
+        Photos that are described so that they cannot be used: without a file, a position, or a licence.
+    """
+
+    photos: tuple[StreetPhoto, ...]
+    unusable: int
+
+
+def list_photos(
+    service: StreetService, box: GeoBox, *, client: PoliteClient, most: int, progress: Progress
+) -> StreetListing:
+    """List the photos of an area, in a stable order.
+
+    An answer that is full and names no next one is taken for cut off: its area is asked again in quarters.
+
+    Parameters
+    ----------
+    most : int
+        Photos that are allowed.
+
+    Raises
+    ------
+    UsageError
+        The area has more, or is too large for the service.
+    InputError, TooMany
+        The service does not answer, or not with a list of photos.
+    Cancelled
+    """
+    found: dict[str, StreetPhoto] = {}
+    unusable: set[str] = set()
+    todo = list(_cells(box, service.max_area_deg2))
+    asked: set[str] = set()
+    while todo:
+        cell = todo.pop()
+        address: str | None = service.address(cell)
+        is_full = False
+        while address is not None:
+            progress.check()
+            if address in asked or len(asked) >= _MOST_REQUESTS:
+                raise InputError(f"{service.name} gives its list of photos without end", where=_WHERE)
+            asked.add(address)
+            page = _read_page(service, client.json(address))
+            for item in page.items:
+                _take(service, item, found=found, unusable=unusable, box=box)
+            if len(found) > most:
+                raise UsageError(
+                    f"this area has more than {most} photos", where=_WHERE, hint="choose a smaller area"
+                )
+            address, is_full = page.next, len(page.items) >= service.page_size
+        if is_full and cell.north - cell.south > _SMALLEST_DEG:
+            todo += _quarters(cell)
+    return StreetListing(tuple(found[id] for id in sorted(found)), len(unusable - found.keys()))
+
+
+def _read_page(service: StreetService, content: object) -> ListedPage:
+    try:
+        page = service.page(content)
+        if isinstance(page.items, list) and (page.next is None or isinstance(page.next, str)):
+            return page
+    except (AttributeError, KeyError, TypeError):
+        pass
+    raise InputError(f"{service.name} sent something else than a list of photos", where=_WHERE)
+
+
+def _take(
+    service: StreetService, item: Any, *, found: dict[str, StreetPhoto], unusable: set[str], box: GeoBox
+) -> None:
+    try:
+        photo = service.photo(item)
+    except (AttributeError, KeyError, TypeError, ValueError, IndexError, OverflowError):
+        unusable.add(str(item.get("id") if isinstance(item, dict) else item)[:_MOST_TEXT])
+        return
+    if _is_in(photo.position, box):
+        found[photo.id] = photo
+
+
+def _is_in(at: LatLon, box: GeoBox) -> bool:
+    between = box.west <= at.lon <= box.east if box.west <= box.east else not box.east < at.lon < box.west
+    return box.south <= at.lat <= box.north and between
+
+
+def _cells(box: GeoBox, max_area_deg2: float) -> Iterator[GeoBox]:
+    """Divide an area into parts that a service takes; one across the 180th meridian is two."""
+    if box.west > box.east:
+        yield from _cells(box._replace(east=180.0), max_area_deg2)
+        yield from _cells(box._replace(west=-180.0), max_area_deg2)
+        return
+    height, width = box.north - box.south, box.east - box.west
+    side = math.sqrt(max_area_deg2) * 0.99
+    rows, columns = max(1, math.ceil(height / side)), max(1, math.ceil(width / side))
+    if rows * columns > _MOST_REQUESTS:
+        raise UsageError("this area is too large", where=_WHERE, hint="choose a smaller one")
+    for row in range(rows):
+        for column in range(columns):
+            north = box.north - height * row / rows
+            west = box.west + width * column / columns
+            yield GeoBox(north, north - height / rows, west, west + width / columns)
+
+
+def _quarters(box: GeoBox) -> list[GeoBox]:
+    lat, lon = (box.north + box.south) / 2, (box.west + box.east) / 2
+    return [
+        GeoBox(north, south, west, east)
+        for north, south in ((box.north, lat), (lat, box.south))
+        for west, east in ((box.west, lon), (lon, box.east))
+    ]
+
+
+def plain_id(value: object) -> str:
+    """Return the id of a photo.
+
+    Raises
+    ------
+    ValueError
+        It cannot be a part of a file's name.
+    """
+    text = str(value)
+    if not _PLAIN_ID.fullmatch(text):
+        raise ValueError("not a plain id")
+    return text
+
+
+def position(geometry: Any) -> LatLon:
+    """Read a point of GeoJSON.
+
+    Raises
+    ------
+    ValueError, TypeError, KeyError
+    """
+    lon, lat = (float(value) for value in geometry["coordinates"][:2])
+    if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
+        raise ValueError("not on the Earth")
+    return LatLon(lat, lon)
+
+
+def number(value: Any) -> float | None:
+    """Read a number that may be missing; what is none is missing too."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if is_number else None
+
+
+def heading(value: Any) -> float | None:
+    """Read a direction that may be missing, degrees clockwise from north."""
+    degrees = number(value)
+    return None if degrees is None else degrees % 360.0
+
+
+def amount(value: Any, *, most: float) -> float | None:
+    """Read a length or size that may be missing; one below 0 or above `most` is missing too."""
+    known = number(value)
+    return None if known is None or not 0.0 <= known <= most else known
+
+
+def short_text(value: Any) -> str | None:
+    """Read a short text for people that may be missing, without control characters."""
+    if not isinstance(value, str):
+        return None
+    return "".join(c for c in value if unicodedata.category(c)[0] != "C").strip()[:_MOST_TEXT] or None
+
+
+def time_text(value: Any) -> str | None:
+    """Read a time that may be missing."""
+    try:
+        return datetime.fromisoformat(value).isoformat(timespec="milliseconds")
+    except (TypeError, ValueError):
+        return None
+
+
+def estimated_bytes(width: float | None, height: float | None, *, is_panorama: bool) -> int:
+    """Estimate the size of a file from the pixels of the original."""
+    wide, high = (width or 4.0 * SIDE_PX), (height or (2.0 if is_panorama else 3.0) * SIDE_PX)
+    shrink = 1.0 if is_panorama else min(1.0, SIDE_PX / max(wide, high, 1.0))
+    return round(wide * high * shrink**2 * _BYTES_PER_PIXEL)

@@ -1,0 +1,1 @@
+"""Photos of streets from services: what an area has, and how it comes into a map."""

@@ -1,0 +1,259 @@
+"""What a service of street-level photos has of an area, told before anything is downloaded."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from webapp.core.geo.tilegrid import GeoBox
+from webapp.core.geo.types import MapPixel, inside
+from webapp.errors import GeoreferenceError, NotFound, UsageError
+from webapp.net.mapillary import Mapillary
+from webapp.net.panoramax import Panoramax
+from webapp.net.polite import PoliteClient
+from webapp.net.street import StreetPhoto, StreetService, list_photos
+from webapp.progress import Progress
+from webapp.settings import StreetSettings
+from webapp.tasks.maps.cut_panoramas import CutOptions, view_turns
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.street.targets import StreetTarget
+
+SourceKey = Literal["panoramax", "mapillary"]
+SOURCES: tuple[SourceKey, ...] = ("panoramax", "mapillary")
+
+PanoramaWish = Literal["cut", "skip", "keep"]
+PANORAMA_WISHES: tuple[PanoramaWish, ...] = ("cut", "skip", "keep")
+"""Six level views each, none of them, or as they are."""
+
+_CHOOSE = "choose one that is on it"
+_SAMPLES = 17
+"""Positions along a side of an area, of which parallels and meridians around it are found."""
+
+CUT = CutOptions(assume=True)
+"""How panoramas are cut; the service has said that they are some."""
+
+
+class PixelBox(NamedTuple):
+    """A rectangle of a map's image, pixels."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    def on(self, image: MapImage) -> PixelBox:
+        """Return the part that is on the image."""
+        left, right = max(self.left, 0.0), min(self.right, float(image.width))
+        return PixelBox(left, max(self.top, 0.0), right, min(self.bottom, float(image.height)))
+
+    def holds(self, pixel: MapPixel) -> bool:
+        """Return whether a position lies in it."""
+        return self.left <= pixel.x <= self.right and self.top <= pixel.y <= self.bottom
+
+
+@dataclass(frozen=True, slots=True)
+class StreetRequest:
+    """What is wanted.
+
+    Attributes
+    ----------
+    source : {"panoramax", "mapillary"}
+    area : GeoBox or PixelBox or None
+        None for all of the map's image.
+    """
+
+    source: SourceKey
+    area: GeoBox | PixelBox | None = None
+    panoramas: PanoramaWish = "cut"
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedStreetPhoto:
+    """A photo of a service, and where it comes on the map."""
+
+    photo: StreetPhoto
+    pixel: MapPixel
+
+
+@dataclass(frozen=True, slots=True)
+class StreetSurvey:
+    """The photos of an area.
+
+    Attributes
+    ----------
+    wanted : tuple of PlacedStreetPhoto
+        That the map does not have yet.
+    found : int
+        All that the service has of the area.
+    known : int
+        That the map has already.
+    outside : int
+        That are not on the map's image.
+    skipped : int
+        Panoramas that are not wanted.
+    unusable : int
+        Of which the service does not give a file, a position or a licence.
+    """
+
+    service: str
+    wanted: tuple[PlacedStreetPhoto, ...]
+    found: int
+    known: int = 0
+    outside: int = 0
+    skipped: int = 0
+    unusable: int = 0
+
+    @property
+    def size_bytes(self) -> int:
+        """What would be downloaded, about."""
+        return sum(one.photo.size_bytes for one in self.wanted)
+
+    @property
+    def panoramas(self) -> int:
+        """Panoramas among the photos that the map does not have."""
+        return sum(one.photo.is_panorama for one in self.wanted)
+
+    @property
+    def licences(self) -> Mapping[str, int]:
+        """Photos that the map does not have, by licence."""
+        return dict(sorted(Counter(one.photo.licence for one in self.wanted).items()))
+
+    @property
+    def authors(self) -> int:
+        """Different people and companies that have taken them."""
+        return len({one.photo.author for one in self.wanted if one.photo.author})
+
+
+def services(settings: StreetSettings) -> dict[SourceKey, StreetService]:
+    """Return the services that are set up, by their keys."""
+    found: dict[SourceKey, StreetService] = {}
+    if settings.panoramax is not None:
+        found["panoramax"] = Panoramax(settings.panoramax)
+    if settings.mapillary_token is not None:
+        found["mapillary"] = Mapillary(settings.mapillary, token=settings.mapillary_token)
+    return found
+
+
+def open_service(source: SourceKey, settings: StreetSettings) -> tuple[StreetService, PoliteClient]:
+    """Prepare to ask a service; nothing is sent yet.
+
+    Raises
+    ------
+    NotFound
+        It is not set up.
+    """
+    service = services(settings).get(source)
+    if service is None:
+        needed = "street.panoramax" if source == "panoramax" else "street.mapillary_token"
+        raise NotFound(f"the service {source} is not set up here", hint=f"set {needed}, see docs/street.md")
+    return service, PoliteClient(service.name, service.base, headers=service.headers, settings=settings)
+
+
+def survey_street(
+    target: StreetTarget, request: StreetRequest, *, settings: StreetSettings, progress: Progress
+) -> StreetSurvey:
+    """Ask a service what photos it has of an area.
+
+    Raises
+    ------
+    NotFound
+        The service is not set up.
+    UsageError
+        The map has no georeference; the area is empty, not on the image, or has too many photos.
+    InputError, TooMany
+        The service does not answer, refuses, or answers something else.
+    Cancelled
+    """
+    service, client = open_service(request.source, settings)
+    image, known = target.image(), target.known(service.name)
+    box = _area(request, image)
+    try:
+        listing = list_photos(service, box, client=client, most=settings.max_photos, progress=progress)
+    finally:
+        client.stop()
+    wanted: list[PlacedStreetPhoto] = []
+    counts: Counter[str] = Counter()
+    assert image.georeference is not None
+    for photo in listing.photos:
+        pixel = image.georeference.pixel_of(photo.position)
+        if isinstance(request.area, PixelBox) and not request.area.holds(pixel):
+            counts["elsewhere"] += 1
+        elif not inside(pixel, width=image.width, height=image.height):
+            counts["outside"] += 1
+        elif photo.is_panorama and request.panoramas == "skip":
+            counts["skipped"] += 1
+        elif photo.id in known or set(part_ids(photo, request.panoramas)).issubset(known):
+            counts["known"] += 1
+        else:
+            wanted.append(PlacedStreetPhoto(photo, pixel))
+    found = len(listing.photos) + listing.unusable - counts.pop("elsewhere", 0)
+    return StreetSurvey(service.name, tuple(wanted), found, unusable=listing.unusable, **counts)
+
+
+def part_ids(photo: StreetPhoto, panoramas: PanoramaWish) -> tuple[str, ...]:
+    """Return the ids under which a photo comes into a map: its own, or one for each view of a panorama."""
+    if photo.is_panorama and panoramas == "cut":
+        return tuple(f"{photo.id}#{turn:03}" for turn in view_turns(CUT))
+    return (photo.id,)
+
+
+def _area(request: StreetRequest, image: MapImage) -> GeoBox:
+    """Return the area that the service is asked about: the part of what is wanted that the image may show.
+
+    Raises
+    ------
+    UsageError
+        There is none.
+    GeoreferenceError
+        The image is nowhere on the Earth.
+    """
+    if isinstance(request.area, PixelBox):
+        sides = request.area.on(image)
+        if not (sides.left < sides.right and sides.top < sides.bottom):
+            raise UsageError("the area is empty, or not on the map's image", where="area", hint=_CHOOSE)
+        return _wrapped(_extent(image, sides))
+    whole = _extent(image, PixelBox(0.0, 0.0, image.width, image.height))
+    if request.area is None:
+        return _wrapped(whole)
+    box = request.area
+    if not (box.north > box.south and box.west != box.east):
+        raise UsageError("the area is empty", where="area", hint="north is above south, west not east")
+    # longitudes count on across the 180th meridian, near those of the image
+    width = (box.east - box.west) % 360.0
+    middle = (whole.west + whole.east) / 2
+    west = middle + (box.west + width / 2 - middle + 180.0) % 360.0 - 180.0 - width / 2
+    shared = GeoBox(
+        north=min(box.north, whole.north),
+        south=max(box.south, whole.south),
+        west=max(west, whole.west),
+        east=min(west + width, whole.east),
+    )
+    if shared.north <= shared.south or shared.west >= shared.east:
+        raise UsageError("the area is not on the map's image", where="area", hint=_CHOOSE)
+    return _wrapped(shared)
+
+
+def _extent(image: MapImage, sides: PixelBox) -> GeoBox:
+    """Return the parallels and meridians around a part of an image, the latter perhaps beyond 180 degrees."""
+    assert image.georeference is not None
+    x, y = np.meshgrid(
+        np.linspace(sides.left, sides.right, _SAMPLES), np.linspace(sides.top, sides.bottom, _SAMPLES)
+    )
+    places = image.georeference.latlon_from_pixel(np.column_stack([x.ravel(), y.ravel()]))
+    places = places[np.isfinite(places).all(axis=1)]
+    if not len(places):
+        raise GeoreferenceError("the area is nowhere on the Earth", hint="check the image's georeference")
+    latitudes, longitudes = places.T
+    longitudes = longitudes[0] + (longitudes - longitudes[0] + 180.0) % 360.0 - 180.0
+    return GeoBox(
+        float(latitudes.max()), float(latitudes.min()), float(longitudes.min()), float(longitudes.max())
+    )
+
+
+def _wrapped(box: GeoBox) -> GeoBox:
+    west, east = ((side + 180.0) % 360.0 - 180.0 for side in (box.west, box.east))
+    return box._replace(west=west, east=east)

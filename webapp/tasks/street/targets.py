@@ -1,0 +1,176 @@
+"""The maps that photos of streets come into: one of the library, or one of any other folder."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import Experience, UnplacedPhoto
+from webapp.errors import UsageError
+from webapp.files.decode import check_decodes
+from webapp.files.listing import DERIVED
+from webapp.files.maps.folder import MapFolder, read_map, write_map
+from webapp.files.part_file import discard, move_in
+from webapp.files.photos.photo import read_facts
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.add_photo import Changing, IncomingPhoto, KnownOfPhoto, add_photo, suffix_of
+from webapp.tasks.maps.photo_files import PHOTOS
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.maps.placing import needed_image
+
+_NEEDED = "give its image a georeference first: photos of streets come by latitude and longitude"
+
+
+@dataclass(frozen=True, slots=True)
+class ArrivedPhoto:
+    """A photo that was downloaded, or cut out of one.
+
+    Attributes
+    ----------
+    file : Path
+        One of the target's scratch files; is moved or deleted.
+    """
+
+    file: Path
+    name: str
+    known: KnownOfPhoto
+    pixel: MapPixel
+
+
+class StreetTarget(Protocol):
+    """A map that photos come into."""
+
+    def scratch(self, name: str) -> Path:
+        """Name a file on its way, on the same disk as the map; what waits there is found again."""
+
+    def image(self) -> MapImage:
+        """Return the image of the map, with a georeference; UsageError without one."""
+
+    def known(self, service: str) -> Collection[str]:
+        """Return the ids of the photos of a service that the map has."""
+
+    def take(self, photo: ArrivedPhoto) -> bool:
+        """Add a photo; False where the map has the same file already. PhotoError where it is none."""
+
+
+class LibraryTarget:
+    """A map of the library.
+
+    Parameters
+    ----------
+    changing : callable, optional
+        Opens a change of it, for a job that holds its lease.
+    """
+
+    def __init__(
+        self, library: Library, map_id: int, *, settings: Settings, changing: Changing | None = None
+    ) -> None:
+        self._library, self._map_id, self._settings = library, map_id, settings
+        self._changing = changing or library.changing
+
+    def scratch(self, name: str) -> Path:
+        """Name a file in the folder of uploads, which is swept of old ones."""
+        return self._library.uploads / f"street-{self._map_id}-{name}"
+
+    def image(self) -> MapImage:
+        """Return the image of the map, with a georeference; UsageError without one."""
+        with self._library.database.read() as session:
+            return needed_image(session.get_one(MapRecord, self._map_id), with_georeference=True)
+
+    def known(self, service: str) -> Collection[str]:
+        """Return the ids of the photos of a service that the map has."""
+        with self._library.database.read() as session:
+            record = session.get_one(MapRecord, self._map_id)
+            sources = [photo.source for photo in maps.photos(session, record) if not photo.removed]
+        return {source["id"] for source in sources if source and source["service"] == service}
+
+    def take(self, photo: ArrivedPhoto) -> bool:
+        """Add a photo, as uploads are added."""
+        intake = add_photo(
+            self._library,
+            self._map_id,
+            photo=IncomingPhoto(photo.file, photo.name, known=photo.known),
+            settings=self._settings,
+            changing=self._changing,
+        )
+        return not intake.duplicate
+
+
+class FolderTarget:
+    """A map of any other folder, whose files are the truth."""
+
+    def __init__(self, cfg: Path, *, settings: Settings) -> None:
+        self._cfg, self._settings = cfg, settings
+        self._map = read_map(cfg)
+
+    def scratch(self, name: str) -> Path:
+        """Name a file next to the index, where nothing is looked for."""
+        return self._cfg.parent / DERIVED / "street" / name
+
+    def image(self) -> MapImage:
+        """Return the image of the map, with a georeference; UsageError without one."""
+        size = self._map.satellite
+        if self._map.georeference is None:
+            raise UsageError("the map has no georeference", where=str(self._cfg), hint=_NEEDED)
+        return MapImage(size.width, size.height, self._map.georeference)
+
+    def known(self, service: str) -> Collection[str]:
+        """Return the ids of the photos of a service that the map has."""
+        sources = [photo.source for photo in self._photos()]
+        return {source.id for source in sources if source is not None and source.service == service}
+
+    def take(self, photo: ArrivedPhoto) -> bool:
+        """Move a photo into the map's folder, and write the map with it."""
+        facts = read_facts(photo.file, limits=self._settings.photo)
+        check_decodes(photo.file, limits=self._settings.photo)
+        content = photo.file.read_bytes()
+        digest = hashlib.sha256(content).digest()
+        if digest in self._digests.get(len(content), ()):
+            discard(photo.file)
+            return False
+        name = f"{PHOTOS}/{Path(photo.name).stem}.{suffix_of(facts)}"
+        move_in(photo.file, self._cfg.parent / name)
+        known = photo.known
+        added = Experience(
+            id=self._map.next_id,
+            photo=name,
+            position=photo.pixel,
+            heading_deg=facts.heading_deg if known.heading_deg is None else known.heading_deg,
+            fov_deg=facts.fov_deg if known.fov_deg is None else known.fov_deg,
+            gps_accuracy_m=known.accuracy_m,
+            taken_at=known.taken_at or facts.taken_at,
+            source=known.source,
+        )
+        changed = replace(
+            self._map,
+            experiences=(*self._map.experiences, added),
+            next_id=added.id + 1,
+            revision=self._map.revision + 1,
+        )
+        write_map(self._cfg, changed)
+        self._map = changed
+        self._digests.setdefault(len(content), set()).add(digest)
+        return True
+
+    def _photos(self) -> tuple[Experience | UnplacedPhoto, ...]:
+        return (*self._map.experiences, *self._map.unplaced)
+
+    @cached_property
+    def _digests(self) -> dict[int, set[bytes]]:
+        """Hashes of the map's photos by their sizes."""
+        found: dict[int, set[bytes]] = {}
+        files = MapFolder(self._cfg)
+        for photo in self._photos():
+            path = files.path(photo.photo)
+            if path.is_file():
+                content = path.read_bytes()
+                found.setdefault(len(content), set()).add(hashlib.sha256(content).digest())
+        return found
