@@ -1,7 +1,7 @@
 """Runs the tests of the nodes with the wheels of ROS 2, in an environment of their own: `make ros-test`.
 
 The wheels slow down every start of Python, so they are not in `.venv`. `.venv-ros` has them, and finds all
-other packages in the environment that this is run with.
+other packages in the environment that this is run with. Messages of which there is no wheel are built there.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from filelock import FileLock, Timeout
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / ".venv-ros"
 PYTHON = FOLDER / "bin" / "python"
+BUILDER = ROOT / "ros" / "build_messages.py"
+_STAND_INS = ROOT / "ros" / "expmap_ros" / "test" / "interfaces"
+MESSAGES = (ROOT / "ros" / "expmap_msgs", _STAND_INS / "tf2_msgs", _STAND_INS / "vision_msgs")
 PYTHONS = ((3, 11), (3, 12), (3, 13))
 """That the wheels are made for, on Linux with glibc and x86-64."""
 
@@ -62,9 +65,11 @@ def _own_domain() -> Iterator[int]:
 def _install() -> None:
     """Make the environment, unless it has these packages and this base already."""
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    packages = declared["optional-dependencies"]["ros"]
+    optional = declared["optional-dependencies"]
+    packages = [*optional["ros"], *optional["ros-build"]]
     base = sysconfig.get_path("purelib")
-    wanted = "\n".join([sys.version, base, *packages, (ROOT / "constraints.txt").read_text("utf-8")])
+    sources = [ROOT / "constraints.txt", BUILDER, *(p for m in MESSAGES for p in sorted(m.rglob("*.*")))]
+    wanted = "\n".join([sys.version, base, *packages, *(path.read_text("utf-8") for path in sources)])
     stamp = FOLDER / ".installed"
     if stamp.exists() and stamp.read_text("utf-8") == wanted:
         return
@@ -75,6 +80,7 @@ def _install() -> None:
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     link = FOLDER / "lib" / version / "site-packages" / "experience_map_base.pth"
     link.write_text(f"import site; site.addsitedir({base!r})\n", "utf-8")
+    subprocess.run([PYTHON, BUILDER, *MESSAGES], check=True)
     stamp.write_text(wanted, "utf-8")
 
 

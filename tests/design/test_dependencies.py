@@ -90,7 +90,7 @@ def test_imports_are_declared_and_used(modules, declared):
 
 def test_extras_are_those_that_are_declared(declared):
     optional = declared["project"]["optional-dependencies"]
-    assert {*optional} == {*EXTRAS, "all", "ros", "test"}
+    assert {*optional} == {*EXTRAS, "all", "ros", "ros-build", "test"}
     assert {Requirement(text).name for text in optional["all"]} == {"experience-map"}
     assert {e for text in optional["all"] for e in Requirement(text).extras} == {*EXTRAS}
     for name, packages in EXTRAS.items():

@@ -422,14 +422,14 @@ def test_waits_double_up_to_the_longest_with_jitter():
     assert backoff.next_delay() == 1
 
 
-def test_a_new_start_knows_when_the_newest_of_each_track_was(start, server):
+def test_a_new_start_knows_what_is_sent_already(start, server):
     client = start()
     send(client, 3)
-    client.pose(50, 14, time_s=7, source="odometry", track="left")
     client.pose(50, 14, time_s=5, source="odometry", track="left")
     client.object("car 1", "car", lat=50, lon=14, time_s=9)
-    client.end()
     assert client.upload(wait_s=60)
     client.close()
-    times = {("gps", ""): 2.0, ("odometry", "left"): 7.0, ("object", "car 1"): 9.0}
-    assert start().last_times_s() == times
+    seen, turned, *fixes = start().recent_records()
+    assert (seen["type"], seen["id"], seen["time"]) == ("object", "car 1", 9.0)
+    assert (turned["source"], turned["track"], turned["time"]) == ("odometry", "left", 5.0)
+    assert [(fix["time"], fix["lat"]) for fix in fixes] == [(n, 50 + n * 1e-5) for n in (2, 1, 0)]

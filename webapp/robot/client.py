@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +20,6 @@ from .records import (
     ObjectFields,
     PoseFields,
     end_record,
-    last_times_s,
     object_record,
     parse_record,
     pose_record,
@@ -282,9 +282,9 @@ class RobotClient:
         with self._idle:
             return self._idle.wait_for(self._is_done, timeout=wait_s)
 
-    def last_times_s(self) -> dict[tuple[str, str], float]:
-        """Return when the newest record of each track, (source, name), and object, ("object", id), was."""
-        return last_times_s(self._spool.recent())
+    def recent_records(self) -> Iterator[dict[str, Any]]:
+        """Yield the last 20 000 records, the newest first; those the server has may be gone."""
+        return map(json.loads, self._spool.recent())
 
     def status(self) -> RobotStatus:
         """Return how many records wait, and what is wrong."""

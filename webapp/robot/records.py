@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, SupportsFloat, TypedDict, Unpack
 
 from .errors import InputError
@@ -155,24 +155,6 @@ def to_json(record: Mapping[str, Any]) -> bytes:
         It holds a number that JSON has not, such as NaN.
     """
     return json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode("utf-8")
-
-
-def last_times_s(texts: Iterable[bytes]) -> dict[tuple[str, str], float]:
-    """Find the newest of each track, and of each object, among records as JSON.
-
-    Returns
-    -------
-    dict
-        Of tracks by source and name, of objects by "object" and id: seconds since 1970.
-    """
-    found: dict[tuple[str, str], float] = {}
-    for record in map(json.loads, texts):
-        if record["type"] == "end":
-            continue
-        is_pose = record["type"] == "pose"
-        key = (record.get("source", "gps"), record.get("track", "")) if is_pose else ("object", record["id"])
-        found[key] = max(found.get(key, record["time"]), record["time"])
-    return found
 
 
 def _with_place(fields: dict[str, Any], *, now_s: float) -> dict[str, Any]:

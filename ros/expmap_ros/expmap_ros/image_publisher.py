@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
 import cv2
-from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from expmap_ros import running
-from expmap_ros.parameters import Parameter, ParameterError, declare
+from expmap_ros.managed import ManagedNode
+from expmap_ros.parameters import Parameter, ParameterError
 from expmap_ros.pictures import Pixels, image_of
 
 PARAMETERS = (
@@ -30,22 +30,32 @@ Frame = tuple[Pixels | None, bytes | None]
 """Blue, green, red; or a file as it is."""
 
 
-class ImagePublisher(Node):
+class ImagePublisher(ManagedNode):
     """Publishes images at an even rate; the newest one waits for those who subscribe later."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("image_publisher", **options)
-        self._values = declare(self, PARAMETERS)
+        super().__init__("image_publisher", PARAMETERS, **options)
         self._compressed = self._values["image_transport"] == "compressed"
-        self._frames = self._all_frames()
-        kind, ending = (CompressedImage, "/compressed") if self._compressed else (Image, "")
-        self._publisher = self.create_publisher(
-            kind, f"/gscam/image_raw{ending}", running.KEPT, qos_overriding_options=running.overridable()
-        )
-        self._next = next(self._frames)
-        self._timer = self.create_timer(1.0 / self._values["rate_hz"], self._publish)
+        self.start()
 
-    def _all_frames(self) -> Iterator[Frame]:
+    def configure(self) -> None:
+        """Open the source.
+
+        Raises
+        ------
+        ParameterError
+        """
+        self._frames = self._all_frames()
+        self.holds(self._frames.close)
+        kind, ending = (CompressedImage, "/compressed") if self._compressed else (Image, "")
+        self._publisher = self.advertise(kind, f"/gscam/image_raw{ending}", running.KEPT)
+        self._next = next(self._frames)
+
+    def activate(self) -> None:
+        """Publish."""
+        self._timer = self.repeat(1.0 / self._values["rate_hz"], self._publish)
+
+    def _all_frames(self) -> Generator[Frame]:
         source = self._values["source"]
         if source.isdecimal():
             return _recorded(_opened(int(source), source), loop=False)
@@ -76,7 +86,7 @@ class ImagePublisher(Node):
             self._next = following
 
 
-def _files(photos: list[Path], *, loop: bool) -> Iterator[Frame]:
+def _files(photos: list[Path], *, loop: bool) -> Generator[Frame]:
     while True:
         for photo in photos:
             pixels = cv2.imread(str(photo))
@@ -94,7 +104,7 @@ def _opened(name: int | str, source: str) -> cv2.VideoCapture:
     return capture
 
 
-def _recorded(capture: cv2.VideoCapture, *, loop: bool) -> Iterator[Frame]:
+def _recorded(capture: cv2.VideoCapture, *, loop: bool) -> Generator[Frame]:
     """Read a video or a camera to its end; a video may begin again."""
     try:
         while True:

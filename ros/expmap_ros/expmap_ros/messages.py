@@ -13,8 +13,16 @@ from expmap_ros.answers import MapPose
 
 try:
     from expmap_msgs.msg import PosesInMap
-except ModuleNotFoundError:  # not built, as with the wheels
+except ModuleNotFoundError:  # not built
     PosesInMap = None
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ModuleNotFoundError:  # of every distribution, but not among the wheels
+    TFMessage = None
+
+TF_MESSAGE: Any = TFMessage
+"""Type of `/tf`; None where it is not installed."""
 
 POSES_IN_MAP: type = PosesInMap or String
 """Type of `/poses_in_map`: a text with the same two lists as JSON where `expmap_msgs` is not built."""

@@ -1,42 +1,54 @@
 """Node `mission_bridge`: sends positions, detected objects and their images to a mission, through outages.
 
 Every message becomes one record in the spool of the robots' client, which sends it once, whatever happens to
-the network. What a publisher repeats to a bridge that was started again is known by its stamp and left out.
+the network. What a publisher repeats to a bridge that was started again is known by what it says, and left
+out.
 """
 
 from __future__ import annotations
 
 import io
 import math
-import time
 from collections import OrderedDict
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CompressedImage, NavSatFix, NavSatStatus
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, NavSatFix, NavSatStatus
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from expmap_ros import running
 from expmap_ros.client import DiskFull, InputError, RobotClient, RobotOptions, StorageError
-from expmap_ros.parameters import SERVER, Parameter, ParameterError, declare, numbers, token_of
-from expmap_ros.robot_frame import RobotFrame, Sighting, sightings_of
+from expmap_ros.ground import GroundCamera, Pinhole
+from expmap_ros.managed import ManagedNode
+from expmap_ros.messages import TF_MESSAGE
+from expmap_ros.parameters import SERVER, Parameter, ParameterError, names, numbers, token_of
+from expmap_ros.pictures import UnusableImage, photo_of
+from expmap_ros.robot_frame import Box, LocalPose, RobotFrame, Sighting, boxes_of, pose_of, sightings_of
+from expmap_ros.sent import Identity, SentMessages, object_identity, pose_identity
 
 try:
-    from vision_msgs.msg import Detection3DArray
+    from vision_msgs.msg import Detection2DArray, Detection3DArray
 except ModuleNotFoundError:  # not among the usual messages: markers are taken all the same
-    Detection3DArray = None
+    Detection2DArray = Detection3DArray = None
 
 PARAMETERS = (
     *SERVER,
     Parameter("mission", 0, "Number of the mission.", limits=(0, 2**31 - 1)),
     Parameter("spool", "", "Folder for what waits, of this mission alone; the next start continues it."),
     Parameter("start", "", "LAT,LON,HEADING of the origin of odometry; without it odometry is left out."),
+    Parameter("tf", "", "FRAME,BODY: the transforms from one to the other are a track; without it none are."),
+    Parameter(
+        "camera",
+        "",
+        "FORWARD,LEFT,UP,PITCH,YAW of the camera of /detections_2d: metres, degrees down, left.",
+    ),
+    Parameter("max_range_m", 50.0, "Leave out 2D detections farther from the camera.", limits=(0, 1e6)),
     Parameter("min_move", "0", "Leave out poses that moved no more: 0.5m, 0.00001deg; 0 keeps all."),
     Parameter("sync_s", 0.5, "Seconds whose records a power cut can cost at most; 0: none.", limits=(0, 60)),
     Parameter("limit_mb", 1000.0, "Megabytes of the spool, at most.", limits=(1, 1e6)),
@@ -45,158 +57,209 @@ PARAMETERS = (
 QUEUE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """So many messages wait while the disk is busy."""
 
+RAW_IMAGES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+"""They need much memory."""
+
 _STAMPS = 200
 """For so many stamps, images and objects find each other."""
 
-_CATCH_UP_S = 10.0
-"""After a start, publishers may send again what they keep for so long."""
+Track = tuple[str, str]
+"""Source and name of a track."""
 
-_BEHIND = "stamps are older than what was sent before this start: was the clock set back?"
+Take = Callable[[Any, float], None]
+"""Is given a message, and when it was published: seconds since 1970."""
 
-Key = tuple[str, str]
+
+class Unplaced(Exception):
+    """Where an object is cannot be computed; the message says what is missing."""
 
 
-class MissionBridge(Node):
+class MissionBridge(ManagedNode):
     """Subscribes to what a robot publishes, and keeps it for the server."""
 
     def __init__(self, **options: Any) -> None:
-        self._resources = ExitStack()  # a node that could not be made is destroyed, too
-        super().__init__("mission_bridge", **options)
-        values = declare(self, PARAMETERS)
-        start = numbers("start", values["start"], ("LAT", "LON", "HEADING"))
-        self._robot = None if start is None else RobotFrame(*start)
-        self._client = _client(values)
-        self._resources.callback(self._client.close, wait_s=0.0)
-        self._sent_before_s: dict[Key, float] = self._client.last_times_s()
-        self._last_s: dict[Key, float] = {}
-        self._caught_up_s = time.monotonic() + _CATCH_UP_S
-        self._is_behind = False
-        self._counts = {"received": 0, "written": 0, "hardly moved": 0, "repeated": 0, "unusable": 0}
+        super().__init__("mission_bridge", PARAMETERS, **options)
+        self._counts = dict.fromkeys(
+            ("received", "written", "hardly moved", "repeated", "without an id", "unusable"), 0
+        )
         self._refused = ""
+        self._lens: Pinhole | None = None
         self._photos: OrderedDict[float, str] = OrderedDict()
         self._objects: OrderedDict[float, str] = OrderedDict()
-        self._subscribe(NavSatFix, "/fix", self._take_fix)
-        self._subscribe(Odometry, "/odom", self._take_odometry)
-        self._subscribe(MarkerArray, "/objects", self._take_objects)
-        if Detection3DArray is not None:
-            self._subscribe(Detection3DArray, "/detections", self._take_objects)
-        self._subscribe(CompressedImage, "/objects/image/compressed", self._take_photo)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_timer(1.0, self._report)
-        self.create_service(Trigger, "~/end", self._end)
+        self.start()
 
-    def destroy_node(self) -> None:
-        """End the node; what has not been sent stays in the spool."""
-        super().destroy_node()
-        self._resources.close()
+    def configure(self) -> None:
+        """Open the spool, and send what waits in it.
 
-    def _subscribe(self, kind: type, topic: str, take: Callable[[Any], None]) -> None:
-        def guarded(message: Any) -> None:
-            self._counts["received"] += 1
-            try:
-                take(message)
-            except (InputError, DiskFull, StorageError) as error:
-                self._counts["unusable"] += 1
-                self._refused = str(error)
-                self.get_logger().error(f"{topic}: {error}", throttle_duration_sec=10.0)
-
-        self.create_subscription(kind, topic, guarded, QUEUE, qos_overriding_options=running.overridable())
-
-    def _stamp_s(self, header: Any) -> float:
-        """When something was; now, where nobody knew."""
-        return running.seconds(header.stamp) or self.get_clock().now().nanoseconds * 1e-9
-
-    def _is_new(self, key: Key, time_s: float) -> bool:
-        """Return whether a message has not been sent yet: before this start it was, up to a time.
-
-        In this run only a stamp that comes again is a repetition; a clock may be set back.
+        Raises
+        ------
+        ParameterError
         """
-        before = time_s <= self._sent_before_s.get(key, -math.inf)
-        self._is_behind |= before and time.monotonic() > self._caught_up_s
-        if before or time_s == self._last_s.get(key):
+        start = numbers("start", self._values["start"], ("LAT", "LON", "HEADING"))
+        self._robot = None if start is None else RobotFrame(*start)
+        self._tf = names("tf", self._values["tf"], ("FRAME", "BODY"))
+        if self._tf and TF_MESSAGE is None:
+            raise ParameterError("tf: tf2_msgs is not installed")
+        self._camera = _camera(self._values["camera"])
+        self._client = _client(self._values)
+        self.holds(lambda: self._client.close(wait_s=0.0))
+        self._sent = SentMessages(self._client.recent_records())
+        self._diagnostics = self.advertise(DiagnosticArray, "/diagnostics", running.RESULTS)
+
+    def activate(self) -> None:
+        """Listen to the robot."""
+        self._hear(NavSatFix, "/fix", self._take_fix)
+        self._hear(Odometry, "/odom", self._take_odometry)
+        if self._tf:
+            self._hear(TF_MESSAGE, "/tf", self._take_transforms)
+        self._hear(MarkerArray, "/objects", self._take_objects)
+        if Detection3DArray is not None:
+            self._hear(Detection3DArray, "/detections", self._take_objects)
+            self._hear(Detection2DArray, "/detections_2d", self._take_boxes)
+            self._hear(CameraInfo, "/detections_2d/camera_info", self._take_lens)
+        self._hear(CompressedImage, "/objects/image/compressed", self._take_photo)
+        self._hear(Image, "/objects/image", self._take_photo)
+        self.repeat(1.0, self._report)
+        self.serve(Trigger, "~/end", self._end)
+
+    def _hear(self, kind: type, topic: str, take: Take) -> None:
+        def guarded(message: Any, info: Mapping[str, Any]) -> None:
+            self._counts["received"] += 1
+            with self._reporting():
+                take(message, self._published_s(info))
+
+        self.listen(kind, topic, guarded, quality=RAW_IMAGES if kind is Image else QUEUE)
+
+    @contextmanager
+    def _reporting(self) -> Iterator[None]:
+        """Report what cannot be used, and go on."""
+        try:
+            yield
+        except (InputError, DiskFull, StorageError, UnusableImage, Unplaced) as error:
+            self._counts["unusable"] += 1
+            self._refused = str(error)
+            self.get_logger().error(str(error), throttle_duration_sec=10.0)
+
+    def _published_s(self, info: Mapping[str, Any]) -> float:
+        """When a message was published: the same each time that it comes."""
+        clock = self.get_clock()
+        known: int = 0 if clock.ros_time_is_active else info["source_timestamp"]
+        return float(known or clock.now().nanoseconds) * 1e-9
+
+    def _is_new(self, identity: Identity) -> bool:
+        if identity in self._sent:
             self._counts["repeated"] += 1
             return False
         return True
 
-    def _written(self, key: Key, time_s: float) -> None:
+    def _written(self, identity: Identity) -> None:
         self._counts["written"] += 1
-        self._last_s[key] = time_s
+        self._sent.add(identity)
 
-    def _take_fix(self, fix: NavSatFix) -> None:
-        time_s = self._stamp_s(fix.header)
-        if fix.status.status == NavSatStatus.STATUS_NO_FIX or not self._is_new(("gps", ""), time_s):
+    def _take_fix(self, fix: NavSatFix, at_s: float) -> None:
+        if fix.status.status == NavSatStatus.STATUS_NO_FIX:
             return
         c = fix.position_covariance
         known = fix.position_covariance_type != NavSatFix.COVARIANCE_TYPE_UNKNOWN and c[0] > 0 and c[4] > 0
-        height = fix.altitude if math.isfinite(fix.altitude) else None
-        self._send_pose(
-            ("gps", ""),
-            time_s,
-            {
-                "lat": fix.latitude,
-                "lon": fix.longitude,
-                "height_m": height,
-                "covariance": [c[0], c[4], c[1]] if known else None,
-            },
-        )
+        fields = {
+            "lat": fix.latitude,
+            "lon": fix.longitude,
+            "height_m": fix.altitude if math.isfinite(fix.altitude) else None,
+            "covariance": [c[0], c[4], c[1]] if known else None,
+        }
+        self._send_pose(("gps", ""), _stamp_s(fix.header, at_s), fields)
 
-    def _take_odometry(self, odometry: Odometry) -> None:
+    def _take_odometry(self, odometry: Odometry, at_s: float) -> None:
+        self._send_local(pose_of(odometry), "", _stamp_s(odometry.header, at_s))
+
+    def _take_transforms(self, message: Any, at_s: float) -> None:
+        for transform in message.transforms:
+            if (transform.header.frame_id, transform.child_frame_id) == self._tf:
+                self._send_local(pose_of(transform), "tf", _stamp_s(transform.header, at_s))
+
+    def _send_local(self, pose: LocalPose, track: str, time_s: float) -> None:
         if self._robot is None:
             self.get_logger().warning("odometry is left out: set start", once=True)
             return
-        time_s = self._stamp_s(odometry.header)
-        self._robot.follow(odometry)
-        if self._is_new(("odometry", ""), time_s):
-            self._send_pose(("odometry", ""), time_s, self._robot.pose(odometry))
+        self._robot.follow(pose)
+        self._send_pose(("odometry", track), time_s, self._robot.fields(pose))
 
-    def _send_pose(self, key: Key, time_s: float, fields: dict[str, Any]) -> None:
+    def _send_pose(self, track: Track, time_s: float, fields: Mapping[str, Any]) -> None:
         given = {name: value for name, value in fields.items() if value is not None}
         lat, lon = given.pop("lat"), given.pop("lon")
-        if self._client.pose(lat, lon, time_s=time_s, source=key[0], **given):
-            self._written(key, time_s)
+        identity = pose_identity(*track, time_s, lat=lat, lon=lon)
+        if not self._is_new(identity):
+            return
+        if self._client.pose(lat, lon, time_s=time_s, source=track[0], track=track[1], **given):
+            self._written(identity)
         else:
             self._counts["hardly moved"] += 1
 
-    def _take_objects(self, message: Any) -> None:
-        if self._robot is None:
-            self.get_logger().warning("objects are left out: set start", once=True)
-            return
+    def _take_objects(self, message: Any, at_s: float) -> None:
         for sighting in sightings_of(message):
-            self._send_object(self._robot, sighting)
+            with self._reporting():
+                self._send_object(sighting, _stamp_s(sighting.header, at_s), self._place)
 
-    def _send_object(self, robot: RobotFrame, sighting: Sighting) -> None:
-        time_s = self._stamp_s(sighting.header)
-        key = ("object", sighting.id)
-        lat_lon = robot.place(sighting)
-        if lat_lon is None:
-            self._counts["unusable"] += 1
-            self._refused = (
-                f"object {sighting.id}: where the robot is in {sighting.header.frame_id!r} is not known"
-            )
+    def _take_boxes(self, message: Any, at_s: float) -> None:
+        for box in boxes_of(message):
+            with self._reporting():
+                self._send_object(box, _stamp_s(box.header, at_s), self._project)
+
+    def _take_lens(self, info: CameraInfo, _: float) -> None:
+        if info.k[0] > 0 and info.k[4] > 0:
+            self._lens = Pinhole(info.k[0], info.k[4], info.k[2], info.k[5])
+
+    def _place(self, seen: Sighting) -> tuple[float, float]:
+        found = self._moving_robot().place(seen)
+        if found is None:
+            raise Unplaced(f"object {seen.id}: where the robot is in {seen.header.frame_id!r} is not known")
+        return found
+
+    def _project(self, box: Box) -> tuple[float, float]:
+        if self._camera is None or self._lens is None:
+            raise Unplaced("2D detections need the parameter camera, and a CameraInfo")
+        farthest = self._values["max_range_m"]
+        found = self._camera.on_ground(*box.foot, lens=self._lens, farthest_m=farthest)
+        if found is None:
+            raise Unplaced(f"object {box.id} does not stand on the ground within {farthest:g} m")
+        return self._moving_robot().ahead(*found)
+
+    def _moving_robot(self) -> RobotFrame:
+        if self._robot is None or not self._robot.is_known:
+            raise Unplaced("objects need odometry, and the parameter start")
+        return self._robot
+
+    def _send_object(self, seen: Any, time_s: float, place: Callable[[Any], tuple[float, float]]) -> None:
+        if not seen.id:
+            self._counts["without an id"] += 1
             return
-        if not self._is_new(key, time_s):
+        _remember(self._objects, time_s, seen.id)
+        identity = object_identity(seen.id, time_s)
+        if not self._is_new(identity):
             return
-        more = {"confidence": sighting.confidence, "photo": self._photos.get(time_s)}
+        lat, lon = place(seen)
+        more = {"confidence": seen.confidence, "photo": self._photos.get(time_s)}
         given = {name: value for name, value in more.items() if value is not None}
-        self._client.object(
-            sighting.id, sighting.kind, lat=lat_lon[0], lon=lat_lon[1], time_s=time_s, **given
-        )
-        self._written(key, time_s)
-        _remember(self._objects, time_s, sighting.id)
+        self._client.object(seen.id, seen.kind, lat=lat, lon=lon, time_s=time_s, **given)
+        self._written(identity)
 
-    def _take_photo(self, image: CompressedImage) -> None:
-        """Keep an image of detections: it belongs to the objects with the same stamp."""
-        time_s = self._stamp_s(image.header)
-        if not self._is_new(("photo", ""), time_s):
+    def _take_photo(self, image: Image | CompressedImage, at_s: float) -> None:
+        """Keep an image of detections: it belongs to the objects with the same stamp.
+
+        One that comes again after a restart is recognized by the server, which knows photos by their content.
+        """
+        time_s = _stamp_s(image.header, at_s)
+        identity = ("photo", time_s)
+        if not self._is_new(identity):
             return
-        ending = "png" if "png" in image.format else "jpg"
+        data, ending = photo_of(image)
         sha256 = self._client.photo(
-            io.BytesIO(bytes(image.data)),
-            name=f"{time_s:.2f}.{ending}",
+            io.BytesIO(data),
+            name=f"{time_s:.2f}{ending}",
             time_s=time_s,
             object_id=self._objects.get(time_s),
         )
-        self._written(("photo", ""), time_s)
+        self._written(identity)
         _remember(self._photos, time_s, sha256)
 
     def _end(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -209,14 +272,27 @@ class MissionBridge(Node):
         status = self._client.status()
         values = {**self._counts, "records waiting": status.waiting, "photos waiting": status.photos}
         level, text = DiagnosticStatus.OK, "everything is sent" if not status.waiting else "sending"
-        if self._is_behind:
-            level, text = DiagnosticStatus.WARN, _BEHIND
         if status.problem:
             level, text = DiagnosticStatus.WARN, status.problem
         if status.refused is not None or self._refused:
             level, text = DiagnosticStatus.ERROR, self._refused or str(status.refused)
-        self._refused, self._is_behind = "", False
+        self._refused = ""
         self._diagnostics.publish(running.diagnostics(self, level, text, values=values.items()))
+
+
+def _stamp_s(header: Header, published_s: float) -> float:
+    """When something was; when it was published, where nobody knew."""
+    return running.seconds(header.stamp) or published_s
+
+
+def _camera(text: str) -> GroundCamera | None:
+    mount = numbers("camera", text, ("FORWARD", "LEFT", "UP", "PITCH", "YAW"))
+    if mount is None:
+        return None
+    forward, left, up, pitch, yaw = mount
+    if up <= 0.0:
+        raise ParameterError("camera: UP has to be above the ground")
+    return GroundCamera(forward, left, up, math.radians(pitch), math.radians(yaw))
 
 
 def _client(values: Any) -> RobotClient:

@@ -103,6 +103,21 @@ def numbers(name: str, text: str, names: Sequence[str]) -> tuple[float, ...] | N
     return found
 
 
+def names(name: str, text: str, parts: Sequence[str]) -> tuple[str, ...] | None:
+    """Read `odom,base_link`, a word for each of `parts`; None for an empty text.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if not text:
+        return None
+    found = tuple(part.strip() for part in text.split(","))
+    if len(found) != len(parts) or not all(found):
+        raise ParameterError(f"{name}: write {','.join(parts)}, not {text!r}")
+    return found
+
+
 def file_of(name: str, text: str) -> Path:
     """Find a file that a parameter names.
 

@@ -9,13 +9,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from contextlib import ExitStack
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, NavSatFix, NavSatStatus
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
@@ -25,7 +23,8 @@ from expmap_ros.answers import AXIS_OF_RADIUS, Form, MapFrame
 from expmap_ros.client import Uplink
 from expmap_ros.geodesy import Origin
 from expmap_ros.localizers import Localized, Localizer, MapLocalizer, NoAnswer, Question, ServerLocalizer
-from expmap_ros.parameters import SERVER, Parameter, ParameterError, declare, file_of, numbers, token_of
+from expmap_ros.managed import ManagedNode
+from expmap_ros.parameters import SERVER, Parameter, ParameterError, file_of, numbers, token_of
 from expmap_ros.pictures import UnusableImage, image_of, photo_of
 
 PARAMETERS = (
@@ -52,75 +51,63 @@ PARAMETERS = (
 )
 
 
-class PoseEstimator(Node):
+class PoseEstimator(ManagedNode):
     """Subscribes to images, publishes answers."""
 
     def __init__(self, **options: Any) -> None:
-        self._resources = ExitStack()  # a node that could not be made is destroyed, too
-        super().__init__("pose_estimator", **options)
-        self._values = declare(self, PARAMETERS)
-        chosen = numbers("origin", self._values["origin"], ("LAT", "LON"))
-        self._localizer = _open(self._values)
-        self._resources.callback(self._localizer.close)
-        origin = self._localizer.origin if chosen is None else Origin(*chosen)
-        self._frame = MapFrame(origin, self._values["metres_per_pixel"] or None)
+        super().__init__("pose_estimator", PARAMETERS, **options)
         self._fov_deg: float | None = self._values["fov_deg"] or None
         self._counts = {"images": 0, "answers": 0, "not on this map": 0, "failed": 0}
         self._state: tuple[bytes, str] = (DiagnosticStatus.WARN, "no image has come")
         self._seconds = 0.0
         self._newest: str | None = None
-        self._advertise()
-        self._subscribe()
+        self.start()
+
+    def configure(self) -> None:
+        """Open the map or the connection to the server.
+
+        Raises
+        ------
+        ParameterError
+        """
+        chosen = numbers("origin", self._values["origin"], ("LAT", "LON"))
+        self._localizer = _open(self._values)
+        self.holds(self._localizer.close)
+        origin = self._localizer.origin if chosen is None else Origin(*chosen)
+        self._frame = MapFrame(origin, self._values["metres_per_pixel"] or None)
+        self._poses = self.advertise(messages.POSES_IN_MAP, "/poses_in_map", running.RESULTS)
+        self._answers = self.advertise(String, "~/answer", running.RESULTS)
+        self._pose = self.advertise(PoseWithCovarianceStamped, "~/pose", running.RESULTS)
+        self._fix = self.advertise(NavSatFix, "~/fix", running.RESULTS)
+        self._matches = self.advertise(Image, "/keypoint_matches", running.RESULTS)
+        self._diagnostics = self.advertise(DiagnosticArray, "/diagnostics", running.RESULTS)
         if self._frame.origin is None and self._frame.metres_per_pixel is None:
             self.get_logger().warning(
                 "no poses in metres: set origin, or metres_per_pixel without georeference"
             )
 
-    def destroy_node(self) -> None:
-        """End the node."""
-        super().destroy_node()
-        self._resources.close()
-
-    def _advertise(self) -> None:
-        def publisher(kind: type, topic: str) -> Any:
-            quality = running.RESULTS
-            return self.create_publisher(kind, topic, quality, qos_overriding_options=running.overridable())
-
-        self._poses = publisher(messages.POSES_IN_MAP, "/poses_in_map")
-        self._answers = publisher(String, "~/answer")
-        self._pose = publisher(PoseWithCovarianceStamped, "~/pose")
-        self._fix = publisher(NavSatFix, "~/fix")
-        self._matches = publisher(Image, "/keypoint_matches")
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    def activate(self) -> None:
+        """Listen to the camera."""
         own = MutuallyExclusiveCallbackGroup()
-        self.create_service(Trigger, "~/where_am_i", self._where_am_i, callback_group=own)
-        self.create_timer(1.0, self._report, callback_group=own)
-
-    def _subscribe(self) -> None:
+        self.serve(Trigger, "~/where_am_i", self._where_am_i, group=own)
+        self.repeat(1.0, self._report, group=own)
         kind, ending = (CompressedImage, "/compressed") if self._is_compressed else (Image, "")
-        self.create_subscription(
-            kind,
-            f"/gscam/image_raw{ending}",
-            self._take,
-            running.IMAGES,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            qos_overriding_options=running.overridable(),
-        )
-        if self._fov_deg is None:
-            group = MutuallyExclusiveCallbackGroup()
-            topic = "/gscam/camera_info"
-            self.create_subscription(CameraInfo, topic, self._learn_fov, running.IMAGES, callback_group=group)
+        topic, group = f"/gscam/image_raw{ending}", MutuallyExclusiveCallbackGroup()
+        self.listen(kind, topic, self._take, quality=running.IMAGES, group=group)
+        if not self._values["fov_deg"]:
+            topic, group = "/gscam/camera_info", MutuallyExclusiveCallbackGroup()
+            self.listen(CameraInfo, topic, self._learn_fov, quality=running.IMAGES, group=group)
 
     @property
     def _is_compressed(self) -> bool:
         return bool(self._values["image_transport"] == "compressed")
 
-    def _learn_fov(self, info: CameraInfo) -> None:
+    def _learn_fov(self, info: CameraInfo, _: object) -> None:
         """Compute the field of view from the calibration; a driver without one sends zeros."""
         if info.k[0] > 0 and info.width:
             self._fov_deg = math.degrees(2.0 * math.atan(info.width / (2.0 * info.k[0])))
 
-    def _take(self, message: Image | CompressedImage) -> None:
+    def _take(self, message: Image | CompressedImage, _: object) -> None:
         self._counts["images"] += 1
         started = self.get_clock().now()
         try:

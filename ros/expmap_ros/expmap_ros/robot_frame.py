@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -17,7 +18,15 @@ from expmap_ros.messages import yaw_of
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """An object that was seen, metres in the frame of its header."""
+    """An object that was seen.
+
+    Attributes
+    ----------
+    id : str
+        Empty where it has none.
+    x, y : float
+        Metres in the frame of the header.
+    """
 
     header: Header
     id: str
@@ -25,6 +34,56 @@ class Sighting:
     x: float
     y: float
     confidence: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """What was detected in an image.
+
+    Attributes
+    ----------
+    foot : (float, float)
+        Column and row of the middle of its lower edge, pixels.
+    """
+
+    header: Header
+    id: str
+    kind: str
+    foot: tuple[float, float]
+    confidence: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPose:
+    """Where a robot is in a frame of its own.
+
+    Attributes
+    ----------
+    frame, body : str
+        Names of that frame, and of the robot's.
+    yaw : float or None
+        Radians.
+    covariance : sequence of 36 floats, or empty
+    """
+
+    frame: str
+    body: str
+    x: float
+    y: float
+    z: float
+    yaw: float | None
+    covariance: Sequence[float] = ()
+
+
+def pose_of(message: Odometry | TransformStamped) -> LocalPose:
+    """Read a pose."""
+    frames = (message.header.frame_id, message.child_frame_id)
+    if isinstance(message, Odometry):
+        at = message.pose.pose
+        x, y, z = at.position.x, at.position.y, at.position.z
+        return LocalPose(*frames, x, y, z, yaw_of(at.orientation), message.pose.covariance)
+    moved, turn = message.transform.translation, message.transform.rotation
+    return LocalPose(*frames, moved.x, moved.y, moved.z, yaw_of(turn))
 
 
 class RobotFrame:
@@ -40,43 +99,53 @@ class RobotFrame:
         self._origin = Origin(lat, lon)
         self._heading_deg = heading
         self._yaw = math.radians(90.0 - heading)
-        self._frames = ("", "")
-        self._at: tuple[float, float, float] | None = None
+        self._newest: LocalPose | None = None
 
-    def follow(self, odometry: Odometry) -> None:
+    def follow(self, pose: LocalPose) -> None:
         """Take note where the robot is, and what its frames are called."""
-        at = odometry.pose.pose
-        self._frames = (odometry.header.frame_id, odometry.child_frame_id)
-        self._at = (at.position.x, at.position.y, yaw_of(at.orientation) or 0.0)
+        self._newest = pose
 
-    def pose(self, odometry: Odometry) -> dict[str, Any]:
+    def fields(self, pose: LocalPose) -> dict[str, Any]:
         """Fields of a pose's record."""
-        at = odometry.pose.pose
-        lat, lon = self._degrees(at.position.x, at.position.y)
-        yaw = yaw_of(at.orientation)
+        lat, lon = self._degrees(pose.x, pose.y)
+        heading = None if pose.yaw is None else (self._heading_deg - math.degrees(pose.yaw)) % 360.0
         return {
             "lat": lat,
             "lon": lon,
-            "height_m": at.position.z,
-            "heading_deg": None if yaw is None else (self._heading_deg - math.degrees(yaw)) % 360.0,
-            "covariance": self._covariance(odometry.pose.covariance),
+            "height_m": pose.z,
+            "heading_deg": heading,
+            "covariance": self._covariance(pose.covariance) if len(pose.covariance) else None,
         }
+
+    @property
+    def is_known(self) -> bool:
+        """Whether a pose of the robot has come."""
+        return self._newest is not None
 
     def place(self, sighting: Sighting) -> tuple[float, float] | None:
         """Degrees of an object; None where its frame is neither that of odometry nor the robot's own."""
-        world, body = self._frames
-        if sighting.header.frame_id == world:
+        robot = self._known_pose()
+        if sighting.header.frame_id == robot.frame:
             return self._degrees(sighting.x, sighting.y)
-        if sighting.header.frame_id != body or self._at is None:
-            return None
-        x, y, yaw = self._at
-        forward, left = _turned(sighting.x, sighting.y, yaw)
-        return self._degrees(x + forward, y + left)
+        if sighting.header.frame_id == robot.body:
+            return self.ahead(sighting.x, sighting.y)
+        return None
+
+    def ahead(self, forward: float, left: float) -> tuple[float, float]:
+        """Degrees of a point beside the robot, metres."""
+        robot = self._known_pose()
+        x, y = _turned(forward, left, robot.yaw or 0.0)
+        return self._degrees(robot.x + x, robot.y + y)
+
+    def _known_pose(self) -> LocalPose:
+        if self._newest is None:
+            raise ValueError("no pose of the robot has come")
+        return self._newest
 
     def _degrees(self, x: float, y: float) -> tuple[float, float]:
         return self._origin.degrees_of(*_turned(x, y, self._yaw))
 
-    def _covariance(self, matrix: Any) -> list[float] | None:
+    def _covariance(self, matrix: Sequence[float]) -> list[float] | None:
         """East, north and both, of a 6 x 6 matrix; zeros say that nobody knows."""
         xx, yy, xy = float(matrix[0]), float(matrix[7]), float(matrix[1])
         if xx <= 0 or yy <= 0 or xy * xy > xx * yy or not math.isfinite(xx + yy):
@@ -88,7 +157,7 @@ class RobotFrame:
 
 
 def sightings_of(message: Any) -> Iterator[Sighting]:
-    """Objects with an id of a MarkerArray or a Detection3DArray."""
+    """Objects of a MarkerArray or a Detection3DArray."""
     if isinstance(message, MarkerArray):
         for marker in message.markers:
             if marker.action == Marker.ADD:
@@ -97,13 +166,31 @@ def sightings_of(message: Any) -> Iterator[Sighting]:
                 yield Sighting(marker.header, name, marker.ns or marker.text or "marker", at.x, at.y)
         return
     for detection in message.detections:
-        if not detection.id:
-            continue
-        header = detection.header if detection.header.frame_id else message.header
-        best = max((r.hypothesis for r in detection.results), key=lambda h: h.score, default=None)
         at = detection.bbox.center.position
-        kind, score = ("object", None) if best is None else (best.class_id or "object", best.score)
-        yield Sighting(header, detection.id, kind, at.x, at.y, score)
+        kind, score = _best(detection)
+        yield Sighting(_header(detection, message), detection.id, kind, at.x, at.y, score)
+
+
+def boxes_of(message: Any) -> Iterator[Box]:
+    """What a Detection2DArray has."""
+    for detection in message.detections:
+        at = detection.bbox.center.position
+        foot = (at.x, at.y + detection.bbox.size_y / 2.0)
+        kind, score = _best(detection)
+        yield Box(_header(detection, message), detection.id, kind, foot, score)
+
+
+def _header(detection: Any, message: Any) -> Header:
+    """Header of a detection; what it leaves empty is that of the message."""
+    own, whole = detection.header, message.header
+    stamped = own if own.stamp.sec or own.stamp.nanosec else whole
+    return Header(stamp=stamped.stamp, frame_id=own.frame_id or whole.frame_id)
+
+
+def _best(detection: Any) -> tuple[str, float | None]:
+    """Class and score of the best hypothesis of a detection."""
+    best = max((r.hypothesis for r in detection.results), key=lambda h: h.score, default=None)
+    return ("object", None) if best is None else (best.class_id or "object", best.score)
 
 
 def _turned(x: float, y: float, yaw: float) -> tuple[float, float]:

@@ -37,6 +37,19 @@ _POLICIES = (
 )  # fmt: skip
 
 
+class DrainingExecutor(MultiThreadedExecutor):
+    """Ends after its callbacks.
+
+    That of rclpy first destroys what they wake it with: one that is still running then fails in the end, and
+    "exception was never retrieved" is written when it is collected.
+    """
+
+    def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
+        """Wait for the callbacks that are running, and end."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        return bool(super().shutdown(timeout_sec, wait_for_threads=wait_for_threads))
+
+
 def main(make: Callable[[], Node]) -> None:
     """Run a node until it is interrupted; what it is doing then, it finishes.
 
@@ -56,7 +69,7 @@ def main(make: Callable[[], Node]) -> None:
         if not is_explained(error):
             raise
         sys.exit(_refuse(str(error), code=1))
-    executor = MultiThreadedExecutor(num_threads=3)
+    executor = DrainingExecutor(num_threads=3)
     executor.add_node(node)
     try:
         while not stopping.is_set():

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
-from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import ColorRGBA, Header, String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -21,8 +20,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from expmap_ros import running
 from expmap_ros.answers import Form, MapFrame
 from expmap_ros.geodesy import Origin
+from expmap_ros.managed import ManagedNode
 from expmap_ros.messages import rotation
-from expmap_ros.parameters import Parameter, declare, file_of, numbers
+from expmap_ros.parameters import Parameter, file_of, numbers
 from expmap_ros.pictures import image_of
 from webapp.configuration import load_settings
 from webapp.core.geo.types import MapPixel
@@ -51,24 +51,28 @@ _PHOTO_M = 1.0
 """Size of a photo's marker."""
 
 
-class Visualizer(Node):
+class Visualizer(ManagedNode):
     """Subscribes to answers, publishes them on the map; both wait for those who subscribe later."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("visualizer", **options)
-        self._values = declare(self, PARAMETERS)
-        origin = numbers("origin", self._values["origin"], ("LAT", "LON"))
-        self._show_map(origin)
-        self._picture = self.create_publisher(Image, "~/map", running.KEPT)
-        self._markers = self.create_publisher(MarkerArray, "~/markers", running.KEPT)
-        self.create_subscription(
-            String,
-            "/pose_estimator/answer",
-            self._take,
-            running.RESULTS,
-            qos_overriding_options=running.overridable(),
-        )
+        super().__init__("visualizer", PARAMETERS, **options)
+        self.start()
+
+    def configure(self) -> None:
+        """Read the map.
+
+        Raises
+        ------
+        ParameterError
+        """
+        self._show_map(numbers("origin", self._values["origin"], ("LAT", "LON")))
+        self._picture = self.advertise(Image, "~/map", running.KEPT)
+        self._markers = self.advertise(MarkerArray, "~/markers", running.KEPT)
+
+    def activate(self) -> None:
+        """Show the map, and listen to answers."""
         self._show({"hypotheses": [], "off_map_probability": None, "stamp": {}})
+        self.listen(String, "/pose_estimator/answer", self._take, quality=running.RESULTS)
 
     def _show_map(self, origin: tuple[float, ...] | None) -> None:
         path = file_of("map_file", self._values["map_file"])
@@ -83,7 +87,7 @@ class Visualizer(Node):
         )
         self._places = {e.id: e.position for e in self._map.experiences}
 
-    def _take(self, message: String) -> None:
+    def _take(self, message: String, _: object) -> None:
         self._show(json.loads(message.data))
 
     def _show(self, form: Form) -> None:

@@ -20,6 +20,14 @@ with warnings.catch_warnings():  # of the parser of messages, in the wheels
     import rosidl_parser.parser  # noqa: F401
 
 from ros.expmap_ros.test.support import LAT, LON, PLACES, Bench, textured
+from tests.robot.stand_in import StandIn
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let rclpy use its own deprecated call, by which it warns of nodes of an earlier test."""
+    config.addinivalue_line(
+        "filterwarnings", "ignore:Deprecated in favor of .*RcutilsLogger.warning:DeprecationWarning"
+    )
 
 
 @pytest.fixture(scope="session")
@@ -54,3 +62,22 @@ def bench() -> Iterator[Bench]:
     made = Bench()
     yield made
     made.close()
+
+
+@pytest.fixture
+def server() -> Iterator[StandIn]:
+    """A server that keeps what it is sent."""
+    with StandIn() as running:
+        yield running
+
+
+@pytest.fixture
+def values(server: StandIn, tmp_path: Path) -> dict[str, object]:
+    """Parameters of a mission_bridge."""
+    (tmp_path / "token").write_text("secret")
+    return {
+        "server_url": server.url,
+        "token_file": str(tmp_path / "token"),
+        "mission": 7,
+        "spool": str(tmp_path / "spool"),
+    }

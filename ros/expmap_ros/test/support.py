@@ -1,14 +1,19 @@
 """Pictures, places, and nodes that run in the process of the test."""
 
+import json
 import time
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 import rclpy
-from rclpy.executors import MultiThreadedExecutor
+from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import Header
+
+from expmap_ros.running import DrainingExecutor
+from tests.robot.stand_in import StandIn
 
 LAT, LON = 50.0755, 14.4378
 PLACES = [(100, 100), (200, 100), (300, 100), (400, 100), (500, 100), (600, 100)]
@@ -26,6 +31,24 @@ def textured(seed: int) -> np.ndarray:
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
 
 
+def ids_and_probabilities(message: object) -> tuple[list[int], list[float]]:
+    """What `/poses_in_map` says, whatever its type is here."""
+    if hasattr(message, "poses"):
+        return list(message.poses), list(message.probabilities)
+    said = json.loads(message.data)
+    return said["poses"], said["probabilities"]
+
+
+def header(number: int, frame: str = "odom") -> Header:
+    """The header of the message with a number."""
+    return Header(stamp=Time(sec=1000 + number), frame_id=frame)
+
+
+def records(server: StandIn) -> list[dict]:
+    """What a server was sent."""
+    return [record for stored in server.records.values() for record in stored]
+
+
 class Bench:
     """Nodes of a test, and one that listens and talks to them."""
 
@@ -33,7 +56,7 @@ class Bench:
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
         self.node = Node("bench", context=self.context)
-        self.executor = MultiThreadedExecutor(num_threads=4, context=self.context)
+        self.executor = DrainingExecutor(num_threads=4, context=self.context)
         self.executor.add_node(self.node)
         self._nodes = [self.node]
 

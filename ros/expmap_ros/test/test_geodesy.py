@@ -7,7 +7,7 @@ import pytest
 from nav_msgs.msg import Odometry
 
 from expmap_ros.geodesy import Origin
-from expmap_ros.robot_frame import RobotFrame
+from expmap_ros.robot_frame import RobotFrame, pose_of
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory import robotframe
@@ -30,7 +30,7 @@ def test_odometry_is_where_an_import_of_it_is():
     message = Odometry()
     message.pose.pose.position.x, message.pose.pose.position.y = 30.0, -12.0
     message.pose.pose.orientation.z, message.pose.pose.orientation.w = math.sin(0.2), math.cos(0.2)
-    sent = RobotFrame(*start).pose(message)
+    sent = RobotFrame(*start).fields(pose_of(message))
     imported = robotframe.RobotFrame(robotframe.Start(LatLon(*start[:2]), start[2]))
     lat, lon = imported.latlon_from_xy(np.array([[30.0, -12.0]]))[0]
     assert (sent["lat"], sent["lon"]) == pytest.approx((lat, lon), abs=1e-8)

@@ -2,14 +2,13 @@
 
 import functools
 import hashlib
-import itertools
 import math
 import os
 import subprocess
 import sys
+from collections import Counter
 
 import pytest
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -18,22 +17,17 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from expmap_ros import mission_bridge
 from expmap_ros.mission_bridge import MissionBridge
 from expmap_ros.parameters import ParameterError
-from ros.expmap_ros.test.support import LAT, LON
+from ros.expmap_ros.test.support import LAT, LON, header, records
 from ros.run_tests import ROOT
-from tests.robot.stand_in import StandIn
 from webapp.robot.client import RobotClient
 
-COUNT, KILLS = 200, 3
+COUNT, KILLS = 60, 5
+TOPICS = ("/fix", "/odom", "/objects")
 KEPT = QoSProfile(
     depth=COUNT, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-
-
-def header(number, frame="odom"):
-    return Header(stamp=Time(sec=1000 + number), frame_id=frame)
 
 
 def fix(number):
@@ -44,28 +38,6 @@ def fix(number):
     return message
 
 
-@pytest.fixture
-def server():
-    with StandIn() as running:
-        yield running
-
-
-@pytest.fixture
-def values(server, tmp_path):
-    """Parameters of a bridge."""
-    (tmp_path / "token").write_text("secret")
-    return {
-        "server_url": server.url,
-        "token_file": str(tmp_path / "token"),
-        "mission": 7,
-        "spool": str(tmp_path / "spool"),
-    }
-
-
-def records(server):
-    return [r for stored in server.records.values() for r in stored]
-
-
 def has_records(server, count):
     return len(records(server)) >= count
 
@@ -74,35 +46,68 @@ def command(values):
     """A bridge as a program, which is sent again what it may have missed."""
     qos = ("durability:=transient_local", f"depth:={COUNT}")
     words = [f"{name}:={value}" for name, value in values.items()]
-    words += [f"qos_overrides./fix.subscription.{policy}" for policy in qos]
+    words += [f"qos_overrides.{topic}.subscription.{policy}" for topic in TOPICS for policy in qos]
     given = [part for word in words for part in ("-p", word)]
     return [sys.executable, "-m", "expmap_ros.mission_bridge", "--ros-args", *given]
 
 
-def test_every_message_once_through_cuts_and_kills(bench, server, values):
-    server.script = lambda path, body: (0, {}, {}) if len(server.requests) % 3 == 0 else None  # cut
+def odometry_at(number):
+    message = Odometry(header=header(number), child_frame_id="base_link")
+    message.pose.pose.position.x, message.pose.pose.orientation.w = float(number), 1.0
+    return message
+
+
+def unstamped_marker(number):
+    seen = Marker(header=Header(frame_id="odom"), ns="car", id=number, type=Marker.CUBE)
+    return MarkerArray(markers=[seen])
+
+
+def saying(states, key):
+    """What the newest diagnostics say of something."""
+    return [int(v.value) for state in states[-1:] for v in state.status[0].values if v.key == key]
+
+
+def test_every_message_once_through_cuts_and_kills_however_late_it_is(bench, server, values):
+    cut = []
+
+    def reply(path, body):
+        if len(server.requests) % 2 == 0:
+            cut.append(path)
+            return 0, {}, {}
+        return None
+
+    server.script = reply
+    makers = {"/fix": fix, "/odom": odometry_at, "/objects": unstamped_marker}
+    topics = [(bench.node.create_publisher(type(make(0)), t, KEPT), make) for t, make in makers.items()]
     environ = {**os.environ, "PYTHONPATH": f"{ROOT / 'ros' / 'expmap_ros'}{os.pathsep}{ROOT}"}
-    publisher = bench.node.create_publisher(NavSatFix, "/fix", KEPT)
-    numbers = iter(range(COUNT))
-    bridge = subprocess.Popen(command(values), env=environ)
+    start = command({**values, "start": f"'{LAT},{LON},90'"})
+    size = COUNT // (KILLS + 1)
+    states = bench.listen(DiagnosticArray, "/diagnostics")
+    bridge = subprocess.Popen(start, env=environ)
     try:
-        for kill in range(KILLS):
-            for number in itertools.islice(numbers, COUNT // (KILLS + 1)):
-                publisher.publish(fix(number))
-            wanted = kill * COUNT // (KILLS + 1) + 5
-            bench.until(functools.partial(has_records, server, wanted))
+        for block in range(KILLS + 1):
+            for number in range((block + 1) * size - 1, block * size - 1, -1):  # the newest first
+                for publisher, make in topics:
+                    publisher.publish(make(number))
+            bench.until(functools.partial(has_records, server, 3 * block * size + 5))
             bridge.kill()  # SIGKILL, while more is under way
             bridge.wait()
-            bridge = subprocess.Popen(command(values), env=environ)
-        for number in numbers:
-            publisher.publish(fix(number))
-        bench.until(functools.partial(has_records, server, COUNT))
+            bridge = subprocess.Popen(start, env=environ)
+        bench.until(functools.partial(has_records, server, 3 * COUNT))
+        states.clear()
+        bench.until(
+            lambda: saying(states, "received") == [3 * COUNT] and saying(states, "records waiting") == [0]
+        )
     finally:
         bridge.kill()
         bridge.wait()
-    assert [record["time"] for record in records(server)] == [1000.0 + number for number in range(COUNT)]
-    first = records(server)[0]
-    assert (first["source"], first["lat"], first["covariance"]) == ("gps", LAT, [4.0, 9.0, 0.5])
+    assert len(cut) >= KILLS
+    poses = Counter((r["source"], r["time"]) for r in records(server) if r["type"] == "pose")
+    assert poses == Counter((s, 1000.0 + n) for s in ("gps", "odometry") for n in range(COUNT))
+    seen = Counter(r["id"] for r in records(server) if r["type"] == "object")
+    assert seen == Counter(f"car/{number}" for number in range(COUNT))
+    first = next(r for r in records(server) if (r.get("source"), r["time"]) == ("gps", 1000.0))
+    assert (first["lat"], first["covariance"]) == (LAT, [4.0, 9.0, 0.5])
 
 
 def test_a_clock_that_is_set_back_loses_nothing(bench, server, values):
@@ -114,21 +119,22 @@ def test_a_clock_that_is_set_back_loses_nothing(bench, server, values):
     assert [record["time"] for record in records(server)] == [1500.0, 1003.0]
 
 
-def test_stamps_before_what_was_sent_by_an_earlier_run_are_a_warning(bench, server, values, monkeypatch):
+def test_what_was_never_sent_arrives_however_late_it_is(bench, server, values):
     with RobotClient(
         server.url, "secret", mission=7, spool=values["spool"], about="mission_bridge"
     ) as earlier:
         earlier.pose(LAT, LON, time_s=2000.0, source="gps")
-    monkeypatch.setattr(mission_bridge, "_CATCH_UP_S", 0.0)
+        earlier.pose(LAT + 5e-5, LON, time_s=1005.0, source="gps")
     bench.start(MissionBridge, **values)
     publisher = bench.node.create_publisher(NavSatFix, "/fix", 10)
     states = bench.listen(DiagnosticArray, "/diagnostics")
-    bench.until(
-        lambda: any(s.status[0].message == mission_bridge._BEHIND for s in states),
-        lambda: publisher.publish(fix(3)),
-    )
-    bench.until(lambda: has_records(server, 2), lambda: publisher.publish(fix(1001)))
-    assert [record["time"] for record in records(server)] == [2000.0, 2001.0]
+
+    def again():
+        for number in (5, 3):
+            publisher.publish(fix(number))
+
+    bench.until(lambda: has_records(server, 3) and sum(saying(states, "repeated")) >= 2, again)
+    assert [record["time"] for record in records(server)] == [2000.0, 1005.0, 1003.0]
 
 
 def test_odometry_objects_and_their_images(bench, server, values):

@@ -12,10 +12,11 @@ from sensor_msgs.msg import CompressedImage, Image, NavSatFix
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
+from expmap_ros.messages import POSES_IN_MAP
 from expmap_ros.parameters import ParameterError
 from expmap_ros.pictures import image_of
 from expmap_ros.pose_estimator import PoseEstimator
-from ros.expmap_ros.test.support import LAT, LON, textured
+from ros.expmap_ros.test.support import LAT, LON, ids_and_probabilities, textured
 
 STAMP = Time(sec=1432235498, nanosec=40_000_000)
 HEADER = Header(stamp=STAMP, frame_id="camera")
@@ -35,7 +36,7 @@ def test_an_image_becomes_a_pose_a_fix_and_a_picture(bench, survey):
     camera = bench.node.create_publisher(Image, "/gscam/image_raw", 1)
     poses = bench.listen(PoseWithCovarianceStamped, "/pose_estimator/pose")
     fixes = bench.listen(NavSatFix, "/pose_estimator/fix")
-    lists = bench.listen(String, "/poses_in_map")
+    lists = bench.listen(POSES_IN_MAP, "/poses_in_map")
     texts = bench.listen(String, "/pose_estimator/answer")
     pictures = bench.listen(Image, "/keypoint_matches")
     states = bench.listen(DiagnosticArray, "/diagnostics")
@@ -51,9 +52,9 @@ def test_an_image_becomes_a_pose_a_fix_and_a_picture(bench, survey):
         pose.pose.covariance[0] == pytest.approx(fix.position_covariance[0], rel=1e-6)
         and fix.position_covariance[0] > 0
     )
-    ids, answer = json.loads(lists[0].data), json.loads(texts[0].data)
-    assert ids["poses"][0] == 2 and ids["probabilities"][0] > 0.5
-    assert [h["probability"] for h in answer["hypotheses"]] == ids["probabilities"]
+    (ids, probabilities), answer = ids_and_probabilities(lists[0]), json.loads(texts[0].data)
+    assert ids[0] == 2 and probabilities[0] > 0.5
+    assert [h["probability"] for h in answer["hypotheses"]] == pytest.approx(probabilities, rel=1e-6)
     assert answer["stamp"] == {"sec": STAMP.sec, "nanosec": STAMP.nanosec}
     assert pictures[0].width > 320 and pictures[0].header == HEADER
     bench.until(lambda: states and states[-1].status[0].level == DiagnosticStatus.OK)

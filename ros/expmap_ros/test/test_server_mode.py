@@ -1,19 +1,20 @@
 """The node leaves the map to a server: only the robots' client is needed then."""
 
-import json
 import re
 import subprocess
 import sys
 
 import cv2
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Image, NavSatFix
-from std_msgs.msg import Header, String
+from std_msgs.msg import Header
 
+from expmap_ros.messages import POSES_IN_MAP
 from expmap_ros.pictures import image_of
 from expmap_ros.pose_estimator import PoseEstimator
-from ros.expmap_ros.test.support import LAT, LON, textured
+from ros.expmap_ros.test.support import LAT, LON, ids_and_probabilities, textured
 from tests.robot.stand_in import StandIn, refused
 
 ANSWER = {
@@ -36,14 +37,14 @@ def test_a_server_is_asked_and_its_failures_are_told(bench, tmp_path):
         camera = bench.node.create_publisher(Image, "/gscam/image_raw", 1)
         poses = bench.listen(PoseWithCovarianceStamped, "/pose_estimator/pose")
         fixes = bench.listen(NavSatFix, "/pose_estimator/fix")
-        lists = bench.listen(String, "/poses_in_map")
+        lists = bench.listen(POSES_IN_MAP, "/poses_in_map")
         states = bench.listen(DiagnosticArray, "/diagnostics")
         message = image_of(cv2.cvtColor(textured(1), cv2.COLOR_BGR2RGB), Header(frame_id="camera"))
         bench.until(lambda: poses and fixes and lists, lambda: camera.publish(message))
         at = poses[0].pose.pose
         assert abs(at.position.x) < 1e-6 and abs(at.position.y - 11.12) < 0.02
         assert (at.orientation.z, at.orientation.w) == (0.0, 1.0), "it looks east"
-        assert json.loads(lists[0].data) == {"poses": [7], "probabilities": [0.9]}
+        assert ids_and_probabilities(lists[0]) == ([7], [pytest.approx(0.9)])
         path, body = server.requests[0]
         assert (path, body["token"]) == ("/api/v1/maps/park/localize", "Bearer secret")
         for part in (b'name="top"\r\n\r\n3', b'name="fov"\r\n\r\n60.0', b"\x89PNG"):

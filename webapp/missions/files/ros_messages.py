@@ -31,6 +31,8 @@ _SHAPES = (
     "text",
     "mesh",
 )
+_WORLDS = ("map", "odom")
+_BODIES = ("base_link", "base_footprint")
 _NO_FIX = -1
 _ADD = 0
 
@@ -99,6 +101,17 @@ def _path(message: Any, at_s: float) -> list[RosPose]:
     return [RosPose(row.values, row.frame or frame, stamped=row.stamped) for row in rows]
 
 
+def _transforms(message: Any, at_s: float) -> list[RosPose]:
+    """Read the transforms from a frame of the world to the robot, by the usual names of frames (REP 105)."""
+    rows = []
+    for one in message.transforms:
+        frame, body = one.header.frame_id, one.child_frame_id
+        if frame.rpartition("/")[2] in _WORLDS and body.rpartition("/")[2] in _BODIES:
+            place = _point(one.transform.translation, one.transform.rotation)
+            rows.append(RosPose((_time(one, at_s), *place, *_UNKNOWN), frame, body))
+    return rows
+
+
 def _detections(message: Any, at_s: float) -> Iterator[DetectedObject]:
     for detection in message.detections:
         frame = detection.header.frame_id or message.header.frame_id
@@ -131,6 +144,7 @@ POSES: dict[str, Callable[[Any, float], list[RosPose]]] = {
     "geometry_msgs/msg/Pose": _pose,
     "geometry_msgs/msg/PoseStamped": _pose_stamped,
     "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
+    "tf2_msgs/msg/TFMessage": _transforms,
 }
 """Type to what reads a message of it: (message, time of recording in seconds) -> the poses in it."""
 
@@ -143,6 +157,9 @@ OBJECTS: dict[str, Callable[[Any, float], Iterator[DetectedObject]]] = {
 WORLD = "sensor_msgs/msg/NavSatFix"
 """The type whose poses are on the Earth."""
 
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""The type that usually repeats what odometry says."""
+
 PATH = "nav_msgs/msg/Path"
 """The type whose messages repeat the poses of those before."""
 
@@ -154,7 +171,10 @@ def _time(message: Any, otherwise_s: float) -> float:
 
 
 def _place(pose: Any) -> tuple[float, float, float, float]:
-    at, turn = pose.position, pose.orientation
+    return _point(pose.position, pose.orientation)
+
+
+def _point(at: Any, turn: Any) -> tuple[float, float, float, float]:
     yaw = float(yaw_of(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0])
     return float(at.x), float(at.y), float(at.z), yaw
 

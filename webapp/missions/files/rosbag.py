@@ -1,7 +1,9 @@
 """Bags of ROS 1 and ROS 2 (SQLite and MCAP), read without ROS.
 
-Each topic with poses is a track; objects come from detections and markers. Topics of other types are left
-out. Frames are taken by their names (`header.frame_id`, `child_frame_id`): there is no transform tree.
+Each topic with poses is a track; objects come from detections and markers. Transforms to the robot are a
+track where no other topic has poses in a frame of the robot, or where they are asked for. Topics of other
+types are left out. Frames are taken by their names (`header.frame_id`, `child_frame_id`): transforms are not
+joined.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from webapp.core.trajectory.records import make_poses
 from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import ExpMapError, TrackError
 from webapp.extras import extra
-from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, WORLD, RosPose
+from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, TRANSFORMS, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,
     NO_ID,
@@ -111,7 +113,7 @@ class _Log:
             rows = POSES[self.kind](message, at_s)
         if self.kind == PATH:
             rows = self.fresh(rows)
-        elif not rows:
+        elif not rows and self.kind == WORLD:
             findings.skip("fixes that the receiver calls invalid", where=self.topic)
         for row in rows:
             if not all(map(math.isfinite, row.values[:4])):
@@ -170,8 +172,13 @@ def _chosen(
         raise TrackError(
             f"the bag has no topic {unknown[0]!r}", hint=f"it has {', '.join(sorted(there))[:300]}"
         )
+    moving = any(c.msgtype in POSES and c.msgtype not in {WORLD, TRANSFORMS} for c in connections)
     chosen = []
     for c in connections:
+        if c.msgtype == TRANSFORMS and moving and not wanted:
+            reason = "messages of a topic of transforms: other topics say where the robot was"
+            findings.skip(reason, where=c.topic, count=c.msgcount)
+            continue
         readable = c.msgtype in POSES or c.msgtype in OBJECTS
         if readable and (not wanted or c.topic in wanted):
             chosen.append(c)

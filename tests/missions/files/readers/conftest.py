@@ -11,7 +11,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-DETECTIONS = {
+DEFINITIONS = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n",
     "vision_msgs/msg/Detection3D": "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
     "vision_msgs/BoundingBox3D bbox\nstring id\n",
@@ -28,7 +29,7 @@ class Messages:
     def __init__(self, *, ros1: bool) -> None:
         self.ros1 = ros1
         self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-        for name, text in DETECTIONS.items():
+        for name, text in DEFINITIONS.items():
             self.store.register(get_types_from_msg(text, name))
 
     def make(self, kind: str, *values: Any, **named: Any) -> Any:
@@ -74,6 +75,16 @@ class Messages:
 
     def stamped(self, time_s: float, pose: Any, frame: str = "odom") -> Any:
         return self.make("geometry_msgs/msg/PoseStamped", self.header(time_s, frame), pose)
+
+    def transforms(self, moves: list[tuple[float, str, str, Any]]) -> Any:
+        """Transforms: time, frame, body, and the pose of the body in the frame."""
+        made = []
+        for time_s, frame, body, pose in moves:
+            at = self.make("geometry_msgs/msg/Vector3", pose.position.x, pose.position.y, pose.position.z)
+            turn = self.make("geometry_msgs/msg/Transform", at, pose.orientation)
+            header = self.header(time_s, frame)
+            made.append(self.make("geometry_msgs/msg/TransformStamped", header, body, turn))
+        return self.make("tf2_msgs/msg/TFMessage", made)
 
     def path(self, poses: list[Any]) -> Any:
         return self.make("nav_msgs/msg/Path", self.header(0.0), poses)

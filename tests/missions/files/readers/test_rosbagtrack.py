@@ -159,3 +159,31 @@ def test_damaged_bags_are_refused_or_read_never_worse(ros, tmp_path, ros1, mcap,
         except TrackError:
             refused += 1
     assert refused >= 2
+
+
+@KINDS
+def test_transforms_to_the_robot_are_a_track_where_nothing_else_says_it_or_if_asked(
+    ros, tmp_path, ros1, mcap, suffix
+) -> None:
+    m = ros(ros1)
+    moves = [
+        (99.5, "odom", "base_link", m.pose(1.0, 2.0, yaw=0.5)),
+        (99.5, "base_link", "wheel", m.pose(9.0)),
+    ]
+    messages = [
+        ("/tf", 100.0, m.transforms(moves)),
+        ("/tf", 100.1, m.transforms([(99.6, "robot/odom", "robot/base_footprint", m.pose(3.0))])),
+        ("/tf", 100.2, m.transforms([(99.7, "map", "odom", m.pose(4.0))])),
+    ]
+    path = m.bag(tmp_path / f"one{suffix if ros1 else ''}", messages, mcap=mcap)
+    first, second = read(path, suffix)[0]
+    assert (first.track, first.source, first.frame, first.body) == ("/tf", "odometry", "odom", "base_link")
+    assert first.poses.times_s.tolist() == [99.5] and first.poses.xyz_m.tolist() == [[1.0, 2.0, 0.0]]
+    assert first.poses.yaw_rad[0] == pytest.approx(0.5)
+    assert (second.frame, second.body) == ("robot/odom", "robot/base_footprint")
+    both = [*messages, ("/odom", 100.3, m.odometry(99.5, m.pose(1.0)))]
+    path = m.bag(tmp_path / f"two{suffix if ros1 else ''}", both, mcap=mcap)
+    pieces, findings = read(path, suffix)
+    assert [piece.track for piece in pieces] == ["/odom"]
+    assert [(s.where, s.count) for s in findings.skipped()] == [("/tf", 3)]
+    assert [piece.track for piece in read(path, suffix, ("/tf",))[0]] == ["/tf", "/tf"]

@@ -1,0 +1,58 @@
+"""Where something stands that a camera on a robot sees, if the ground is level."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Pinhole:
+    """Focal lengths and principal point of a rectified image, pixels."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroundCamera:
+    """A camera on a robot.
+
+    Attributes
+    ----------
+    forward, left, up : float
+        Where it is, metres from the point of the ground that is the robot's position.
+    pitch, yaw : float
+        Where it looks, radians below the horizon, and to the left.
+    """
+
+    forward: float
+    left: float
+    up: float
+    pitch: float
+    yaw: float
+
+    def on_ground(
+        self, column: float, row: float, *, lens: Pinhole, farthest_m: float
+    ) -> tuple[float, float] | None:
+        """Intersect the ray of a pixel with the ground.
+
+        Returns
+        -------
+        (float, float) or None
+            Metres ahead and to the left of the robot; None where the ray does not meet the ground within
+            `farthest_m` of the camera.
+        """
+        right, down = (column - lens.cx) / lens.fx, (row - lens.cy) / lens.fy
+        ahead = math.cos(self.pitch) - down * math.sin(self.pitch)
+        falls = math.sin(self.pitch) + down * math.cos(self.pitch)
+        if falls <= 0.0:
+            return None
+        scale = self.up / falls
+        x, y = ahead * scale, -right * scale
+        if x <= 0.0 or math.hypot(x, y) > farthest_m:
+            return None
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return self.forward + c * x - s * y, self.left + s * x + c * y
