@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import derived_maps
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 
@@ -103,6 +103,40 @@ def test_geometry_only_helps(opened, kind):
     right = sum(e <= verified.place_radius_px for e in errors(verified, queries))
     by_votes = sum(e <= verified.place_radius_px for e in errors(vote, same))
     assert right >= by_votes - 1, (right, by_votes)
+
+
+def of_every(table, every, *, queries):
+    """Take every so many photos of a map, and some of its queries."""
+    asked = np.linspace(0, len(table.queries) - 1, queries).round().astype(int)
+    return replace(
+        table,
+        photos=table.photos[::every],
+        position=table.position[::every],
+        queries=[table.queries[n] for n in asked],
+        truth=table.truth[asked],
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "every", "kind", "within_px"),
+    [("floors", 8, "areas", 400.0), ("lanes", 1, "schematic", 20.0), ("corridor", 2, "metric", 50.0)],
+)
+def test_geometry_only_helps_on_real_maps(shared_data, tmp_path, name, every, kind, within_px):
+    table = of_every(derived_maps.read(shared_data / name), every, queries=12)
+    try:
+        derived_maps.write(table, tmp_path)
+    except OSError:
+        pytest.skip("hard links to the real data cannot be made here")
+    right = {}
+    for method in ("verified", "vote"):
+        options = OpenOptions(method=method, features="sift", jobs=1)
+        settings = Settings(extract=ExtractSettings(keypoints=500))
+        pipeline = open_pipeline(tmp_path / "map.cfg", options, settings=settings, progress=Progress())
+        found = errors(pipeline, [*zip(derived_maps.read(tmp_path).queries, table.truth, strict=True)])
+        right[method] = sum(e <= within_px for e in found)
+        if method == "verified":
+            assert pipeline.map_kind == kind
+    assert right["verified"] >= max(right["vote"] - 1, 6), right
 
 
 def test_what_the_user_says_counts(sample_folder, opened, tmp_path):
