@@ -19,6 +19,7 @@ from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS, Watch
 from tests.geocoder_server import GeocoderServer, geocoding
 from tests.ports import reserved_port
+from tests.street_server import StreetServer, street
 from tests.tile_server import TileServer, serving
 
 HERE = Path(__file__).resolve().parent
@@ -51,11 +52,19 @@ def geocoder() -> Iterator[GeocoderServer]:
 
 
 @pytest.fixture(scope="session")
+def streets() -> Iterator[StreetServer]:
+    """The only street-level service that the program asks; it has no photos."""
+    with street() as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
 def app(
     tmp_path_factory: pytest.TempPathFactory,
     sample_folder: Path,
     tiles: TileServer,
     geocoder: GeocoderServer,
+    streets: StreetServer,
 ) -> Iterator[App]:
     """The program with a library that has the sample's files already, so that the start is quick."""
     library = tmp_path_factory.mktemp("served") / "maps"
@@ -63,7 +72,11 @@ def app(
     services = library.with_name("services.json")
     one = {"name": "Local imagery", "url": tiles.url, "attribution": "© these tests", "max_zoom": 19}
     services.write_text(json.dumps([one]), encoding="utf-8")
-    environ = {"EXPMAP_TILES": str(services), "EXPMAP_GEOCODER_ADDRESS": geocoder.address}
+    environ = {
+        "EXPMAP_TILES": str(services),
+        "EXPMAP_GEOCODER_ADDRESS": geocoder.address,
+        "EXPMAP_STREET_PANORAMAX": streets.base,
+    }
     with reserved_port() as port, App(library, port=port, environ=environ) as running:
         yield running
 

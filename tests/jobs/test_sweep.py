@@ -55,13 +55,13 @@ def test_files_follow_while_a_long_job_runs_and_after_a_kill(library, late, queu
     wait_for(lambda: seen(id)["state"] == "running")
     for x in (7.0, 8.0, 9.0):
         move(x)
-    wait_for(written(9), seconds=20.0)
+    wait_for(written(9))
     worker.kill()
     worker.wait()
     move(10.0)
     assert written(9)()
     start()
-    wait_for(written(10), seconds=20.0)
+    wait_for(written(10))
 
 
 def test_many_quick_edits_cost_few_exports(library, settings, late, monkeypatch):

@@ -27,6 +27,7 @@ from webapp.tasks.street.survey import (
     StreetRequest,
     StreetSurvey,
     services,
+    survey_json,
     survey_street,
 )
 from webapp.tasks.street.targets import FolderTarget, LibraryTarget, StreetTarget
@@ -151,17 +152,7 @@ def _lines(survey: StreetSurvey, report: StreetReport) -> str:
 
 def _as_json(survey: StreetSurvey, report: StreetReport) -> dict[str, object]:
     return {
-        "service": survey.service,
-        "found": survey.found,
-        "to_download": len(survey.wanted),
-        "panoramas": survey.panoramas,
-        "size_mb": round(survey.size_bytes / 1e6, 3),
-        "licences": dict(survey.licences),
-        "authors": survey.authors,
-        "known": survey.known,
-        "outside": survey.outside,
-        "skipped": survey.skipped,
-        "unusable": survey.unusable,
+        **survey_json(survey),
         "added": report.added,
         "duplicates": report.duplicates,
         "failed": [asdict(one) for one in report.failed],

@@ -16,6 +16,7 @@ const JOBS = {
   sample: () => t("Creating the sample map"),
   "satellite-pyramid": () => t("Preparing the image for display"),
   "satellite-tiles": () => t("Fetching the satellite image"),
+  "street-photos": () => t("Adding photos of the streets"),
   import: () => t("Importing"),
   export: () => t("Exporting"),
 };
@@ -154,6 +155,7 @@ export class Activity {
         this._jobButton(job, going)),
       going && kind in REASONS && h("p", { class: "small soft" }, REASONS[kind]()),
       going && h("progress", { class: "progress", "aria-label": name, ...(state === "running" ? value : { value: 0, max: 1 }) }),
+      kind === "street-photos" && state === "done" && h("p", { class: "small", "data-testid": "street-summary" }, streetSummary(job.result)),
       error && h("p", { class: "small ed-job__error" }, [error.message, error.hint].filter(Boolean).map(sentence).join(". ")),
       state === "failed" && this._hide(id));
   }
@@ -181,6 +183,15 @@ export class Activity {
     };
     return h("button", { class: "button button--quiet", type: "button", onclick: hide }, t("Hide"));
   }
+}
+
+/** What became of the photos of a street-level service. */
+function streetSummary({ added, failed }) {
+  const reasons = [...new Set(failed.map(({ reason }) => sentence(reason)))].slice(0, 3);
+  return [
+    tn("{n} photo added.", "{n} photos added.", added),
+    failed.length && `${tn("{n} photo failed:", "{n} photos failed:", failed.length)} ${reasons.join(". ")}.`,
+  ].filter(Boolean).join(" ");
 }
 
 /** Whether a photo of the tray knows a position that the image does not show. */

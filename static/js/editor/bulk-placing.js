@@ -7,6 +7,7 @@ import { toast, toastError } from "../shared/toast.js";
 import { listDialog } from "./list-dialog.js";
 import { nameList } from "./name-list.js";
 import { restDialog } from "./rest-dialog.js";
+import { streetDialog } from "./street-dialog.js";
 import { trackDialog } from "./track-dialog.js";
 
 /**
@@ -30,6 +31,7 @@ export function bulkPlacing(page) {
   byId("place-by-file").addEventListener("click", () => positions());
   byId("place-by-track").addEventListener("click", () => track());
   byId("place-the-rest").addEventListener("click", () => restDialog(page));
+  byId("street-button").addEventListener("click", () => streetDialog(page));
   byId("place-menu", HTMLDetailsElement).addEventListener("click", (event) => {
     if (targetOf(event).closest(".menu__item")) byId("place-menu", HTMLDetailsElement).open = false;
   });

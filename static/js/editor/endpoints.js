@@ -37,6 +37,10 @@ export function endpointsOf(slug) {
     findRest: () => post(`${map}/place-rest`, {}),
     acceptRest: (ids) => post(`${map}/place-rest/accept`, { ids }),
 
+    streetServices: () => get(`${map}/street-photos`),
+    countStreet: (wish) => post(`${map}/street-photos/preview`, wish),
+    addStreet: (wish) => post(`${map}/street-photos`, wish),
+
     blur: (id, boxes) => put(`${map}/photos/${id}/blur`, { boxes }),
 
     findings: () => get(`${map}/findings`),

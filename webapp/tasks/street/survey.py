@@ -194,6 +194,29 @@ def survey_street(
     return StreetSurvey(service.name, tuple(wanted), found, unusable=listing.unusable, **counts)
 
 
+def check_request(target: StreetTarget, request: StreetRequest, *, settings: StreetSettings) -> None:
+    """Refuse what `survey_street` would refuse without asking the service; errors as there."""
+    open_service(request.source, settings)[1].stop()
+    _area(request, target.image())
+
+
+def survey_json(survey: StreetSurvey) -> dict[str, object]:
+    """Return a survey as plain values, without the photos."""
+    return {
+        "service": survey.service,
+        "found": survey.found,
+        "to_download": len(survey.wanted),
+        "panoramas": survey.panoramas,
+        "size_mb": round(survey.size_bytes / 1e6, 3),
+        "licences": dict(survey.licences),
+        "authors": survey.authors,
+        "known": survey.known,
+        "outside": survey.outside,
+        "skipped": survey.skipped,
+        "unusable": survey.unusable,
+    }
+
+
 def part_ids(photo: StreetPhoto, panoramas: PanoramaWish) -> tuple[str, ...]:
     """Return the ids under which a photo comes into a map: its own, or one for each view of a panorama."""
     if photo.is_panorama and panoramas == "cut":

@@ -1,0 +1,131 @@
+"""Photos of streets from services, by the API: counted first, then added by a job."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Dict, Float, Integer, List, Nested, String
+from apiflask.validators import Length, OneOf
+
+from webapp.progress import Progress
+from webapp.settings import StreetSettings
+from webapp.store.operate import jobs
+from webapp.tasks.street.survey import (
+    PANORAMA_WISHES,
+    SOURCES,
+    PixelBox,
+    StreetRequest,
+    check_request,
+    services,
+    survey_json,
+    survey_street,
+)
+from webapp.tasks.street.targets import LibraryTarget
+from webapp.web.concurrency import ConcurrencyLimit
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.maps.schemas import JobSchema
+
+blueprint = APIBlueprint("api_street", __name__, url_prefix="/api/v1/maps/<slug>/street-photos", tag="Photos")
+
+_limit = ConcurrencyLimit("street-level services", share=0.25)
+blueprint.record(_limit.set_up)
+
+_JOB = "street-photos"
+_PATIENCE_S = 5.0
+"""A request waits no longer for a service that asks for a pause; a job does."""
+
+_DIGITS = 2
+
+
+class StreetServiceOut(Schema):
+    """A service that is set up."""
+
+    key = String(metadata={"enum": list(SOURCES)})
+    name = String()
+
+
+class StreetServicesOut(Schema):
+    """The services that are set up; none where the settings name none."""
+
+    services = List(Nested(StreetServiceOut))
+
+
+class StreetIn(Schema):
+    """What is wanted."""
+
+    source = String(required=True, validate=OneOf(SOURCES))
+    area = List(
+        Float(),
+        load_default=None,
+        allow_none=True,
+        validate=Length(equal=4),
+        metadata={"description": "Left, top, right, bottom, map pixels; null for the whole image."},
+    )
+    panoramas = String(load_default="cut", validate=OneOf(PANORAMA_WISHES))
+
+
+class StreetSurveyOut(Schema):
+    """What the service has of the area."""
+
+    service = String()
+    found = Integer()
+    to_download = Integer(metadata={"description": "Photos that the map does not have."})
+    panoramas = Integer(metadata={"description": "Of them."})
+    size_mb = Float(metadata={"description": "Of them, megabytes (10^6 bytes), about."})
+    licences = Dict(keys=String(), values=Integer(), metadata={"description": "Of them, by licence."})
+    authors = Integer()
+    known = Integer(metadata={"description": "Photos that the map has already."})
+    outside = Integer(metadata={"description": "Photos that are not on the image."})
+    skipped = Integer(metadata={"description": "Panoramas that are not wanted."})
+    unusable = Integer(metadata={"description": "Photos without a file, a position or a licence."})
+    positions = List(List(Float()), metadata={"description": "x and y of those to download, map pixels."})
+
+
+@blueprint.get("")
+@blueprint.output(StreetServicesOut)
+def list_services(slug: str) -> dict[str, Any]:
+    """List the street-level services that are set up here."""
+    open_map(slug)
+    found = services(settings().street)
+    return {"services": [{"key": key, "name": service.name} for key, service in found.items()]}
+
+
+@blueprint.post("/preview")
+@blueprint.input(StreetIn, arg_name="data")
+@blueprint.output(StreetSurveyOut)
+def preview(slug: str, data: dict[str, Any]) -> dict[str, Any]:
+    """Ask a service what it has of an area; nothing is downloaded."""
+    record = open_map(slug, "editor")
+    target = LibraryTarget(library(), record.id, settings=settings())
+    with _limit.slot():
+        survey = survey_street(target, _request(data), settings=_impatient(), progress=Progress())
+    positions = [[round(side, _DIGITS) for side in one.pixel] for one in survey.wanted]
+    return {**survey_json(survey), "positions": positions}
+
+
+@blueprint.post("")
+@blueprint.input(StreetIn, arg_name="data")
+@blueprint.output(JobSchema, status_code=202)
+def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
+    """Queue a job that adds the photos of an area which the map does not have."""
+    record, who = open_map(slug, "editor"), account()
+    target = LibraryTarget(library(), record.id, settings=settings())
+    check_request(target, _request(data), settings=settings().street)
+    with library().database.write() as session:
+        # the newest request is the one that counts: one that waits is forgotten
+        job = jobs.enqueue(session, _JOB, map_id=record.id, account_id=who.id, arguments=data)
+        job.arguments = data
+        session.flush()
+        return jobs.to_json(session, job, account_id=who.id)
+
+
+def _request(data: dict[str, Any]) -> StreetRequest:
+    area = None if data["area"] is None else PixelBox(*data["area"])
+    return StreetRequest(data["source"], area, data["panoramas"])
+
+
+def _impatient() -> StreetSettings:
+    chosen = settings().street
+    return replace(chosen, patience_s=min(chosen.patience_s, _PATIENCE_S))
