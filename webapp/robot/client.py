@@ -138,7 +138,7 @@ class RobotClient:
 
     def object(
         self,
-        id: str,
+        id: str | None,
         kind: str,
         *,
         lat: SupportsFloat,
@@ -150,8 +150,8 @@ class RobotClient:
 
         Parameters
         ----------
-        id : str
-            The same for the same object at every sighting.
+        id : str or None
+            The same for the same object at every sighting; None: the server finds out which object it is.
         kind : str
             Its class: `car`, `victim` ...
         lat, lon : float
@@ -159,7 +159,7 @@ class RobotClient:
         time_s : float, optional
             Seconds since 1970, UTC; now where it is not given.
         **more : ObjectFields
-            `height_m`, `confidence`, `photo`.
+            `height_m`, `covariance`, `confidence`, `size_m`, `photo`.
 
         Raises
         ------

@@ -140,14 +140,26 @@ class Covariance(Field):
 
     def schema(self) -> dict[str, Any]:
         """Return its JSON Schema."""
-        number = _PART.schema()
-        return {
-            "type": "array",
-            "items": number,
-            "minItems": 3,
-            "maxItems": 3,
-            "description": self.description,
-        }
+        return _three(_PART) | {"description": self.description}
+
+
+_SIDE = Number("Metres.", 0, 1e6)
+
+
+@dataclass(frozen=True, slots=True)
+class Size(Field):
+    """Three lengths."""
+
+    def check(self, name: str, value: object) -> tuple[float, float, float]:
+        """Return the three numbers."""
+        if not isinstance(value, list) or len(value) != 3:
+            raise FieldError("it must be [length, width, height], metres", name)
+        length, width, height = (_SIDE.check(name, part) for part in value)
+        return length, width, height
+
+    def schema(self) -> dict[str, Any]:
+        """Return its JSON Schema."""
+        return _three(_SIDE) | {"description": self.description}
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,20 +190,21 @@ _PLACE: dict[str, Field] = {
     "lat": Number("Degrees north, WGS 84.", -90, 90, required=True),
     "lon": Number("Degrees east, WGS 84.", -180, 180, required=True),
     "height_m": Number("Metres, as the robot counts them."),
+    "covariance": Covariance("Variance east, variance north, covariance of the two; square metres."),
 }
 
 RECORDS: dict[str, dict[str, Field]] = {
     "pose": {
         **_PLACE,
         "heading_deg": Number("Degrees clockwise from north, where the robot looks."),
-        "covariance": Covariance("Variance east, variance north, covariance of the two; square metres."),
         **_TRACK,
     },
     "object": {
-        "id": Text("The same for the same object at every sighting.", required=True),
+        "id": Text("The same for the same object at every sighting; without it the server associates."),
         "class": Text("`car`, `victim` ...", required=True),
         **_PLACE,
         "confidence": Number("0 to 1.", 0, 1),
+        "size_m": Size("Length, width, height of the object; metres."),
         "photo": Text("SHA-256 of a photo of the mission.", least=64, most=64, pattern=_SHA256),
     },
     "end": {"left_out": ListOf("Of tracks whose last poses were left out.", _TRACK)},
@@ -246,6 +259,10 @@ def record_schema() -> dict[str, Any]:
     return {
         "oneOf": [_object_schema(fields, {"type": {"const": type_}}) for type_, fields in RECORDS.items()]
     }
+
+
+def _three(part: Number) -> dict[str, Any]:
+    return {"type": "array", "items": part.schema(), "minItems": 3, "maxItems": 3}
 
 
 def _object_schema(fields: Mapping[str, Field], more: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, SupportsFloat, TypedDict, Unpack
 
 from .errors import InputError
-from .fields import RECORDS, Covariance, FieldError, Number, check_record
+from .fields import RECORDS, Covariance, FieldError, Number, Size, check_record
 
 
 class PoseFields(TypedDict, total=False):
@@ -45,12 +45,18 @@ class ObjectFields(TypedDict, total=False):
     ----------
     confidence : float
         0 to 1.
+    covariance : sequence of 3 floats
+        Square metres: variance east, variance north, covariance of the two.
+    size_m : sequence of 3 floats
+        Metres: length, width, height.
     photo : str
         What `RobotClient.photo` returned.
     """
 
     height_m: SupportsFloat
+    covariance: Sequence[SupportsFloat]
     confidence: SupportsFloat
+    size_m: Sequence[SupportsFloat]
     photo: str
 
 
@@ -83,7 +89,7 @@ def pose_record(
 
 
 def object_record(
-    id: str,
+    id: str | None,
     kind: str,
     *,
     lat: SupportsFloat,
@@ -95,8 +101,8 @@ def object_record(
 
     Parameters
     ----------
-    id : str
-        The same for the same object at every sighting.
+    id : str or None
+        The same for the same object at every sighting; None: the server finds out which object it is.
     kind : str
         Its class: `car`, `victim` ...
     lat, lon : float
@@ -179,7 +185,7 @@ def _plain(value: Any, field: object) -> Any:
     try:
         if isinstance(field, Number) and not isinstance(value, (bool, int)):
             return int(value) if field.whole and float(value).is_integer() else float(value)
-        if isinstance(field, Covariance):
+        if isinstance(field, (Covariance, Size)):
             return [float(part) for part in value]
     except (TypeError, ValueError, OverflowError):
         return value

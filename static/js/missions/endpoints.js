@@ -26,6 +26,7 @@ export function endpointsOf(id) {
     profile: (track, points, signal) => get(`${base}/tracks/${track}/profile?points=${points}`, { signal }),
     objects: (wish, signal) => get(`${base}/objects?${parameters(wish)}`, { signal }),
     object: (object) => get(`${base}/objects/${encodeURIComponent(object)}`),
+    setState: (object, change) => patch(`${base}/objects/${encodeURIComponent(object)}`, change),
     photos: () => get(`${base}/photos`),
     events: (cursor, listeners) => events(`${base}/events?${parameters({ cursor })}`, listeners),
     query: (wish) => get(`${base}/query?${parameters(wish)}`),

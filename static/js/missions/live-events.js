@@ -32,7 +32,8 @@ export class Live extends EventTarget {
   start() {
     this._pause();
     const mission = this.store.missions.get(this.id);
-    if (mission.ended_at) return this._later(ENDED_MS); // it may still be corrected, and needs no stream for that
+    // it may still be corrected, which needs no stream; but people go on with its tasks
+    if (mission.ended_at && !mission.objects) return this._later(ENDED_MS);
     this._stream = this._server.events(mission.cursor, {
       changed: (received, cursor) => this._take(received, cursor),
       open: () => this._heard(),

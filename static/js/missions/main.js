@@ -20,6 +20,7 @@ import { showPhotos } from "./photos.js";
 import { Player } from "./player.js";
 import { Profile } from "./profile.js";
 import { Scene } from "./scene.js";
+import { TaskList } from "./task-list.js";
 import { TrackLines } from "./track-lines.js";
 import { showTracks } from "./track-panel.js";
 
@@ -70,12 +71,14 @@ function begin() {
   showTracks(store, { fit, forget: otherMissions(store, fit) });
   showLegend(store, lines);
   new Profile(store, scene, player);
-  connectTabs(["tracks", "objects", "photos"]);
+  connectTabs(["tracks", "objects", "tasks", "photos"], (name) => (byId("mission").dataset.tab = name));
   byId("panel").inert = false; // until now a click would have been lost
   showObject(store);
-  new ObjectTable(store, ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon)));
+  const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
+  new ObjectTable(store, look);
+  new TaskList(store, look);
   showFixes(store);
-  showPhotos(store, (photo) => view.ground && view.reveal(view.ground.flat(photo.lat, photo.lon)));
+  showPhotos(store, look);
   zoomButtons(view, fit);
   const live = new Live(store, page.id);
   connectActions(store, () => live.refresh());

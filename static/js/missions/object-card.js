@@ -5,6 +5,7 @@ import { t, tn } from "../shared/i18n.js";
 import { latLonText } from "../shared/map/coords.js";
 import { toastError } from "../shared/toast.js";
 import { clockText, lengthText } from "./format.js";
+import { stateBadge, stateButtons, stateName, stateText } from "./object-states.js";
 import { metresBetween } from "./track-points.js";
 
 /** @param {import("./mission-store.js").MissionStore} store */
@@ -15,6 +16,7 @@ export function showObject(store) {
     const object = store.objects.get(store.chosen);
     card.hidden = !object;
     if (!object) return;
+    card.dataset.state = stamp(object);
     card.replaceChildren(...content(store, object, null));
     try {
       const received = await store.server(object.mission).object(object.id);
@@ -27,9 +29,14 @@ export function showObject(store) {
     }
   });
   store.on("objects", () => {
-    if (store.chosen && !store.objects.has(store.chosen)) store.choose(null);
+    const object = store.objects.get(store.chosen);
+    if (store.chosen && !object) store.choose(null);
+    else if (object && card.dataset.state !== stamp(object)) store.emit("chosen");
   });
 }
+
+/** Says that somebody has set the state. */
+const stamp = ({ state, state_time_s: time }) => `${state} ${time}`;
 
 function content(store, object, sightings) {
   const photo = object.photo || sightings?.findLast(({ photo: one }) => one)?.photo || null;
@@ -38,20 +45,41 @@ function content(store, object, sightings) {
     [t("Position"), latLonText([object.lat, object.lon])],
     object.height_m !== null && object.height_m !== undefined && [t("Height"), lengthText(object.height_m)],
     object.confidence !== null && object.confidence !== undefined && [t("Confidence"), `${Math.round(object.confidence * 100)}\u00a0%`],
+    object.size_m && [t("Size"), object.size_m.map(lengthText).join(" × ")],
+    object.covariance && [t("Accuracy"), `± ${lengthText(sigmaOf(object.covariance))}`],
     [t("Seen"), seen(object)],
     sightings?.length > 1 && [t("Moved"), lengthText(moved(sightings))],
   ].filter(Boolean);
   const close = h("button", { class: "icon-button", type: "button", "aria-label": t("Close"), onclick: () => store.choose(null) }, icon("close"));
   return [
-    h("div", { class: "mi-card__head" }, store.symbols.element(object.kind), h("h3", {}, object.id), close),
+    h("div", { class: "mi-card__head" }, store.symbols.element(object.kind), h("h3", {}, object.id), stateBadge(object.state), close),
     photo && h("img", { class: "mi-card__photo", src: store.server(object.mission).photo(photo), alt: t("Photo of {name}", { name: object.id }) }),
     h("dl", { class: "facts small number" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
+    ...task(store, object),
   ].filter(Boolean);
+}
+
+/** How far people are with it, and who said so; the note is empty where it goes out with no button. */
+function task(store, object) {
+  const note = h("input", { class: "input", type: "text", maxlength: 500, placeholder: t("Note"), "aria-label": t("Note"), autocomplete: "off" });
+  const buttons = stateButtons(store, object, () => note.value.trim());
+  const changes = (object.changes || []).toReversed().map((change) =>
+    h("li", {}, [stateName(change.state), stateText({ state_by: change.by, state_time_s: change.time_s }), change.note].filter(Boolean).join(" · ")));
+  return [
+    changes.length > 0 && h("ol", { class: "mi-changes small", "aria-label": t("History"), "data-testid": "object-changes" }, ...changes),
+    buttons.length > 0 && note,
+    buttons.length > 0 && h("div", { class: "mi-task__actions" }, ...buttons),
+  ];
 }
 
 function seen({ first_time_s: first, last_time_s: last, count: times }) {
   const when = first === last ? clockText(last) : `${clockText(first)} – ${clockText(last)}`;
   return times > 1 ? `${tn("{n} time", "{n} times", times)}: ${when}` : when;
+}
+
+/** The standard deviation of a position along its worst direction. */
+function sigmaOf([east, north, both]) {
+  return Math.sqrt((east + north) / 2 + Math.hypot((east - north) / 2, both));
 }
 
 /** How far apart the first and the last position are. */

@@ -84,7 +84,7 @@ def parse(records: Sequence[object]) -> Batch:
     ----------
     records : sequence
         As `webapp.robot.fields` defines them: `{"type": "pose", "time", "lat", "lon", ...}`, `{"type":
-        "object", "id", "class", "time", "lat", "lon", ...}` or `{"type": "end"}`.
+        "object", "class", "time", "lat", "lon", ...}` or `{"type": "end"}`.
 
     Raises
     ------
@@ -133,11 +133,13 @@ def _pose(given: Mapping[str, Any]) -> tuple[float, ...]:
 
 def _sighting(given: Mapping[str, Any]) -> Sighting:
     return Sighting(
-        given["id"],
+        given.get("id"),
         given["class"],
         given["time"],
         LatLon(given["lat"], given["lon"]),
         height_m=given.get("height_m"),
         confidence=given.get("confidence"),
         photo=given.get("photo"),
+        covariance_m2=given.get("covariance"),
+        size_m=given.get("size_m"),
     )

@@ -69,7 +69,7 @@ class ExportTrack:
 
 @dataclass(frozen=True, slots=True)
 class ExportObject:
-    """Something that was seen, where it was seen last.
+    """Something that was seen, where it was seen last; an associated object in the mean of its detections.
 
     Attributes
     ----------
@@ -79,6 +79,16 @@ class ExportObject:
         Seconds since 1970, UTC.
     photo : str or None
         SHA-256 of a photo of the mission.
+    covariance_m2 : tuple of float, or None
+        Of the position: variance east, variance north, covariance of the two.
+    size_m : tuple of float, or None
+        Length, width, height.
+    state : str
+        How far people are with it.
+    state_by : str or None
+        Who has set the state; None where nobody has, or it does not go out.
+    state_time_s : float or None
+        When, seconds since 1970, UTC.
     """
 
     id: str
@@ -90,6 +100,11 @@ class ExportObject:
     confidence: float | None
     sightings: int
     photo: str | None
+    covariance_m2: tuple[float, float, float] | None = None
+    size_m: tuple[float, float, float] | None = None
+    state: str = "found"
+    state_by: str | None = None
+    state_time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

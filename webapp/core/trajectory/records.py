@@ -56,8 +56,8 @@ class Sighting:
 
     Attributes
     ----------
-    object_id : str
-        The same object has the same id at every sighting.
+    object_id : str or None
+        The same object has the same id at every sighting; None where the robot cannot tell.
     kind : str
         Its class: `car`, `victim` ...
     time_s : float
@@ -66,15 +66,21 @@ class Sighting:
         0 to 1.
     photo : str or None
         SHA-256 of a photo of the mission, hexadecimal.
+    covariance_m2 : tuple of float, or None
+        Of the position: variance east, variance north, covariance of the two.
+    size_m : tuple of float, or None
+        Along the object's own axes, the last one up.
     """
 
-    object_id: str
+    object_id: str | None
     kind: str
     time_s: float
     latlon: LatLon
     height_m: float | None = None
     confidence: float | None = None
     photo: str | None = None
+    covariance_m2: tuple[float, float, float] | None = None
+    size_m: tuple[float, float, float] | None = None
 
 
 def make_poses(

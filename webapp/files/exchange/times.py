@@ -50,6 +50,11 @@ def utc(times_s: ArrayLike) -> list[str]:
     return [f"{time}Z" for time in np.datetime_as_string(microseconds.astype("datetime64[us]")).tolist()]
 
 
+def utc_or_none(time_s: float | None) -> str | None:
+    """Write one time like `utc`; None stays."""
+    return None if time_s is None else utc([time_s])[0]
+
+
 def _zone(text: str | None) -> timezone:
     if not text or text.upper() == "Z":
         return UTC

@@ -143,7 +143,7 @@ def export(mission: int, file: Path, form: str | None, library: Path | None) -> 
     with _opened(library) as place:
         with place.database.read() as session:
             _known(session.get(Mission, mission), mission)
-        download = export_mission.export_mission(place, mission, form=form)
+        download = export_mission.export_mission(place, mission, form=form, people=True)
         if str(file) == "-":
             for piece in download.pieces:
                 sys.stdout.buffer.write(piece)

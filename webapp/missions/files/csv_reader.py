@@ -208,7 +208,10 @@ class _Rows:
         if "lat" in self.table.columns:
             height = None if math.isnan(values["height"]) else values["height"]
             at = LatLon(values["lat"], values["lon"])
-            return WorldObjects((Sighting(name, kind, time_s, at, height, confidence),))
+            spread = _covariance({key: np.array([value]) for key, value in values.items()})[0].tolist()
+            covariance = None if any(map(math.isnan, spread)) else tuple(spread)
+            seen = Sighting(name, kind, time_s, at, height, confidence, covariance_m2=covariance)
+            return WorldObjects((seen,))
         up = 0.0 if math.isnan(values["z"]) else values["z"]
         xyz = (values["x"], values["y"], up)
         return RobotObjects("", (LocalSighting(name, kind, time_s, xyz, confidence),))

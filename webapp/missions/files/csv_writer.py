@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from webapp.core.trajectory.outgoing import MissionOut
-from webapp.files.exchange.times import utc
+from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.text_file import plain_cell
 
 POSE_COLUMNS = (
@@ -18,8 +18,11 @@ POSE_COLUMNS = (
 )  # fmt: skip
 OBJECT_COLUMNS = (
     "id", "class", "lat", "lon", "height_m", "confidence", "sightings", "first_time", "last_time", "photo",
+    "var_e_m2", "var_n_m2", "cov_en_m2", "size_x_m", "size_y_m", "size_z_m",
+    "state", "state_time", "state_by",
 )  # fmt: skip
 _PART = 1000
+_UNKNOWN = (None, None, None)
 
 
 def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
@@ -61,7 +64,9 @@ def format_objects_csv(mission: MissionOut) -> Iterator[bytes]:
     for found in mission.objects():
         numbers = map(_number, (*found.latlon, found.height_m, found.confidence))
         times = utc([found.first_time_s, found.last_time_s])
-        rows.append((found.id, found.kind, *numbers, found.sightings, *times, found.photo))
+        measures = map(_number, (*(found.covariance_m2 or _UNKNOWN), *(found.size_m or _UNKNOWN)))
+        state = (found.state, utc_or_none(found.state_time_s), found.state_by)
+        rows.append((found.id, found.kind, *numbers, found.sightings, *times, found.photo, *measures, *state))
         if len(rows) == _PART:
             yield csv_lines(rows)
             rows = []

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
 from webapp.core.trajectory.records import Poses, join, make_poses
 from webapp.files.exchange.geojson import point_feature, to_json, write_collection
-from webapp.files.exchange.times import utc
+from webapp.files.exchange.times import utc, utc_or_none
 
 
 def format_mission_geojson(mission: MissionOut) -> Iterator[bytes]:
@@ -133,5 +133,10 @@ def _object(found: ExportObject) -> str:
         "first_time": first,
         "last_time": last,
         "photo": found.photo,
+        "covariance_m2": found.covariance_m2,
+        "size_m": found.size_m,
+        "state": found.state,
+        "state_time": utc_or_none(found.state_time_s),
+        "state_by": found.state_by,
     }
     return point_feature(found.id, found.latlon, properties=properties, height_m=found.height_m)

@@ -15,7 +15,7 @@ import numpy as np
 from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut, kind_colour
 from webapp.core.trajectory.records import Poses
 from webapp.files.exchange.kml import extended_data, picture_description, point, write_kml
-from webapp.files.exchange.times import utc
+from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.exchange.xml import element
 
 
@@ -150,6 +150,11 @@ def _object(found: ExportObject, style: str | None, *, picture: str | None) -> s
         "sightings": found.sightings,
         "height_m": found.height_m,
         "confidence": found.confidence,
+        "covariance_m2": _three(found.covariance_m2),
+        "size_m": _three(found.size_m),
+        "state": found.state,
+        "state_time": utc_or_none(found.state_time_s),
+        "state_by": found.state_by,
     }
     about = "" if picture is None else picture_description(picture)
     return (
@@ -158,6 +163,10 @@ def _object(found: ExportObject, style: str | None, *, picture: str | None) -> s
         f"{f'<styleUrl>#{style}</styleUrl>' if style else ''}"
         f"{extended_data(facts)}{point(found.latlon, found.height_m)}</Placemark>\n"
     )
+
+
+def _three(values: tuple[float, float, float] | None) -> str | None:
+    return None if values is None else " ".join(f"{value:.6g}" for value in values)
 
 
 def _colour(rgb: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -123,7 +123,8 @@ def _detections(message: Any, at_s: float) -> Iterator[DetectedObject]:
         time_s = _time(detection, _time(message, at_s))
         at = detection.bbox.center.position
         score = None if best is None else _score(best)
-        yield _seen(frame, str(name), kind, time_s=time_s, at=at, confidence=score)
+        seen = _seen(frame, str(name), kind, time_s=time_s, at=at, confidence=score)
+        yield replace(seen, sighting=seen.sighting and replace(seen.sighting, size_m=_size(detection)))
 
 
 def _markers(message: Any, at_s: float) -> Iterator[DetectedObject]:
@@ -184,6 +185,13 @@ def _covariance(matrix: Any, *, side: int) -> tuple[float, float, float]:
     var_x, var_y, cov = float(matrix[0]), float(matrix[side + 1]), float(matrix[1])
     good = 0.0 < var_x < math.inf and 0.0 < var_y < math.inf and cov * cov <= var_x * var_y
     return (var_x, var_y, cov) if good else _UNKNOWN
+
+
+def _size(detection: Any) -> tuple[float, float, float] | None:
+    """Take the sides of the box; zeros say nothing."""
+    size = detection.bbox.size
+    sides = (float(size.x), float(size.y), float(size.z))
+    return sides if all(0.0 < side < math.inf for side in sides) else None
 
 
 def _seen(

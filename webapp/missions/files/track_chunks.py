@@ -83,6 +83,7 @@ class LocalSighting:
     time_s: float
     xyz_m: tuple[float, float, float]
     confidence: float | None = None
+    size_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

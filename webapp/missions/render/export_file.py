@@ -44,7 +44,7 @@ def export_mission_file(
     form: str,
     settings: Settings,
     most: int | None = None,
-    photos: bool = False,
+    private: bool = False,
 ) -> Download:
     """Export a mission.
 
@@ -54,8 +54,8 @@ def export_mission_file(
         One of `FORMATS`.
     most : int, optional
         Maximum number of poses of each track, evenly spread; a page has a limit of its own.
-    photos : bool
-        Whether a KMZ has previews of the photos of objects.
+    private : bool
+        With what visitors do not get: in a KMZ previews of the photos of objects, and names of people.
 
     Raises
     ------
@@ -69,7 +69,12 @@ def export_mission_file(
     if form == "html":
         return mission_page(library, mission_id, settings=settings)
     return export.export_mission(
-        library, mission_id, form=form, most=most, pictures=settings if photos else None
+        library,
+        mission_id,
+        form=form,
+        most=most,
+        pictures=settings if private else None,
+        people=private,
     )
 
 

@@ -17,11 +17,12 @@ from sqlalchemy.orm import Session
 from webapp.core.trajectory.batch import Batch
 from webapp.core.trajectory.records import Sighting
 from webapp.errors import Conflict
-from webapp.missions.store import missions, tracks
+from webapp.missions.store import association, missions, tracks
 from webapp.missions.store.schema import Mission, MissionBatch, MissionObject, MissionSender, ObjectSighting
 from webapp.store.clock import now
 
 _MOST_PARAMETERS = 500
+_UNKNOWN = (None, None, None)
 
 FILE = "import:"
 """Of files, the keys and the names as senders begin so; clients never use these."""
@@ -125,19 +126,25 @@ def store(session: Session, mission: Mission, batch: Batch) -> None:
 
 
 def add_sightings(session: Session, mission: Mission, seen: Sequence[Sighting]) -> None:
-    """Add sightings of new and known objects; an object is where it was seen at the latest time.
+    """Add sightings of new and known objects, and find out which objects those without an id show.
 
+    An object is where it was seen at the latest time; an associated one in the mean of all its detections.
     Who calls it counts the change with `missions.count_change` before.
     """
-    known = _known(session, mission.id, sorted({sighting.object_id for sighting in seen}))
+    identified, estimates = association.identify(session, mission.id, seen=seen)
+    known = _known(session, mission.id, sorted({id for id, _ in identified}))
     rows = []
-    for sighting in seen:
-        found = known.get(sighting.object_id)
+    for id, sighting in identified:
+        found = known.get(id)
         if found is None:
-            found = known[sighting.object_id] = _new(mission, sighting)
+            found = known[id] = _new(mission, id, sighting)
             session.add(found)
-        rows.append(_row(mission.id, found.sightings, sighting))
+        rows.append(_row(found, sighting))
         _update(found, sighting, revision=mission.revision)
+    for id, estimate in estimates.items():
+        known[id].associated = True
+        known[id].lat, known[id].lon = estimate.latlon
+        known[id].var_e, known[id].var_n, known[id].cov_en = estimate.covariance_m2
     if rows:
         session.flush()
         session.connection().execute(insert(ObjectSighting.__table__), rows)  # type: ignore[arg-type]
@@ -152,10 +159,10 @@ def _known(session: Session, mission_id: int, ids: list[str]) -> dict[str, Missi
     return found
 
 
-def _new(mission: Mission, seen: Sighting) -> MissionObject:
+def _new(mission: Mission, id: str, seen: Sighting) -> MissionObject:
     return MissionObject(
         mission_id=mission.id,
-        object_id=seen.object_id,
+        object_id=id,
         kind=seen.kind,
         first_time_s=seen.time_s,
         last_time_s=seen.time_s,
@@ -174,18 +181,29 @@ def _update(known: MissionObject, seen: Sighting, *, revision: int) -> None:
         known.last_time_s = seen.time_s
         known.lat, known.lon = seen.latlon
         known.height_m, known.confidence = seen.height_m, seen.confidence
+        known.var_e, known.var_n, known.cov_en = seen.covariance_m2 or _UNKNOWN
+        if seen.size_m is not None:
+            known.size_x_m, known.size_y_m, known.size_z_m = seen.size_m
         known.photo_sha = seen.photo or known.photo_sha
 
 
-def _row(mission_id: int, number: int, seen: Sighting) -> dict[str, Any]:
+def _row(of: MissionObject, seen: Sighting) -> dict[str, Any]:
+    var_e, var_n, cov_en = seen.covariance_m2 or _UNKNOWN
+    size_x_m, size_y_m, size_z_m = seen.size_m or _UNKNOWN
     return {
-        "mission_id": mission_id,
-        "object_id": seen.object_id,
-        "number": number,
+        "mission_id": of.mission_id,
+        "object_id": of.object_id,
+        "number": of.sightings,
         "time_s": seen.time_s,
         "lat": seen.latlon.lat,
         "lon": seen.latlon.lon,
         "height_m": seen.height_m,
+        "var_e": var_e,
+        "var_n": var_n,
+        "cov_en": cov_en,
+        "size_x_m": size_x_m,
+        "size_y_m": size_y_m,
+        "size_z_m": size_z_m,
         "confidence": seen.confidence,
         "photo_sha": seen.photo,
     }

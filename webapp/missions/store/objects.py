@@ -27,11 +27,14 @@ class Page:
     ----------
     kind : str or None
         Only objects of that class.
+    state : str or None
+        Only objects in that state.
     sort : str
         One of `SORTS`.
     """
 
     kind: str | None = None
+    state: str | None = None
     sort: str = "id"
     descending: bool = False
     limit: int = 1000
@@ -43,6 +46,8 @@ def page(session: Session, mission_id: int, wanted: Page) -> tuple[list[MissionO
     fitting = [MissionObject.mission_id == mission_id]
     if wanted.kind is not None:
         fitting.append(MissionObject.kind == wanted.kind)
+    if wanted.state is not None:
+        fitting.append(MissionObject.state == wanted.state)
     by = SORTS[wanted.sort]
     order = by.desc() if wanted.descending else by
     found = select(MissionObject).where(*fitting).order_by(order, MissionObject.object_id)

@@ -32,9 +32,9 @@ from webapp.core.filters.nodes import (
 )
 from webapp.core.filters.parser import parse_columns, parse_condition, parse_order
 from webapp.errors import UsageError
-from webapp.missions.store.schema import MissionObject, ObjectSighting, Pose, Track
+from webapp.missions.store.schema import MissionObject, ObjectChange, ObjectSighting, Pose, Track
 
-Table = Literal["poses", "objects", "sightings"]
+Table = Literal["poses", "objects", "sightings", "changes"]
 TABLES: tuple[Table, ...] = get_args(Table)
 
 MAX_ROWS = 100_000
@@ -67,9 +67,18 @@ _OBJECTS: dict[str, tuple[Kind, Any]] = {
     "lon": ("number", MissionObject.lon),
     "height_m": ("number", MissionObject.height_m),
     "confidence": ("number", MissionObject.confidence),
+    "var_e": ("number", MissionObject.var_e),
+    "var_n": ("number", MissionObject.var_n),
+    "cov_en": ("number", MissionObject.cov_en),
+    "size_x_m": ("number", MissionObject.size_x_m),
+    "size_y_m": ("number", MissionObject.size_y_m),
+    "size_z_m": ("number", MissionObject.size_z_m),
     "sightings": ("number", MissionObject.sightings),
     "first_time": ("time", MissionObject.first_time_s),
     "last_time": ("time", MissionObject.last_time_s),
+    "state": ("text", MissionObject.state),
+    "state_time": ("time", MissionObject.state_time_s),
+    "state_by": ("text", MissionObject.state_by),
     "photo": ("text", MissionObject.photo_sha),
 }
 _SIGHTINGS: dict[str, tuple[Kind, Any]] = {
@@ -81,9 +90,24 @@ _SIGHTINGS: dict[str, tuple[Kind, Any]] = {
     "lon": ("number", ObjectSighting.lon),
     "height_m": ("number", ObjectSighting.height_m),
     "confidence": ("number", ObjectSighting.confidence),
+    "var_e": ("number", ObjectSighting.var_e),
+    "var_n": ("number", ObjectSighting.var_n),
+    "cov_en": ("number", ObjectSighting.cov_en),
+    "size_x_m": ("number", ObjectSighting.size_x_m),
+    "size_y_m": ("number", ObjectSighting.size_y_m),
+    "size_z_m": ("number", ObjectSighting.size_z_m),
     "photo": ("text", ObjectSighting.photo_sha),
 }
-_TABLES = {"poses": _POSES, "objects": _OBJECTS, "sightings": _SIGHTINGS}
+_CHANGES: dict[str, tuple[Kind, Any]] = {
+    "id": ("text", ObjectChange.object_id),
+    "class": ("text", MissionObject.kind),
+    "number": ("number", ObjectChange.number),
+    "state": ("text", ObjectChange.state),
+    "time": ("time", ObjectChange.time_s),
+    "by": ("text", ObjectChange.by),
+    "note": ("text", ObjectChange.note),
+}
+_TABLES = {"poses": _POSES, "objects": _OBJECTS, "sightings": _SIGHTINGS, "changes": _CHANGES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,11 +194,9 @@ def _rows(table: str, mission_id: int, columns: Sequence[Any]) -> Select[Any]:
         return joined.where(Track.mission_id == mission_id)
     if table == "objects":
         return select(*columns).where(MissionObject.mission_id == mission_id)
-    seen = and_(
-        ObjectSighting.mission_id == MissionObject.mission_id,
-        ObjectSighting.object_id == MissionObject.object_id,
-    )
-    joined = select(*columns).select_from(MissionObject).join(ObjectSighting, seen)
+    listed = ObjectSighting if table == "sightings" else ObjectChange
+    same = and_(listed.mission_id == MissionObject.mission_id, listed.object_id == MissionObject.object_id)
+    joined = select(*columns).select_from(MissionObject).join(listed, same)
     return joined.where(MissionObject.mission_id == mission_id)
 
 

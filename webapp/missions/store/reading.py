@@ -30,13 +30,15 @@ MOST_KINDS = 200
 """Classes of objects that have looks of their own."""
 
 
-def read(database: Database, mission_id: int, *, most: int | None = None) -> MissionOut:
+def read(database: Database, mission_id: int, *, most: int | None = None, people: bool = False) -> MissionOut:
     """Read a mission.
 
     Parameters
     ----------
     most : int, optional
         Maximum number of poses of each track, evenly spread, with its first and its last.
+    people : bool
+        With the names of those who have set the states of objects.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def read(database: Database, mission_id: int, *, most: int | None = None) -> Mis
             name=mission.name,
             tracks=tuple(_track(database, track, most=most) for track in found),
             kinds=_kinds(session, mission_id),
-            objects=partial(_objects, database, mission_id),
+            objects=partial(_objects, database, mission_id, people=people),
         )
 
 
@@ -130,7 +132,7 @@ def _kinds(session: Session, mission_id: int) -> tuple[str, ...]:
     return tuple(session.scalars(kinds.order_by(MissionObject.kind).limit(MOST_KINDS)))
 
 
-def _objects(database: Database, mission_id: int) -> Iterator[ExportObject]:
+def _objects(database: Database, mission_id: int, *, people: bool) -> Iterator[ExportObject]:
     after = None
     while True:
         wanted = select(MissionObject).where(MissionObject.mission_id == mission_id)
@@ -138,13 +140,13 @@ def _objects(database: Database, mission_id: int) -> Iterator[ExportObject]:
             wanted = wanted.where(MissionObject.object_id > after)
         with database.read() as session:
             part = list(session.scalars(wanted.order_by(MissionObject.object_id).limit(_PART)))
-        yield from map(_object, part)
+        yield from (_object(row, people=people) for row in part)
         if len(part) < _PART:
             return
         after = part[-1].object_id
 
 
-def _object(row: MissionObject) -> ExportObject:
+def _object(row: MissionObject, *, people: bool) -> ExportObject:
     return ExportObject(
         id=row.object_id,
         kind=row.kind,
@@ -155,4 +157,9 @@ def _object(row: MissionObject) -> ExportObject:
         confidence=row.confidence,
         sightings=row.sightings,
         photo=row.photo_sha,
+        covariance_m2=row.covariance_m2,
+        size_m=row.size_m,
+        state=row.state,
+        state_by=row.state_by if people else None,
+        state_time_s=row.state_time_s,
     )

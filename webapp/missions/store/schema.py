@@ -133,6 +133,20 @@ class TrackProfile(Base):
     """float64 (m, 4), little-endian: time_s, travelled_m, speed_mps, height_m."""
 
 
+def _covariance(row: MissionObject | ObjectSighting) -> tuple[float, float, float] | None:
+    """Return variance east, variance north and covariance of the two; None where they are unknown."""
+    if row.var_e is None or row.var_n is None or row.cov_en is None:
+        return None
+    return row.var_e, row.var_n, row.cov_en
+
+
+def _size(row: MissionObject | ObjectSighting) -> tuple[float, float, float] | None:
+    """Return length, width and height; None where they are unknown."""
+    if row.size_x_m is None or row.size_y_m is None or row.size_z_m is None:
+        return None
+    return row.size_x_m, row.size_y_m, row.size_z_m
+
+
 class MissionObject(Base):
     """Something that was seen on a mission, as it was seen last."""
 
@@ -143,7 +157,9 @@ class MissionObject(Base):
         ForeignKey("mission.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
     )
     object_id: Mapped[str] = mapped_column(primary_key=True)
-    """The sender's."""
+    """The sender's; for an associated one the class and a number."""
+    associated: Mapped[bool] = mapped_column(default=False)
+    """True where detections without an id were joined: the position is the mean of them all."""
     kind: Mapped[str]
     """Class: `car`, `person` ..."""
     first_time_s: Mapped[float]
@@ -151,6 +167,14 @@ class MissionObject(Base):
     lat: Mapped[float]
     lon: Mapped[float]
     height_m: Mapped[float | None]
+    var_e: Mapped[float | None]
+    var_n: Mapped[float | None]
+    cov_en: Mapped[float | None]
+    """Covariance of the position to the east and north, square metres."""
+    size_x_m: Mapped[float | None]
+    size_y_m: Mapped[float | None]
+    size_z_m: Mapped[float | None]
+    """Length, width and height."""
     confidence: Mapped[float | None]
     photo_sha: Mapped[str | None]
     """Of a photo of the mission."""
@@ -158,12 +182,21 @@ class MissionObject(Base):
     """Their numbers are 0 ... sightings - 1."""
     revision: Mapped[int] = mapped_column(default=0)
     """Of the mission, when this object last changed."""
+    state: Mapped[str] = mapped_column(default="found")
+    """`found`, `confirmed`, `cleared` or `dismissed`."""
+    state_by: Mapped[str | None]
+    state_time_s: Mapped[float | None]
+    """Who has set the state, and when; None where nobody has."""
+
+    covariance_m2 = property(_covariance)
+    size_m = property(_size)
 
 
 class ObjectSighting(Base):
     """One time that an object was seen."""
 
     __tablename__ = "sighting"
+    __table_args__ = (Index(None, "mission_id", "time_s"),)
 
     mission_id: Mapped[int] = mapped_column(
         ForeignKey("mission.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
@@ -174,8 +207,34 @@ class ObjectSighting(Base):
     lat: Mapped[float]
     lon: Mapped[float]
     height_m: Mapped[float | None]
+    var_e: Mapped[float | None]
+    var_n: Mapped[float | None]
+    cov_en: Mapped[float | None]
+    size_x_m: Mapped[float | None]
+    size_y_m: Mapped[float | None]
+    size_z_m: Mapped[float | None]
     confidence: Mapped[float | None]
     photo_sha: Mapped[str | None]
+
+    covariance_m2 = property(_covariance)
+    size_m = property(_size)
+
+
+class ObjectChange(Base):
+    """Somebody has set the state of an object."""
+
+    __tablename__ = "object_change"
+
+    mission_id: Mapped[int] = mapped_column(
+        ForeignKey("mission.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    object_id: Mapped[str] = mapped_column(primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    state: Mapped[str]
+    time_s: Mapped[float]
+    by: Mapped[str]
+    """Name of the account, which may be deleted since."""
+    note: Mapped[str] = mapped_column(default="")
 
 
 class MissionSender(Base):

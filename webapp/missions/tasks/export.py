@@ -50,6 +50,7 @@ def export_mission(
     form: str,
     most: int | None = None,
     pictures: Settings | None = None,
+    people: bool = False,
 ) -> Download:
     """Export a mission, in a few megabytes of memory whatever its size.
 
@@ -61,6 +62,8 @@ def export_mission(
         Maximum number of poses of each track, evenly spread.
     pictures : Settings, optional
         With it, a KMZ has previews of the photos of objects; they have no EXIF.
+    people : bool
+        With the names of those who have set the states of objects.
 
     Returns
     -------
@@ -76,7 +79,7 @@ def export_mission(
     """
     if form not in FORMATS:
         raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
-    mission = reading.read(library.database, mission_id, most=most)
+    mission = reading.read(library.database, mission_id, most=most, people=people)
     if form == "kml":
         return export_mission_kml(mission)
     if form == "kmz":

@@ -223,7 +223,7 @@ def _parts(order: Order, progress: Progress) -> Iterator[Part]:
 
 
 def _called_after(seen: Sighting, stem: str) -> Sighting:
-    if not _NUMBERED.match(seen.object_id):
+    if seen.object_id is None or not _NUMBERED.match(seen.object_id):
         return seen
     return replace(seen, object_id=f"{stem}: {seen.object_id}"[:_MAX_NAME])
 
@@ -260,8 +260,8 @@ def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[K
             track.distance_m = (
                 part.travelled_m
             )  # to the end of the file, not only to the last pose that is kept
-        else:
-            batches.add_sightings(session, mission, seen=part)
+    seen = [one for part in parts if not isinstance(part, TrackSegment) for one in part]
+    batches.add_sightings(session, mission, seen=seen)
 
 
 def _tracks(

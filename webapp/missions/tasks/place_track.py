@@ -207,7 +207,8 @@ class TrackPlacer:
             piece.sightings, frame.latlon_from_xy(places[:, :2]).tolist(), strict=True
         ):
             height = one.xyz_m[2] - frame.anchor.z_m
-            yield Sighting(one.object_id, one.kind, one.time_s, LatLon(lat, lon), height, one.confidence)
+            at = LatLon(lat, lon)
+            yield Sighting(one.object_id, one.kind, one.time_s, at, height, one.confidence, size_m=one.size_m)
 
     def _objects(self, sightings: tuple[Sighting, ...]) -> Iterator[tuple[Sighting, ...]]:
         placed = [one for one in sightings if _on_the_earth(np.array([one.latlon]))[0]]
@@ -233,7 +234,7 @@ def _tidy(seen: Sighting) -> Sighting:
     sure = seen.confidence is not None and 0.0 <= seen.confidence <= 1.0
     return replace(
         seen,
-        object_id=one_line(seen.object_id),
+        object_id=None if seen.object_id is None else one_line(seen.object_id),
         kind=one_line(seen.kind),
         confidence=seen.confidence if sure else None,
     )

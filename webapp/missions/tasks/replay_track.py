@@ -129,11 +129,17 @@ def _objects(sightings: tuple[Sighting, ...]) -> Iterator[Event]:
     for seen in sightings:
         record: dict[str, Any] = {
             "type": "object",
-            "id": seen.object_id,
             "class": seen.kind,
             "time": seen.time_s,
             "lat": seen.latlon.lat,
             "lon": seen.latlon.lon,
         }
-        more = {"height_m": seen.height_m, "confidence": seen.confidence, "photo": seen.photo}
+        more = {
+            "id": seen.object_id,
+            "height_m": seen.height_m,
+            "covariance": seen.covariance_m2 and [*seen.covariance_m2],
+            "confidence": seen.confidence,
+            "size_m": seen.size_m and [*seen.size_m],
+            "photo": seen.photo,
+        }
         yield Event(seen.time_s, record | {name: value for name, value in more.items() if value is not None})

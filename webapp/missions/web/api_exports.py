@@ -103,14 +103,14 @@ _ROWS: Responses = {
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Response:
     """Take a mission away as `kml`, `kmz`, `gpx`, `geojson`, `csv`, `tum.zip`, `kitti.zip`, or `html`."""
-    return export(open_mission(mission_id).id, ending=ending, query=query, photos=True)
+    return export(open_mission(mission_id).id, ending=ending, query=query, private=True)
 
 
 @blueprint.get("/objects.csv")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "text/csv"))
 def objects(mission_id: int) -> Response:
     """Take the objects of a mission away, where they were seen last."""
-    return export(open_mission(mission_id).id, ending="objects.csv", query={"points": None})
+    return export(open_mission(mission_id).id, ending="objects.csv", query={"points": None}, private=True)
 
 
 @blueprint.get("/link.kml")
@@ -143,8 +143,8 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
     )
 
 
-def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool = False) -> Response:
-    """Send a mission as a file of some ending, with previews of photos where it can hold them.
+def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool = False) -> Response:
+    """Send a mission as a file of some ending; with what visitors do not get where it is `private`.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any], photos: bool 
     place, limits, most = library(), settings(), query["points"]
     return stream_download(
         lambda: export_file.export_mission_file(
-            place, mission_id, form=ending, settings=limits, most=most, photos=photos
+            place, mission_id, form=ending, settings=limits, most=most, private=private
         )
     )
 

@@ -6,16 +6,18 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Float, Integer, List, Nested, String
-from apiflask.validators import OneOf, Range
+from apiflask.validators import Length, OneOf, Predicate, Range
+from sqlalchemy.orm import Session
 
-from webapp.missions.store import missions
+from webapp.missions.store import missions, object_states
 from webapp.missions.store import objects as mission_objects
 from webapp.missions.store.missions import MOST_SIGHTINGS
+from webapp.missions.store.object_states import STATES, StateChange
 from webapp.missions.store.objects import SORTS, Page
-from webapp.missions.store.schema import MissionObject, ObjectSighting
+from webapp.missions.store.schema import Mission, MissionObject, ObjectChange, ObjectSighting
 from webapp.missions.web import context
 from webapp.missions.web.context import open_mission
-from webapp.web.context import library
+from webapp.web.context import account, library
 
 blueprint = APIBlueprint(
     "api_mission_objects",
@@ -26,42 +28,56 @@ blueprint = APIBlueprint(
 blueprint.record(context.allow_any_text)
 
 _MOST = 10_000
+_MAX_NOTE = 500
 
 
 class ObjectQuery(Schema):
     """Which objects, in which order."""
 
     kind = String(load_default=None, metadata={"description": "Only those of that class."})
+    state = String(
+        load_default=None, validate=OneOf(STATES), metadata={"description": "Only those in that state."}
+    )
     sort = String(load_default="id", validate=OneOf(list(SORTS)))
     descending = Boolean(load_default=False)
     limit = Integer(load_default=1000, validate=Range(1, _MOST))
     offset = Integer(load_default=0, validate=Range(0, 2**53))
 
 
-class SightingOut(Schema):
+class DetectionOut(Schema):
+    """Where something was seen."""
+
+    lat = Float()
+    lon = Float()
+    height_m = Float(allow_none=True)
+    covariance = List(
+        Float(),
+        allow_none=True,
+        metadata={"description": "Variance east, variance north, covariance of the two; square metres."},
+    )
+    size_m = List(Float(), allow_none=True, metadata={"description": "Length, width, height."})
+    confidence = Float(allow_none=True)
+    photo = String(allow_none=True, metadata={"description": "SHA-256 of a photo of the mission."})
+
+
+class SightingOut(DetectionOut):
     """One time that an object was seen."""
 
     time_s = Float()
-    lat = Float()
-    lon = Float()
-    height_m = Float(allow_none=True)
-    confidence = Float(allow_none=True)
-    photo = String(allow_none=True, metadata={"description": "SHA-256 of a photo of the mission."})
 
 
-class ObjectOut(Schema):
-    """An object, where it was seen at the latest time."""
+class ObjectOut(DetectionOut):
+    """An object, where it was seen at the latest time; an associated one in the mean of its detections."""
 
     id = String()
     kind = String(metadata={"description": "Its class."})
-    lat = Float()
-    lon = Float()
-    height_m = Float(allow_none=True)
-    confidence = Float(allow_none=True)
+    associated = Boolean(metadata={"description": "The robot sent no id: its detections were joined here."})
     first_time_s = Float()
     last_time_s = Float()
-    photo = String(allow_none=True, metadata={"description": "SHA-256 of a photo of the mission."})
     count = Integer(metadata={"description": "How often it was seen."})
+    state = String(metadata={"enum": list(STATES)})
+    state_by = String(allow_none=True, metadata={"description": "Who has set it; null for visitors."})
+    state_time_s = Float(allow_none=True)
 
 
 class KindOut(Schema):
@@ -79,27 +95,66 @@ class ObjectList(Schema):
     kinds = List(Nested(KindOut), metadata={"description": "Of the whole mission."})
 
 
+class ChangeOut(Schema):
+    """Somebody has set the state of an object."""
+
+    state = String(metadata={"enum": list(STATES)})
+    time_s = Float()
+    by = String(allow_none=True, metadata={"description": "null for visitors."})
+    note = String()
+
+
 class ObjectHistory(ObjectOut):
     """An object with its history, in the order in which it came."""
 
     sightings = List(
         Nested(SightingOut), metadata={"description": f"The last {MOST_SIGHTINGS}; `count` counts all."}
     )
+    changes = List(Nested(ChangeOut), metadata={"description": "Of its state, the first one first."})
+
+
+class StateIn(Schema):
+    """How far people are with an object."""
+
+    state = String(required=True, validate=OneOf(STATES))
+    was = String(
+        load_default=None,
+        validate=OneOf(STATES),
+        metadata={"description": "The state that the caller has seen: 409 where it is another one by now."},
+    )
+    note = String(load_default="", validate=[Length(max=_MAX_NOTE), Predicate("isprintable")])
 
 
 def object_json(row: MissionObject) -> dict[str, Any]:
     """Return an object as JSON; the fields of `ObjectOut`."""
     return {
+        **_place_json(row),
         "id": row.object_id,
         "kind": row.kind,
+        "associated": row.associated,
+        "first_time_s": row.first_time_s,
+        "last_time_s": row.last_time_s,
+        "count": row.sightings,
+        "state": row.state,
+        "state_by": row.state_by,
+        "state_time_s": row.state_time_s,
+    }
+
+
+def sighting_json(row: ObjectSighting) -> dict[str, Any]:
+    """Return a sighting as JSON; the fields of `SightingOut`."""
+    return {**_place_json(row), "time_s": row.time_s}
+
+
+def _place_json(row: MissionObject | ObjectSighting) -> dict[str, Any]:
+    return {
         "lat": row.lat,
         "lon": row.lon,
         "height_m": row.height_m,
+        "covariance": row.covariance_m2,
+        "size_m": row.size_m,
         "confidence": row.confidence,
-        "first_time_s": row.first_time_s,
-        "last_time_s": row.last_time_s,
         "photo": row.photo_sha,
-        "count": row.sightings,
     }
 
 
@@ -126,17 +181,32 @@ def one(mission_id: int, object_id: str) -> dict[str, Any]:
     """Get an object, with its sightings."""
     mission = open_mission(mission_id, binned=True)
     with library().database.read() as session:
-        row = missions.find_object(session, mission.id, object_id)
-        seen = missions.sightings(session, mission.id, object_id)
-    return {**object_json(row), "sightings": [_sighting(one) for one in seen]}
+        return _history(session, missions.find_object(session, mission.id, object_id))
 
 
-def _sighting(row: ObjectSighting) -> dict[str, Any]:
+@blueprint.patch("/<text:object_id>", merge_slashes=False)
+@blueprint.input(StateIn, arg_name="given")
+@blueprint.output(ObjectHistory)
+def set_state(mission_id: int, object_id: str, *, given: dict[str, Any]) -> dict[str, Any]:
+    """Say how far people are with an object; its history has who said so, and when."""
+    mission, who = open_mission(mission_id, "editor"), account()
+    with library().database.write() as session:
+        row = session.get_one(Mission, mission.id, with_for_update=True)
+        change = StateChange(by=who.name, **given)
+        found = object_states.change_state(session, row, object_id=object_id, change=change)
+        return _history(session, found)
+
+
+def _history(session: Session, row: MissionObject) -> dict[str, Any]:
+    seen = missions.sightings(session, row.mission_id, row.object_id)
+    changes = object_states.changes(session, row.mission_id, row.object_id)
     return {
-        "time_s": row.time_s,
-        "lat": row.lat,
-        "lon": row.lon,
-        "height_m": row.height_m,
-        "confidence": row.confidence,
-        "photo": row.photo_sha,
+        **object_json(row),
+        "sightings": [sighting_json(one) for one in seen],
+        "changes": [change_json(one) for one in changes],
     }
+
+
+def change_json(row: ObjectChange) -> dict[str, Any]:
+    """Return a change of a state as JSON; the fields of `ChangeOut`."""
+    return {"state": row.state, "time_s": row.time_s, "by": row.by, "note": row.note}

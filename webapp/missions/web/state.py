@@ -16,7 +16,7 @@ from webapp.missions.store import missions, tracks
 from webapp.missions.store.missions import Entry, ListCursor
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 from webapp.missions.store.shares import OpenedMission
-from webapp.missions.web.api_objects import object_json
+from webapp.missions.web.api_objects import object_json, sighting_json
 from webapp.store.schema import Account, MapRecord
 from webapp.web.maps import state as map_state
 from webapp.web.sharing.shared_state import answer_for_visitors
@@ -207,20 +207,14 @@ def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> di
 
 
 def shared_object(opened: OpenedMission, row: MissionObject) -> dict[str, Any]:
-    """Return an object as JSON; its photo only where photos are shown."""
-    return {**object_json(row), "photo": row.photo_sha if opened.share.photos else None}
+    """Return an object as JSON; its photo only where photos are shown, and nobody's name."""
+    photo = row.photo_sha if opened.share.photos else None
+    return {**object_json(row), "photo": photo, "state_by": None}
 
 
 def shared_sighting(opened: OpenedMission, row: ObjectSighting) -> dict[str, Any]:
     """Return a sighting as JSON."""
-    return {
-        "time_s": row.time_s,
-        "lat": row.lat,
-        "lon": row.lon,
-        "height_m": row.height_m,
-        "confidence": row.confidence,
-        "photo": row.photo_sha if opened.share.photos else None,
-    }
+    return {**sighting_json(row), "photo": row.photo_sha if opened.share.photos else None}
 
 
 def shared_photo(token: str, photo: MissionPhoto) -> dict[str, Any]:

@@ -54,7 +54,19 @@ def mission(poses, track):
         track(poses(1, seed=2), id=3, source="manual"),
     )
     objects = [
-        ExportObject("car-1", "car", LatLon(50.001, 14.002), 1.7e9, 1.7e9 + 5, 201.5, 0.75, 2, "ab" * 32),
+        ExportObject(
+            "car-1",
+            "car",
+            LatLon(50.001, 14.002),
+            1.7e9,
+            1.7e9 + 5,
+            201.5,
+            0.75,
+            2,
+            "ab" * 32,
+            (4.0, 9.0, 1.5),
+            (4.5, 1.75, 1.5),
+        ),
         ExportObject(HOSTILE, HOSTILE, LatLon(-50.5, -170.25), 1.7e9, 1.7e9, None, None, 1, None),
         ExportObject("v", "victim", LatLon(50.003, 14.004), 1.7e9 + 1, 1.7e9 + 9, None, 1.0, 3, None),
     ]

@@ -43,6 +43,9 @@ def test_objects_read_back(mission):
     for found, row in zip(mission.objects(), result, strict=True):
         assert (row["id"], row["class"], int(row["sightings"])) == (found.id, found.kind, found.sightings)
         assert (float(row["lat"]), float(row["lon"])) == tuple(found.latlon)
+        assert [number(row[name]) for name in ("var_e_m2", "var_n_m2", "cov_en_m2")] == pytest.approx(
+            found.covariance_m2 or [np.nan] * 3, nan_ok=True
+        )
         assert row["confidence"] == ("" if found.confidence is None else repr(found.confidence))
 
 

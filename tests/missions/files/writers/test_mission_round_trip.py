@@ -40,6 +40,7 @@ def test_objects_of_our_geojson_keep_their_ids(mission):
     seen = [one for piece in pieces if not isinstance(piece, WorldPiece) for one in piece.sightings]
     for found, one in zip(mission.objects(), seen, strict=True):
         assert (one.latlon, one.height_m, one.confidence) == (found.latlon, found.height_m, found.confidence)
+        assert (one.covariance_m2, one.size_m) == (found.covariance_m2, found.size_m)
         assert one.time_s == pytest.approx(found.last_time_s, abs=1e-6)
     assert (seen[0].object_id, seen[0].kind) == ("car-1", "car")
 

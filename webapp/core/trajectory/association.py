@@ -1,0 +1,264 @@
+"""Which detections without an id show the same object: gated nearest neighbours, one frame after the other.
+
+An object is taken to stand still, so its position is the mean of its detections, weighted by the inverse of
+their covariances. A detection with the covariance C, v metres away from an object of the same class whose
+position has the covariance P, may belong to it where
+
+    d^2 = v' S^-1 v <= GATE,   S = P + C + (FLOOR_M^2 + min(DRIFT_M2_S dt, DRIFT_M^2)) I
+
+and dt is the time between the detection and the span in which the object was seen. Among the objects that
+may be, the likeliest one is that of the least d^2 + ln det S (Bar-Shalom and Fortmann, Tracking and Data
+Association, 1988). Detections of one class at one time come from one picture and show different objects:
+they are assigned together, at the least sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.records import Sighting
+
+GATE = 13.82
+"""99.9 % of chi squared with two degrees of freedom: one true match in a thousand is missed."""
+
+FLOOR_M = 0.5
+"""What the robot's own position and the detector get wrong however often they look."""
+
+DRIFT_M2_S = 0.01
+DRIFT_M = 3.0
+"""By how much the robot's own position is off between two visits: 1 m after 100 s, 3 m at most."""
+
+UNKNOWN_SIGMA_M = 5.0
+"""Standard deviation of a detection that says nothing of its accuracy."""
+
+MIN_SIGMA_M = 0.1
+"""No detection is more accurate."""
+
+_UNMATCHED = 1e6
+"""More than all pairs of a picture cost together."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectEstimate:
+    """An object that is known by its detections.
+
+    Attributes
+    ----------
+    covariance_m2 : tuple of float
+        Of the position: variance east, variance north, covariance of the two.
+    first_time_s, last_time_s : float
+        When it was seen, seconds since 1970, UTC.
+    """
+
+    id: str
+    kind: str
+    latlon: LatLon
+    covariance_m2: tuple[float, float, float]
+    first_time_s: float
+    last_time_s: float
+
+
+@dataclass(slots=True)
+class ObjectAssociation:
+    """Knows the objects of a mission, and joins detections to them.
+
+    Parameters
+    ----------
+    new_id : callable
+        Gives the id of another object of a class.
+    """
+
+    new_id: Callable[[str], str]
+    _kinds: dict[str, _Kind] = field(default_factory=dict, init=False)
+
+    def add(self, known: ObjectEstimate) -> None:
+        """Take an object that is known already."""
+        self._kind(known.kind).append(known)
+
+    def add_seen(self, known: ObjectEstimate, *, time_s: float, latlon: LatLon) -> None:
+        """Note that an object, taken before, was seen at a time: others that were seen then are others."""
+        kind = self._kind(known.kind)
+        kind.seen.setdefault(time_s, {})[kind.numbers[known.id]] = latlon
+
+    def join(self, seen: Sequence[Sighting]) -> list[str | None]:
+        """Find the object of each detection, in the order in which they were made, whatever they came in.
+
+        Returns
+        -------
+        list of str or None
+            Its id; None for a detection that is known already: same class, time and position.
+        """
+        ids: list[str | None] = [None] * len(seen)
+        order = sorted(range(len(seen)), key=lambda n: (*_frame(seen[n]), seen[n].latlon))
+        for (_, kind), frame in groupby(order, key=lambda n: _frame(seen[n])):
+            numbers = list(frame)
+            found = self._kind(kind).join([seen[n] for n in numbers], self.new_id)
+            for number, id in zip(numbers, found, strict=True):
+                ids[number] = id
+        return ids
+
+    def estimate(self, kind: str, id: str) -> ObjectEstimate:
+        """Return an object of a class as it is known now."""
+        return self._kinds[kind].estimate(id)
+
+    def _kind(self, kind: str) -> _Kind:
+        return self._kinds.setdefault(kind, _Kind(kind))
+
+
+def _frame(seen: Sighting) -> tuple[float, str]:
+    return seen.time_s, seen.kind
+
+
+@dataclass(slots=True)
+class _Kind:
+    """The objects of one class, in columns."""
+
+    kind: str
+    numbers: dict[str, int] = field(default_factory=dict)
+    latlon: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    covariance: Floats = field(default_factory=lambda: np.empty((0, 2, 2)))
+    span_s: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    seen: dict[float, dict[int, LatLon]] = field(default_factory=dict)
+    """Which objects were seen at a time, and where."""
+
+    def append(self, known: ObjectEstimate) -> None:
+        self.numbers[known.id] = len(self.numbers)
+        self.latlon = np.vstack([self.latlon, [known.latlon]])
+        self.covariance = np.concatenate([self.covariance, [_matrix(known.covariance_m2)]])
+        self.span_s = np.vstack([self.span_s, [(known.first_time_s, known.last_time_s)]])
+
+    def estimate(self, id: str) -> ObjectEstimate:
+        number = self.numbers[id]
+        (var_e, both), (_, var_n) = self.covariance[number].tolist()
+        lat, lon = self.latlon[number].tolist()
+        return ObjectEstimate(
+            id, self.kind, LatLon(lat, lon), (var_e, var_n, both), *self.span_s[number].tolist()
+        )
+
+    def join(self, frame: list[Sighting], new_id: Callable[[str], str]) -> list[str | None]:
+        """Join the detections of one time so that together they fit best; what is left is new."""
+        then = self.seen.setdefault(frame[0].time_s, {})
+        known = set(then.values())
+        fresh = [n for n, one in enumerate(frame) if one.latlon not in known]
+        ids: list[str | None] = [None] * len(frame)
+        names = list(self.numbers)
+        chosen = self._assignment([frame[n] for n in fresh], taken=list(then)) if names else {}
+        for place, n in enumerate(fresh):
+            if place in chosen:
+                number = chosen[place]
+                ids[n], then[number] = names[number], frame[n].latlon
+                self._update(number, frame[n])
+            else:
+                ids[n] = self._new(frame[n], new_id(self.kind))
+        return ids
+
+    def _assignment(self, fresh: list[Sighting], *, taken: list[int]) -> dict[int, int]:
+        """Find the objects of as many detections as can be, at the least cost, by their places here."""
+        if not fresh:
+            return {}
+        costs = np.stack([self._costs(one) for one in fresh])
+        costs[:, taken] = np.inf
+        near = np.flatnonzero(np.isfinite(costs).any(axis=0))
+        unmatched = np.full((len(fresh), len(fresh)), _UNMATCHED)
+        columns = _assign(np.hstack([np.nan_to_num(costs[:, near], posinf=_UNMATCHED), unmatched]))
+        chosen = {row: int(near[column]) for row, column in enumerate(columns) if column < len(near)}
+        return {row: number for row, number in chosen.items() if np.isfinite(costs[row, number])}
+
+    def _costs(self, one: Sighting) -> Floats:
+        """Return what it costs to take a detection for each object (n,); infinity outside the gate."""
+        offset = _metres(self.latlon, one.latlon)
+        waited = np.maximum(self.span_s[:, 0] - one.time_s, one.time_s - self.span_s[:, 1]).clip(min=0.0)
+        spread = FLOOR_M**2 + np.minimum(DRIFT_M2_S * waited, DRIFT_M**2)
+        total = self.covariance + _noise(one) + spread[:, None, None] * np.eye(2)
+        a, b, d = total[:, 0, 0], total[:, 0, 1], total[:, 1, 1]
+        determinant = a * d - b * b
+        east, north = offset.T
+        distance = (d * east**2 - 2 * b * east * north + a * north**2) / determinant
+        return np.where(distance <= GATE, distance + np.log(determinant), np.inf)
+
+    def _update(self, number: int, one: Sighting) -> None:
+        """Weigh a detection into the mean."""
+        before = self.covariance[number]
+        gain = before @ np.linalg.inv(before + _noise(one))
+        east, north = gain @ _metres(self.latlon[number : number + 1], one.latlon)[0]
+        by_north, by_east = _metres_per_degree(self.latlon[number, 0])
+        lat, lon = self.latlon[number] + (north / by_north, east / by_east)
+        self.latlon[number] = (lat, (lon + 180.0) % 360.0 - 180.0)
+        after = before - gain @ before
+        self.covariance[number] = (after + after.T) / 2
+        self.span_s[number] = min(self.span_s[number, 0], one.time_s), max(self.span_s[number, 1], one.time_s)
+
+    def _new(self, one: Sighting, id: str) -> str:
+        (var_e, both), (_, var_n) = _noise(one).tolist()
+        self.append(ObjectEstimate(id, self.kind, one.latlon, (var_e, var_n, both), one.time_s, one.time_s))
+        self.seen[one.time_s][self.numbers[id]] = one.latlon
+        return id
+
+
+def _assign(costs: Floats) -> list[int]:
+    """Choose a column for each row (n, m), n <= m, of the least sum: Kuhn's method, with potentials.
+
+    R. Burkard, M. Dell'Amico and S. Martello, Assignment Problems (2009), section 4.2.
+    """
+    n, m = costs.shape
+    of_row, of_column = np.zeros(n), np.zeros(m)
+    row_of: NDArray[np.intp] = np.full(m, -1)
+    for first in range(n):
+        least, way = np.full(m, np.inf), np.full(m, -1)
+        reached: list[int] = []
+        row, column = first, -1
+        while row >= 0:
+            slack = costs[row] - of_row[row] - of_column
+            better = slack < least
+            better[reached] = False
+            least[better], way[better] = slack[better], column
+            open_ = least.copy()
+            open_[reached] = np.inf
+            column = int(np.argmin(open_))
+            step = open_[column]
+            of_row[[first, *row_of[reached]]] += step
+            of_column[reached] -= step
+            least -= step
+            reached.append(column)
+            row = int(row_of[column])
+        while column >= 0:
+            before = int(way[column])
+            row_of[column] = row_of[before] if before >= 0 else first
+            column = before
+    return [int(np.flatnonzero(row_of == row)[0]) for row in range(n)]
+
+
+def _matrix(covariance_m2: tuple[float, float, float]) -> Floats:
+    var_e, var_n, both = covariance_m2
+    return np.array([[var_e, both], [both, var_n]])
+
+
+def _noise(seen: Sighting) -> Floats:
+    """Return the covariance of a detection (2, 2), which is never singular."""
+    if seen.covariance_m2 is None:
+        return UNKNOWN_SIGMA_M**2 * np.eye(2)
+    return _matrix(seen.covariance_m2) + MIN_SIGMA_M**2 * np.eye(2)
+
+
+def _metres(origins: Floats, position: LatLon) -> Floats:
+    """Return how far east and north of each origin (n, 2) a position is: (n, 2), true for what is near."""
+    by_north, by_east = _metres_per_degree(origins[:, 0])
+    east = (position.lon - origins[:, 1] + 180.0) % 360.0 - 180.0
+    return np.column_stack([east * by_east, (position.lat - origins[:, 0]) * by_north])
+
+
+def _metres_per_degree(lat: Floats) -> tuple[Floats, Floats]:
+    """Return the length of a degree of latitude and of longitude, by the radii of curvature of WGS 84."""
+    a, e2 = 6_378_137.0, 0.006_694_379_990_14
+    root = 1.0 - e2 * np.sin(np.radians(lat)) ** 2
+    north = a * (1.0 - e2) / root**1.5
+    east = a / np.sqrt(root) * np.cos(np.radians(lat))
+    return np.radians(north), np.radians(np.maximum(east, 1.0))

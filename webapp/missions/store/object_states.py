@@ -1,0 +1,81 @@
+"""The list of tasks: how far people are with each object, who said so, and when."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from webapp.errors import Conflict
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission, MissionObject, ObjectChange
+
+State = Literal["found", "confirmed", "cleared", "dismissed"]
+"""A robot found it; somebody has seen it; nothing is left to do; it was none."""
+
+STATES: tuple[State, ...] = get_args(State)
+
+
+@dataclass(frozen=True, slots=True)
+class StateChange:
+    """What somebody says of an object.
+
+    Attributes
+    ----------
+    by : str
+        Name of the account.
+    was : str or None
+        The state that they have seen; None for any.
+    """
+
+    state: State
+    by: str
+    was: State | None = None
+    note: str = ""
+
+
+def change_state(session: Session, mission: Mission, *, object_id: str, change: StateChange) -> MissionObject:
+    """Set the state of an object; the same state once more, without a note, changes nothing.
+
+    Raises
+    ------
+    NotFound
+        There is no such object.
+    Conflict
+        Somebody else has set another state than the caller has seen.
+    """
+    row = missions.find_object(session, mission.id, object_id)
+    if change.state == row.state and not change.note:
+        return row
+    if change.was not in (None, row.state):
+        raise Conflict(
+            f"{row.state_by} has set the object to {row.state} meanwhile",
+            where="was",
+            hint="look at it again, and say what is to be",
+        )
+    missions.count_change(mission)
+    row.state, row.state_by, row.state_time_s = change.state, change.by, time.time()
+    row.revision = mission.revision
+    of_object = (ObjectChange.mission_id == mission.id, ObjectChange.object_id == object_id)
+    session.add(
+        ObjectChange(
+            mission_id=mission.id,
+            object_id=object_id,
+            number=session.scalar(select(func.count()).where(*of_object)) or 0,
+            state=change.state,
+            time_s=row.state_time_s,
+            by=change.by,
+            note=change.note,
+        )
+    )
+    session.flush()
+    return row
+
+
+def changes(session: Session, mission_id: int, object_id: str) -> list[ObjectChange]:
+    """List the changes of an object's state, the first one first."""
+    mine = (ObjectChange.mission_id == mission_id, ObjectChange.object_id == object_id)
+    return list(session.scalars(select(ObjectChange).where(*mine).order_by(ObjectChange.number)))
