@@ -1,7 +1,12 @@
 /** Detected objects as signs of their class; those that the filter leaves out, or that were seen later, are not shown. */
 
-const RADIUS = 11;
-const glyphs = new Map();
+import { isOpen } from "./object-states.js";
+
+const RADIUS = 13;
+const INK = "#14181a";
+/** Objects with which people are done are pale. */
+const DONE_ALPHA = 0.45;
+const paths = new Map();
 
 /**
  * @param {CanvasRenderingContext2D} pen
@@ -17,7 +22,7 @@ export function drawObjects(pen, frame, store) {
     if (object.first_time_s > store.timeIn(mission)) continue;
     const at = frame.place(object.lat, object.lon);
     if (!at || at.x < -20 || at.y < -20 || at.x > frame.size.x + 20 || at.y > frame.size.y + 20) continue;
-    spots.push({ ...at, key: object.key, kind: object.kind });
+    spots.push({ ...at, key: object.key, kind: object.kind, open: isOpen(object) });
   }
   drawTrail(pen, frame, store.trail);
   for (const spot of spots) if (spot.key !== store.chosen) sign(pen, frame, spot, store);
@@ -42,31 +47,37 @@ function drawTrail(pen, frame, trail) {
   }
 }
 
-function sign(pen, { ink }, { x, y, kind }, { symbols }) {
-  const { colour, ink: on, path, letter } = symbols.of(kind);
-  pen.beginPath();
-  pen.arc(x, y, RADIUS, 0, 2 * Math.PI);
+function sign(pen, { ink }, { x, y, kind, open }, { symbols }) {
+  const { colour, ink: on, frame, glyph, letter } = symbols.of(kind);
+  pen.save();
+  pen.globalAlpha = open ? 1 : DONE_ALPHA;
+  pen.translate(x - RADIUS, y - RADIUS);
+  pen.scale(RADIUS / 16, RADIUS / 16);
+  pen.lineJoin = pen.lineCap = "round";
+  stroke(pen, frame, { colour: ink.rim, width: 5 });
   pen.fillStyle = colour;
-  pen.fill();
-  pen.lineWidth = 2;
-  pen.strokeStyle = ink.rim;
-  pen.stroke();
-  if (!path) {
+  pen.fill(pathOf(frame));
+  stroke(pen, frame, { colour: INK, width: 2 });
+  if (glyph) stroke(pen, glyph, { colour: on, width: 2.2 });
+  else {
     pen.fillStyle = on;
-    pen.font = "700 13px system-ui, sans-serif";
+    pen.font = "700 18px system-ui, sans-serif";
     pen.textAlign = "center";
     pen.textBaseline = "middle";
-    pen.fillText(letter, x, y + 0.5);
-    return;
+    pen.fillText(letter, 16, 16.5);
   }
-  if (!glyphs.has(path)) glyphs.set(path, new Path2D(path));
-  pen.save();
-  pen.translate(x - 7.5, y - 7.5);
-  pen.scale(0.625, 0.625);
-  pen.lineWidth = 2.4;
-  pen.strokeStyle = on;
-  pen.stroke(glyphs.get(path));
   pen.restore();
+}
+
+function stroke(pen, path, { colour, width }) {
+  pen.lineWidth = width;
+  pen.strokeStyle = colour;
+  pen.stroke(pathOf(path));
+}
+
+function pathOf(text) {
+  if (!paths.has(text)) paths.set(text, new Path2D(text));
+  return paths.get(text);
 }
 
 function ring(pen, { x, y }, ink) {

@@ -27,7 +27,7 @@ import { showTracks } from "./track-panel.js";
 /** A robot that was not heard for so long is not there any more. */
 
 const page = JSON.parse(byId("page").textContent);
-const store = new MissionStore(page.id);
+const store = new MissionStore(page.id, page.symbols);
 const server = store.server(page.id);
 
 load();

@@ -9,8 +9,11 @@ const BEST_FIRST = ["fused", "gps", "odometry", "visual", "manual"];
 
 /** The state of the page; fires an event named after what changed. */
 export class MissionStore extends EventTarget {
-  /** @param {number} id of the mission that the page is about */
-  constructor(id) {
+  /**
+   * @param {number} id of the mission that the page is about
+   * @param {import("./symbols.js").SymbolPaths[]} symbols
+   */
+  constructor(id, symbols) {
     super();
     this.id = id;
     this.missions = new Map();
@@ -22,7 +25,7 @@ export class MissionStore extends EventTarget {
     this.matching = null;
     this.chosen = null;
     this.trail = [];
-    this.symbols = new Symbols();
+    this.symbols = new Symbols(symbols);
     this._servers = new Map();
   }
 

@@ -9,9 +9,9 @@ const PAGE = 2000;
 
 /** The state of the page, of a mission that is known by the end of its address. */
 export class SharedStore extends MissionStore {
-  /** @param {{id: number, token: string}} page */
-  constructor({ id, token }) {
-    super(id);
+  /** @param {{id: number, token: string, symbols: import("./symbols.js").SymbolPaths[]}} page */
+  constructor({ id, token, symbols }) {
+    super(id, symbols);
     this._shared = endpointsOf(`/shared-missions/${encodeURIComponent(token)}`);
   }
 

@@ -6,7 +6,6 @@ parts, afresh each time that they are asked for.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -21,8 +20,6 @@ SOURCE_COLOURS = {
     "manual": "#56b4e9",
 }
 """Of lines, by where their poses come from: as on the pages."""
-
-_KIND_COLOURS = ("#0072b2", "#b26b00", "#00785a", "#a8518a", "#2b7cb3", "#d55e00", "#6b6b00")
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +122,3 @@ class MissionOut:
     tracks: tuple[ExportTrack, ...]
     kinds: tuple[str, ...]
     objects: Callable[[], Iterable[ExportObject]]
-
-
-def kind_colour(kind: str) -> str:
-    """Return the colour of a class of objects, `#rrggbb`: the same at every time and place."""
-    first = hashlib.sha256(kind.encode("utf-8", "replace")).digest()[0]
-    return _KIND_COLOURS[first % len(_KIND_COLOURS)]

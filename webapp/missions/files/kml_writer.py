@@ -12,8 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut, kind_colour
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
 from webapp.core.trajectory.records import Poses
+from webapp.core.trajectory.symbols import kind_colour
 from webapp.files.exchange.kml import extended_data, picture_description, point, write_kml
 from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.exchange.xml import element
@@ -82,10 +83,9 @@ def _kind_style(kind: str, style: str, icon: str | None) -> str:
     if icon is None:
         look = f"<color>{_colour(kind_colour(kind))}</color>"
     else:
-        # the tip of the pin, in the middle of the lower edge, is the place
         look = (
             f"<Icon>{element('href', icon)}</Icon>"
-            '<hotSpot x="0.5" y="0" xunits="fraction" yunits="fraction"/>'
+            '<hotSpot x="0.5" y="0.5" xunits="fraction" yunits="fraction"/>'
         )
     return f'<Style id="{style}"><IconStyle>{look}</IconStyle></Style>\n'
 

@@ -8,7 +8,8 @@ from itertools import islice
 import folium
 from folium.raster_layers import ImageOverlay
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut, kind_colour
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
+from webapp.core.trajectory.symbols import kind_colour
 from webapp.errors import UsageError
 from webapp.files.exchange.times import utc
 from webapp.missions.store import reading
@@ -138,21 +139,20 @@ def _add_track(page: folium.Map, line: Feature) -> None:
 
 
 def _add_objects(page: folium.Map, found: list[ExportObject]) -> None:
-    """Draw objects as the pins of their classes; dots where there are too many classes for pins."""
+    """Draw objects as the symbols of their classes; dots where there are too many classes for symbols."""
     kinds = sorted({one.kind for one in found})[: reading.MOST_KINDS]
     icons = {kind: data_uri("image/png", icon(kind)) for kind in kinds}
-    pins, dots = [], []
+    signs, dots = [], []
     for one in found:
         if one.kind in icons:
-            pins.append(_object(one, {"iconUrl": icons[one.kind]}))
+            signs.append(_object(one, {"iconUrl": icons[one.kind]}))
         else:
             dots.append(_object(one, _DOT | {"fillColor": kind_colour(one.kind)}))
-    if pins:
-        # the tip of a pin, in the middle of its lower edge, is the place
-        pin = folium.CustomIcon(
-            icons[kinds[0]], icon_size=(36, 36), icon_anchor=(18, 36), popup_anchor=(0, -30)
+    if signs:
+        sign = folium.CustomIcon(
+            icons[kinds[0]], icon_size=(32, 32), icon_anchor=(16, 16), popup_anchor=(0, -14)
         )
-        add_features(page, pins, marker=folium.Marker(icon=pin), popup=_POPUP, name="Objects")
+        add_features(page, signs, marker=folium.Marker(icon=sign), popup=_POPUP, name="Objects")
     add_features(page, dots, marker=folium.CircleMarker(radius=7), popup=_POPUP, name="Objects")
 
 

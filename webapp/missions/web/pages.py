@@ -7,6 +7,7 @@ from typing import Any
 from apiflask import APIBlueprint
 from flask import Blueprint, Response, render_template
 
+from webapp.core.trajectory.symbols import SYMBOLS, svg_path
 from webapp.errors import NotFound
 from webapp.missions.store import missions, shares
 from webapp.missions.store.shares import OpenedMission
@@ -23,6 +24,19 @@ from webapp.web.satellite.api_satellite import service_json
 
 mission_pages = Blueprint("mission_pages", __name__, url_prefix="/missions")
 public_pages = APIBlueprint("public_mission_pages", __name__, url_prefix="/m/<token>", enable_openapi=False)
+
+_SIGNS = {
+    "symbols": [
+        {
+            "words": one.words,
+            "frame": svg_path((one.frame.outline,), closed=True),
+            "fill": one.frame.fill,
+            "glyph": svg_path(one.glyph),
+        }
+        for one in SYMBOLS
+    ]
+}
+"""The symbols of objects, for the scripts of the pages."""
 
 _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
@@ -47,7 +61,7 @@ def show(mission_id: int) -> str:
         role = missions.role_of(session, mission, account=who)
     services = _services()
     allow_images(*sorted({service.origin for service in services}))
-    page = {"id": mission.id, "services": [service_json(service) for service in services]}
+    page = {"id": mission.id, "services": [service_json(service) for service in services], **_SIGNS}
     return render_template("missions/show.html", mission=mission, role=role, page=page)
 
 
@@ -116,7 +130,7 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
     except NotFound as error:
         gone = render_template("sharing/gone.html", error=error, framed=framed)
         return gone, errors.status_of(error), _SECRET
-    page = {"id": state["id"], "token": token, "photos": opened.share.photos, "services": []}
+    page = {"id": state["id"], "token": token, "photos": opened.share.photos, "services": [], **_SIGNS}
     text = render_template(
         "missions/shared.html", mission=opened.mission, page=page, token=token, framed=framed, role="visitor"
     )
