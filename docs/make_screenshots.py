@@ -46,6 +46,7 @@ PAGES = {
     "localize-areas": (f"/maps/{AREAS}/localize", ("",)),
     "missions": ("/missions", ("",)),
     "mission": ("/missions/1", ("", "-phone")),
+    "mission-import": ("/missions/1", ("",)),
 }
 QUERY = "queries/query_02.jpg"
 """Photo of the sample that is asked about."""
@@ -62,6 +63,9 @@ SEEN = (
     ("notice board", "sign", 2, 0.99),
 )
 """Objects of the mission: name, class, the photo of the map where it is, and how sure the robot is."""
+
+START_PX = (-95, 20)
+"""Where the imported robot starts, from the middle of the picture."""
 
 OTHERS = ("Morning round, north gate", "Search along the pond")
 """Names of further missions in the list, which go the same way a part of it."""
@@ -190,10 +194,33 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
     if path.endswith("/localize"):
         page.get_by_test_id("query-input").set_input_files(app.library / "sample" / QUERY)
         page.get_by_test_id("hypothesis").first.wait_for()
+    if name == "mission-import":
+        preview_import(page)
     settle(page)
     PICTURES.mkdir(exist_ok=True)
     page.screenshot(path=PICTURES / f"{name}.jpg", type="jpeg", quality=80, scale="css")
     context.close()
+
+
+def preview_import(page: Page) -> None:
+    """Choose a track in metres, and say where it starts and which way the robot looked."""
+    turns = 0.9 * np.sin(np.arange(160) / 22.0)
+    xy = np.column_stack([np.cos(turns), np.sin(turns)]).cumsum(axis=0) * 0.35
+    poses = [
+        f"{1_777_629_600 + n} {x:.2f} {y:.2f} 0 0 0 {np.sin(turn / 2):.4f} {np.cos(turn / 2):.4f}"
+        for n, (turn, (x, y)) in enumerate(zip(turns, xy, strict=True))
+    ]
+    text = "\n".join(poses).encode()
+    page.get_by_role("button", name="Import").first.click()
+    file = page.get_by_test_id("track-file")
+    file.set_input_files({"name": "rover.tum", "mimeType": "text/plain", "buffer": text})
+    page.get_by_test_id("import-hint").wait_for()
+    settle(page)
+    box = page.get_by_test_id("import-picture").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2 + START_PX[0], box["y"] + box["height"] / 2 + START_PX[1]
+    page.mouse.click(x, y)
+    page.mouse.click(x + 60, y - 25)
 
 
 def settle(page: Page) -> None:

@@ -11,4 +11,5 @@ globalThis.document = {
   querySelector: () => null,
 };
 globalThis.addEventListener = () => {};
-globalThis.L = { latLng: (lat, lng) => ({ lat, lng }) };
+globalThis.L = { CRS: {}, latLng: (lat, lng) => ({ lat, lng }) };
+globalThis.matchMedia = () => ({ matches: false });

@@ -3,18 +3,20 @@
 import { askDialog, busy, confirmDialog, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
-import { locale, t, tn } from "../shared/i18n.js";
+import { locale, t } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
-import { importDialog } from "./import-dialog.js";
+import { resultText } from "./import/file-remarks.js";
+import { importDialog } from "./import/wizard.js";
 import { ended, jobBar } from "./job-progress.js";
 import { sharesDialog } from "./share-mission.js";
 
 /**
  * Connect the buttons that the page has for who looks at it.
  * @param {import("./mission-store.js").MissionStore} store
+ * @param {import("./track-lines.js").TrackLines} lines
  * @param {function(): Promise<void>} refresh
  */
-export function connectActions(store, refresh) {
+export function connectActions(store, lines, refresh) {
   const server = store.server(store.id);
   const on = (name, run) => {
     for (const button of queryAll(`[data-does="${name}"]`, HTMLButtonElement)) {
@@ -27,10 +29,13 @@ export function connectActions(store, refresh) {
   };
   const take = (files) => importDialog({
     files,
-    mission: async () => store.id,
-    done: async (_, result) => {
+    into: {
+      wish: () => ({ mission: store.id }),
+      look: async () => ({ place: { satellite: store.mission.satellite, lines: knownLines(store, lines) }, start: store.mission.start }),
+    },
+    done: async (_, results) => {
       await refresh();
-      tellImported(result);
+      tellImported(results);
     },
   });
   on("import", () => take([]));
@@ -41,13 +46,16 @@ export function connectActions(store, refresh) {
   on("delete", () => bin(store, server));
 }
 
-/** What an import says when it is done; what could not be used is listed with its reason. */
-function tellImported({ kind, tracks, objects, skipped, new: isNew }) {
-  if (!isNew) return toast(t("Everything in this file was already here."));
-  const poses = tracks.reduce((sum, track) => sum + track.poses, 0);
-  const parts = [tn("{n} pose", "{n} poses", poses), objects && tn("{n} sighting of an object", "{n} sightings of objects", objects)];
-  const hint = skipped.map(({ reason, count }) => `${reason}: ${count.toLocaleString(locale)}`).join("; ");
-  return toast(`${kind}: ${parts.filter(Boolean).join(", ")}`, { hint: hint || null });
+/** The tracks that are there, for those who place another one beside them. */
+function knownLines(store, lines) {
+  const points = store.shown.map(({ key }) => lines.best(key)).filter(Boolean);
+  return points.map(({ lat, lon }) => lat.map((value, n) => [value, lon[n]])).filter((line) => line.length);
+}
+
+/** What an import says when it is done; what could not be used was listed with its reason. */
+function tellImported(results) {
+  const hint = results.flatMap(({ skipped }) => skipped).map(({ reason, count }) => `${reason}: ${count.toLocaleString(locale)}`).join("; ");
+  toast(resultText(results), { hint: hint || null });
 }
 
 async function fuse(server, refresh) {

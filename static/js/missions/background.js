@@ -72,6 +72,7 @@ export class PlainGround {
     return [turned(lon - this.origin[1]) * this.metresPerLon, (this.origin[0] - lat) * this.metresPerLat];
   }
 
+  /** @returns {[number, number]} */
   latLonOf(latLng) {
     const [x, y] = pixelOf(latLng);
     return [this.origin[0] - y / this.metresPerLat, turned(this.origin[1] + x / this.metresPerLon)];

@@ -10,6 +10,24 @@ export const missionList = ({ binned = false, after = null, limit = null } = {})
 /** @param {{name: string, map: ?string, start: ?Object, note: string}} wish */
 export const makeMission = (wish) => post("/missions", wish);
 
+/** What can be asked of a file with tracks before it is in a mission. */
+export const fileEndpoints = {
+  begin: (about) => post("/mission-files", about),
+  look: (id) => get(`/mission-files/${id}`),
+  sendPiece: (id, piece, options) => upload(`/mission-files/${id}`, { method: "PATCH", body: piece, ...options }),
+  contents: (id, reading) => post(`/mission-files/${id}/contents`, reading),
+  importFile: (id, wish) => post(`/mission-files/${id}/import`, wish),
+  drop: (id) => del(`/mission-files/${id}`),
+  job: (job) => get(`/jobs/${job}`),
+  cancel: (job) => post(`/jobs/${job}/cancel`, {}),
+};
+
+/** The image of a map, with its georeference; null without one. @param {string} slug @returns {Promise<?Object>} */
+export async function mapImage(slug) {
+  const { satellite, georeference } = await get(`/maps/${encodeURIComponent(slug)}`);
+  return satellite && { ...satellite, georeference };
+}
+
 /**
  * What can be asked of one mission.
  * @param {number} id
@@ -33,7 +51,6 @@ export function endpointsOf(id) {
     fusion: () => get(`${base}/fusion`),
     localize: (sha256) => post(`${base}/photos/${sha256}/fix`, {}),
     fuse: () => post(`${base}/fuse`, {}),
-    importFile: (body, onProgress, signal) => upload(`${base}/imports`, { body, onProgress, signal }),
     job: (job) => get(`/jobs/${job}`),
     shares: () => get(`${base}/shares`),
     share: (wish) => post(`${base}/shares`, wish),

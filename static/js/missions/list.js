@@ -5,9 +5,11 @@ import { byId, h, icon, queryAll, targetOf } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
 import { moment, t, tn } from "../shared/i18n.js";
 import { sentence, toastError } from "../shared/toast.js";
-import { endpointsOf, makeMission, missionList } from "./endpoints.js";
+import { endpointsOf, makeMission, mapImage, missionList } from "./endpoints.js";
 import { lengthText, spanText } from "./format.js";
-import { importDialog } from "./import-dialog.js";
+import { startFields } from "./import/start-fields.js";
+import { StartPose } from "./import/start-pose.js";
+import { importDialog } from "./import/wizard.js";
 
 const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
@@ -123,24 +125,23 @@ function mapField() {
 function create() {
   const name = h("input", { class: "input", required: true, maxlength: 120, autocomplete: "off", "data-testid": "mission-name" });
   const { select, field: map } = mapField();
-  const number = (label, most) => h("input", { class: "input number", type: "number", step: "any", min: -most, max: most, inputmode: "decimal", "aria-label": label });
-  const [lat, lon, heading] = [number(t("Latitude"), 90), number(t("Longitude"), 180), number(t("Heading, degrees"), 360)];
+  const begin = new StartPose();
   const error = errorLine();
   const start = h("details", {}, h("summary", {}, t("Start pose of the robot")), h("div", { class: "stack stack--tight" },
     h("p", { class: "soft small" }, t("For robots that report positions in their own frame: its origin, and the direction of its x axis, clockwise from north.")),
-    h("div", { class: "mi-start" }, field(t("Latitude"), lat), field(t("Longitude"), lon), field(t("Heading, degrees"), heading))));
+    startFields(begin, { titled: false })));
   const make = h("button", { class: "button button--primary", type: "button" }, t("Create"));
   const dialog = openDialog(t("New mission"), [field(t("Name"), name), map, start, error], { actions: [make] });
   const run = async () => {
     error.show(null);
-    const given = lat.value !== "" && lon.value !== "";
-    const begin = given ? { lat: lat.valueAsNumber, lon: lon.valueAsNumber, heading_deg: heading.value === "" ? 90 : heading.valueAsNumber } : null;
+    if (begin.problem) return error.show({ message: begin.problem });
     try {
-      const { id } = await makeMission({ name: name.value, map: select.value || null, start: begin, note: "" });
+      const { id } = await makeMission({ name: name.value, map: select.value || null, start: begin.whole, note: "" });
       location.assign(`/missions/${id}`);
     } catch (problem) {
       error.show(problem);
     }
+    return null;
   };
   make.addEventListener("click", () => busy(make, run));
   dialog.addEventListener("keydown", (event) => {
@@ -151,21 +152,15 @@ function create() {
 
 function importFiles(files) {
   const { select, field: map } = mapField();
-  let made = null;
+  const name = h("input", { class: "input", maxlength: 120, autocomplete: "off", "data-testid": "import-name" });
   importDialog({
     files,
-    more: [map],
-    async mission({ name }) {
-      const title = name.replace(/\.\w+$/, "").slice(0, 120) || name;
-      made ??= (await makeMission({ name: title, map: select.value || null, start: null, note: "" })).id;
-      return made;
+    into: {
+      fields: [h("div", { class: "stack im-mission" }, field(t("Name of the mission"), name, t("Empty: as the file is called.")), map)],
+      wish: (file) => ({ new_mission: { name: name.value.trim() || file.replace(/\.\w+$/, "").slice(0, 120) || file, map: select.value || null } }),
+      look: async () => ({ place: { satellite: select.value ? await mapImage(select.value) : null, lines: [] }, start: null }),
+      onChange: (run) => select.addEventListener("change", run),
     },
     done: (id) => location.assign(`/missions/${id}`),
-    async undo() {
-      if (made === null) return;
-      const server = endpointsOf(made);
-      await server.bin().then(server.deleteForever);
-      made = null; // only now: a mission that is still there is used by the next attempt
-    },
   });
 }

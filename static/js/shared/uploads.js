@@ -6,9 +6,9 @@
  */
 
 import { post, upload } from "./api.js";
+import { sendInPieces } from "./send-pieces.js";
 
 const PARALLEL = 3;
-const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 const REMEMBERED = 5000;
 const byName = new Intl.Collator(undefined, { numeric: true }).compare;
 
@@ -117,7 +117,7 @@ export class Uploads extends EventTarget {
       return Object.assign(entry, { state: "done", sent: entry.file.size, result: { id: known, placed, duplicate: true } });
     }
     try {
-      entry.result = await this._patiently(entry, this._stop.signal);
+      entry.result = await this._send(entry);
       entry.state = "done";
       entry.sent = entry.file.size;
       this._known.remember(entry.file, entry.result.id);
@@ -128,20 +128,18 @@ export class Uploads extends EventTarget {
     return entry;
   }
 
-  /** Send a file, and resume where it stopped as often as the connection breaks. */
-  async _patiently(entry, signal) {
-    for (let failures = 0; ; failures += 1) {
-      const before = entry.sent;
-      try {
-        return await this._send(entry, signal);
-      } catch (error) {
-        const { status } = error;
-        const passing = status === 0 || status === 409 || status === 429 || (status >= 500 && status !== 507);
-        if (!passing || (status !== 0 && failures >= 5)) throw error;
-        if (entry.sent > before) failures = 0;
-        await pause(RETRY_MS[Math.min(failures, RETRY_MS.length - 1)], signal);
-      }
-    }
+  _send(entry) {
+    const { file } = entry;
+    const about = { name: file.name, size_bytes: file.size, fingerprint: fingerprint(file) };
+    return sendInPieces(file, {
+      begin: () => this._inTurn(() => this.server.beginUpload(about)),
+      sendPiece: this.server.sendPiece,
+      signal: this._stop.signal,
+      onProgress: (sent) => {
+        entry.sent = sent;
+        this._tell();
+      },
+    });
   }
 
   /**
@@ -156,28 +154,6 @@ export class Uploads extends EventTarget {
     this._turn = turn.catch(() => {});
     return turn;
   }
-
-  async _send(entry, signal) {
-    const { file } = entry;
-    const about = { name: file.name, size_bytes: file.size, fingerprint: fingerprint(file) };
-    const begun = await this._inTurn(() => this.server.beginUpload(about));
-    let { offset } = begun;
-    for (;;) {
-      signal.throwIfAborted();
-      const piece = file.slice(offset, offset + begun.chunk_bytes);
-      const answer = await this.server.sendPiece(begun.id, piece, {
-        headers: { "Upload-Offset": String(offset), "Content-Type": "application/octet-stream" },
-        signal,
-        onProgress: (sent) => {
-          entry.sent = Math.min(offset + sent, file.size);
-          this._tell();
-        },
-      });
-      if (answer.error) throw Object.assign(new Error(answer.error.message), { status: 422, ...answer.error });
-      if (answer.id !== undefined) return answer;
-      offset = answer.offset;
-    }
-  }
 }
 
 /** A file that was not sent, or not taken for a reason that can pass; one that is no photo stays none. */
@@ -188,16 +164,6 @@ export function canGoAgain({ state, error }) {
 /** By what a file is found again after a reload. */
 function fingerprint({ name, size, lastModified }) {
   return `${name.slice(-300)}|${size}|${lastModified}`;
-}
-
-function pause(milliseconds, signal) {
-  return new Promise((resolve, reject) => {
-    const timer = setTimeout(resolve, milliseconds);
-    signal.addEventListener("abort", () => {
-      clearTimeout(timer);
-      reject(signal.reason);
-    }, { once: true });
-  });
 }
 
 /** Which photo a file of this computer has become, kept in the browser. */

@@ -64,6 +64,13 @@ def test_a_robots_frame_is_measured_without_a_start(tmp_path):
     assert started.sources == report.sources
 
 
+def test_tracks_in_one_frame_keep_their_distance(tmp_path):
+    rows = "1e9,5,5,0,a\n1.1e9,6,5,0,a\n1e9,5,9,0,b\n1.1e9,7,9,0,b\n"
+    report = inspect_file(written(tmp_path, "time,x,y,yaw,track\n" + rows), now_s=NOW)
+    assert [source.line for source in report.sources] == [[(0.0, 0.0), (1.0, 0.0)], [(0.0, 4.0), (2.0, 4.0)]]
+    assert report.options == ("columns", "axes")
+
+
 def test_a_table_whose_columns_are_unknown_shows_its_head(tmp_path):
     report = inspect_file(written(tmp_path, "a;b\n1;2\n3;4\n"))
     assert "no columns of positions" in report.problem

@@ -168,3 +168,13 @@ def test_the_way_of_a_real_bag_is_the_sum_over_its_fixes(shared_data) -> None:
         (track,) = read_track.read_track(path, options=options).tracks
         assert track.distance_m == pytest.approx(way, rel=0.01)
         assert len(track.poses) + track.skipped == len(fixes)
+
+
+def test_a_track_that_is_not_wanted_still_says_where_objects_are(tmp_path):
+    table = tmp_path / "log.csv"
+    table.write_text("time,x,y,id\n1e9,3,2,\n1.1e9,9,2,\n1.1e9,103,2,box\n")
+    options = ReadOptions(start=Start(LatLon(50.0, 14.0), 0.0), tracks=())
+    report = read_track.read_track(table, options=options)
+    (box,) = report.sightings
+    assert report.tracks == () and report.skipped == ()
+    assert box.latlon == pytest.approx((50.0 + 100 / 111_229, 14.0), abs=1e-7)

@@ -1,0 +1,189 @@
+/** A file that was chosen: sent, looked at, read again in another way, imported or dropped. */
+
+import { sendInPieces } from "../../shared/send-pieces.js";
+import { debounce } from "../../shared/timing.js";
+import { ended } from "../job-progress.js";
+
+const CALM_MS = 250;
+
+/** Key of a source among those of a file. */
+export const keyOf = ({ source, track }) => `${source}\n${track}`;
+
+/**
+ * @typedef {"sending"|"reading"|"ready"|"refused"|"importing"|"done"|"failed"} State
+ */
+
+/** Fires `change`; its `contents` are what the server found in it. */
+export class StagedFile extends EventTarget {
+  /**
+   * @param {File} file
+   * @param {Object} server endpoints of files
+   */
+  constructor(file, server) {
+    super();
+    this.file = file;
+    this.server = server;
+    /** @type {State} */
+    this.state = "sending";
+    this.sent = 0;
+    this.job = null;
+    /** @type {?{message: string, hint?: ?string}} */
+    this.error = null;
+    this.contents = null;
+    this.result = null;
+    /** How it is read. */
+    this.reading = { columns: "", axes: "", source: "" };
+    /** Poses that moved less are left out, as the server reads it; empty: as usual. */
+    this.minMove = "";
+    this.unwanted = new Set();
+    this._id = null;
+    this._running = null; // id of the job that reads or imports it
+    this._turn = 0;
+    this._stop = new AbortController();
+    this._readSoon = debounce(() => this._read(), CALM_MS);
+  }
+
+  get name() {
+    return this.file.name;
+  }
+
+  /** Whether there is something to choose, or to correct. */
+  get isUsable() {
+    return this.contents !== null;
+  }
+
+  /** Sources that will be imported. */
+  get wanted() {
+    return this.contents?.sources.filter((one) => !this.unwanted.has(keyOf(one))) ?? [];
+  }
+
+  /** Those of them that are in the robot's own frame. */
+  get inMetres() {
+    return this.wanted.filter(({ frame }) => frame === "robot");
+  }
+
+  get isEmpty() {
+    return !this.wanted.length && !this.contents?.objects;
+  }
+
+  /** Send it, and see what is in it. */
+  async open() {
+    try {
+      await this._send();
+      await this._read();
+    } catch (error) {
+      this._fail("refused", error);
+    }
+    if (this.state === "refused") this._drop();
+  }
+
+  /** Read it in another way. @param {Object} changes of the reading */
+  readAs(changes) {
+    Object.assign(this.reading, changes);
+    this._become("reading");
+    this._readSoon();
+  }
+
+  /** @param {Object} source @param {boolean} wanted */
+  choose(source, wanted) {
+    if (wanted) this.unwanted.delete(keyOf(source));
+    else this.unwanted.add(keyOf(source));
+    this._become(this.state);
+  }
+
+  /**
+   * Import it; gives the mission that it went into.
+   * @param {Object} wish where to, and how
+   * @returns {Promise<?number>} null where it failed, for the reason in `error`
+   */
+  async bringIn(wish) {
+    this.error = null;
+    this.job = null;
+    this._become("importing");
+    try {
+      if (this._id === null) await this._send(); // the file of an import that failed is gone
+      const chosen = this.unwanted.size ? this.wanted.map(({ source, track }) => ({ source, track })) : null;
+      const { job } = await this.server.importFile(this._id, { name: this.name, ...this.reading, min_move: this.minMove, tracks: chosen, ...wish });
+      this._id = null;
+      const { result } = await this._ended(job);
+      this.result = result;
+      this._become("done");
+      return result.mission;
+    } catch (error) {
+      this._fail("failed", error);
+      return null;
+    }
+  }
+
+  /** Nobody wants to know of it any more. */
+  close() {
+    this._stop.abort();
+    if (this._running !== null) this.server.cancel(this._running).catch(() => {}); // it may have ended meanwhile
+    this._drop();
+  }
+
+  _drop() {
+    if (this._id !== null) this.server.drop(this._id).catch(() => {}); // what stays is swept away by the server
+    this._id = null;
+  }
+
+  async _send() {
+    await sendInPieces(this.file, {
+      begin: async () => {
+        const begun = await (this._id === null ? this.server.begin({ name: this.name, size_bytes: this.file.size }) : this.server.look(this._id));
+        this._id = begun.id;
+        return begun;
+      },
+      sendPiece: this.server.sendPiece,
+      signal: this._stop.signal,
+      onProgress: (bytes) => {
+        this.sent = bytes;
+        this._become(this.state);
+      },
+    });
+  }
+
+  /** See what is in it; an answer that comes after a later question is of no use. */
+  async _read() {
+    this._turn += 1;
+    const turn = this._turn;
+    this._become("reading");
+    try {
+      const answer = await this.server.contents(this._id, { name: this.name, ...this.reading });
+      const contents = answer.job ? (await this._ended(answer.job)).result : answer;
+      if (turn !== this._turn) return;
+      this.contents = contents;
+      this.error = null;
+      this._become("ready");
+    } catch (error) {
+      if (turn !== this._turn) return;
+      this._fail(this.contents ? "ready" : "refused", error);
+    }
+  }
+
+  async _ended(job) {
+    this._running = job;
+    const done = await ended(this.server.job, job, (state) => {
+      this._stop.signal.throwIfAborted();
+      this.job = state;
+      this._become(this.state);
+    }).catch((error) => {
+      if (error.code === "job") this._running = null; // it has ended
+      throw error;
+    });
+    this._running = null;
+    return done;
+  }
+
+  _fail(state, error) {
+    if (error.name === "AbortError") return;
+    this.error = error;
+    this._become(state);
+  }
+
+  /** @param {State} state */
+  _become(state) {
+    this.state = state;
+    this.dispatchEvent(new Event("change"));
+  }
+}
