@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import urljoin
 
 import requests
 from requests.adapters import HTTPAdapter
+from urllib3.util import Url, parse_url
 
 from webapp import __version__
 from webapp.errors import Cancelled, InputError, TooMany
@@ -24,6 +25,8 @@ _TRIES = 4
 _REDIRECTS = 3
 _TRY_AGAIN = (429, 500, 502, 503, 504)
 _REFUSED = (401, 403)
+_LONGEST_S = 1e9
+"""Of a pause, as a number: more is not longer for anybody."""
 _WHERE = "street-level photos"
 _LATER = "try again later: what was fetched is kept"
 
@@ -66,7 +69,11 @@ class PoliteClient:
     def __init__(
         self, name: str, base: str, *, headers: Mapping[str, str] | None = None, settings: StreetSettings
     ) -> None:
-        self._name, self._origin, self._headers = name, _origin(base), dict(headers or {})
+        self._name, self._headers = name, dict(headers or {})
+        try:
+            self._origin = _origin(base)
+        except ValueError as error:
+            raise self._error(f"has an address that is none: {base}", hint="see the settings") from error
         self._hosts = tuple(host.strip().lower() for host in settings.photo_hosts.split(",") if host.strip())
         self._settings = settings
         self._pace = RateLimit(settings.requests_per_second)
@@ -94,7 +101,7 @@ class PoliteClient:
         Cancelled
             `stop` was called.
         """
-        if _origin(address) != self._origin:
+        if not self._is_own(address):
             raise self._error("leads to another host", hint="is its address right?")
         data = self._fetch(address, max_bytes=_MAX_JSON_BYTES)
         try:
@@ -108,11 +115,13 @@ class PoliteClient:
 
     def may_fetch(self, address: str) -> bool:
         """Return whether photos may come from this address."""
-        if _origin(address) == self._origin:
-            return True
-        parts = urlsplit(address)
-        host = (parts.hostname or "").lower()
-        return parts.scheme == "https" and any(host == own or host.endswith(f".{own}") for own in self._hosts)
+        try:
+            parts = _parse(address)
+        except ValueError:
+            return False
+        host = (parts.host or "").lower()
+        named = any(host == own or host.endswith(f".{own}") for own in self._hosts)
+        return (parts.scheme, parts.netloc) == self._origin or (parts.scheme == "https" and named)
 
     def _fetch(self, address: str, *, max_bytes: int) -> bytes:
         """Try until it works, with growing pauses, or those that the service asks for."""
@@ -138,24 +147,35 @@ class PoliteClient:
     def _answer(self, address: str, *, max_bytes: int) -> bytes | requests.Response:
         """Ask once: the content, or an answer without any."""
         for _ in range(_REDIRECTS + 1):
-            own = _origin(address) == self._origin
             if not self.may_fetch(address):
                 raise self._error(
-                    f"has a photo on the host {urlsplit(address).hostname or '?'}, which is not allowed",
+                    f"has a photo on the host {_host(address)}, which is not allowed",
                     hint="add it to street.photo_hosts if you trust it",
                 )
             with self._session.get(
                 address,
-                headers=self._headers if own else {},
+                headers=self._headers if self._is_own(address) else {},
                 timeout=self._settings.timeout_s,
                 stream=True,
                 allow_redirects=False,
             ) as answer:
                 if answer.is_redirect:
-                    address = urljoin(address, answer.headers["Location"])
+                    address = self._next_address(address, answer.headers["Location"])
                     continue
                 return self._content(answer, max_bytes) if answer.ok else answer
         raise self._error("leads from one address to the next without end")
+
+    def _is_own(self, address: str) -> bool:
+        try:
+            return _origin(address) == self._origin
+        except ValueError:
+            return False
+
+    def _next_address(self, address: str, location: str) -> str:
+        try:
+            return urljoin(address, location)
+        except ValueError as error:
+            raise self._error("leads to an address that is none") from error
 
     def _content(self, answer: requests.Response, max_bytes: int) -> bytes:
         data = bytearray()
@@ -189,9 +209,33 @@ class PoliteClient:
         return InputError(f"{self._name} {what}", where=_WHERE, hint=hint)
 
 
-def _origin(address: str) -> tuple[str, str]:
-    parts = urlsplit(address)
+def _parse(address: str) -> Url:
+    """Parse an address by what connects to it: another parser may see another host in it.
+
+    Raises
+    ------
+    ValueError
+        It is none, or has a name and password, or signs that parsers disagree about.
+    """
+    if "\\" in address or not address.isascii() or not address.isprintable():
+        raise ValueError(address)
+    parts = parse_url(address)
+    if parts.host is None or parts.auth is not None:
+        raise ValueError(address)
+    return parts
+
+
+def _origin(address: str) -> tuple[str | None, str | None]:
+    parts = _parse(address)
     return parts.scheme, parts.netloc
+
+
+def _host(address: str) -> str:
+    """Name the host of an address, for people."""
+    try:
+        return _parse(address).host or "?"
+    except ValueError:
+        return "?"
 
 
 def _seconds(text: str | None) -> float | None:
@@ -199,7 +243,7 @@ def _seconds(text: str | None) -> float | None:
     if text is None:
         return None
     if text.strip().isdecimal():
-        return float(text)
+        return min(float(text), _LONGEST_S)
     try:
         at = parsedate_to_datetime(text)
     except ValueError:

@@ -85,16 +85,16 @@ def test_a_panorama_is_localized_by_all_its_views(cfg, query, quick, method):
     assert total + (answer.off_map_probability or 0.0) == pytest.approx(1.0)
 
 
-def test_matches_are_in_pixels_of_the_panorama(cfg, query, quick):
-    pipeline = opened(cfg, quick)
+@pytest.mark.parametrize("method", ["vote", "verified"])
+def test_matches_are_in_pixels_of_the_panorama(cfg, query, quick, method):
+    pipeline = opened(cfg, quick, method=method)
     one, *_ = pipeline.localize(query, top=1).evidence
-    assert one.inlier.sum() > 10
+    shown = one.inlier if method == "verified" else np.ones(len(one.query_xy), np.bool_)
+    assert shown.sum() > 10
     turn = 60.0 * (one.experience % 6)
     size = view_size(WIDE, 17)
-    there, _ = panorama_pixels(
-        one.photo_xy[one.inlier].astype(float), size, panorama=(WIDE, HIGH), turn_deg=turn
-    )
-    off = one.query_xy[one.inlier] - there - [WIDE / 4, 0.0]
+    there, _ = panorama_pixels(one.photo_xy[shown].astype(float), size, panorama=(WIDE, HIGH), turn_deg=turn)
+    off = one.query_xy[shown] - there - [WIDE / 4, 0.0]
     off[:, 0] = (off[:, 0] + WIDE / 2) % WIDE - WIDE / 2
     assert np.median(np.hypot(*off.T)) < 2.0
 

@@ -21,6 +21,7 @@ from webapp.files.lock import exclusive
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.store.schema import Photo
 from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
 from webapp.tasks.street.targets import FolderTarget
 
@@ -382,6 +383,25 @@ def test_killed_work_goes_on_and_nothing_comes_twice(bring, service, cfg, settin
     assert len(names) == 5 and set(names.values()) == {1}
     asked = service.photos_asked()
     assert asked["a1"] == 1 and max(asked.values()) <= 2
+
+
+def test_a_map_that_changed_meanwhile_keeps_the_change(bring, cfg, settings):
+    target = FolderTarget(cfg, settings=settings)
+    moved = read_map(cfg)
+    first = replace(moved.experiences[0], position=MapPixel(7.0, 9.0))
+    write_map(cfg, replace(moved, experiences=(first, *moved.experiences[1:])))
+    _, report = bring(target=target)
+    assert report.added == 3
+    assert read_map(cfg).experiences[0].position == (7.0, 9.0)
+
+
+def test_a_photo_that_was_removed_does_not_come_back(bring, library_target, photos, library, map_id):
+    bring(target=library_target)
+    with library.database.write() as session:
+        session.get_one(Photo, (map_id, photos()["panoramax-a1.jpg"].id)).removed = True
+    survey, report = bring(target=library_target)
+    assert (survey.known, report.added) == (3, 0)
+    assert photos()["panoramax-a1.jpg"].removed
 
 
 def test_in_a_library_they_are_photos_like_all_others(bring, library_target, photos, library, map_id):

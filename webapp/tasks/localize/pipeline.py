@@ -174,6 +174,8 @@ class LocalizationPipeline:
         if self.method == "vote":
             with watch.stage("retrieve"):
                 answer = vote.localize(indexed, features, top=_ALL, hide=hide)
+            if photo.view is not None:
+                answer = photo.view.to_panorama(answer)
             return replace(answer, seconds=watch.total(), looks=(self.features,))
         found = landmarks.find_places(
             self.opened,

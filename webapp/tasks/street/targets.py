@@ -89,7 +89,8 @@ class LibraryTarget:
         """Return the ids of the photos of a service that the map has."""
         with self._library.database.read() as session:
             record = session.get_one(MapRecord, self._map_id)
-            sources = [photo.source for photo in maps.photos(session, record) if not photo.removed]
+            # Also of those that were taken out: a photo that somebody removed does not come back by itself.
+            sources = [photo.source for photo in maps.photos(session, record)]
         return {source["id"] for source in sources if source and source["service"] == service}
 
     def take(self, photo: ArrivedPhoto) -> bool:
@@ -109,7 +110,6 @@ class FolderTarget:
 
     def __init__(self, cfg: Path, *, settings: Settings) -> None:
         self._cfg, self._settings = cfg, settings
-        self._map = read_map(cfg)
 
     def scratch(self, name: str) -> Path:
         """Name a file next to the index, where nothing is looked for."""
@@ -117,10 +117,11 @@ class FolderTarget:
 
     def image(self) -> MapImage:
         """Return the image of the map, with a georeference; UsageError without one."""
-        size = self._map.satellite
-        if self._map.georeference is None:
+        the_map = read_map(self._cfg)
+        size = the_map.satellite
+        if the_map.georeference is None:
             raise UsageError("the map has no georeference", where=str(self._cfg), hint=_NEEDED)
-        return MapImage(size.width, size.height, self._map.georeference)
+        return MapImage(size.width, size.height, the_map.georeference)
 
     def known(self, service: str) -> Collection[str]:
         """Return the ids of the photos of a service that the map has."""
@@ -139,8 +140,10 @@ class FolderTarget:
         name = f"{PHOTOS}/{Path(photo.name).stem}.{suffix_of(facts)}"
         move_in(photo.file, self._cfg.parent / name)
         known = photo.known
+        # As it is now: a person may change the file while photos come.
+        the_map = read_map(self._cfg)
         added = Experience(
-            id=self._map.next_id,
+            id=the_map.next_id,
             photo=name,
             position=photo.pixel,
             heading_deg=facts.heading_deg if known.heading_deg is None else known.heading_deg,
@@ -150,18 +153,18 @@ class FolderTarget:
             source=known.source,
         )
         changed = replace(
-            self._map,
-            experiences=(*self._map.experiences, added),
+            the_map,
+            experiences=(*the_map.experiences, added),
             next_id=added.id + 1,
-            revision=self._map.revision + 1,
+            revision=the_map.revision + 1,
         )
         write_map(self._cfg, changed)
-        self._map = changed
         self._digests.setdefault(len(content), set()).add(digest)
         return True
 
     def _photos(self) -> tuple[Experience | UnplacedPhoto, ...]:
-        return (*self._map.experiences, *self._map.unplaced)
+        the_map = read_map(self._cfg)
+        return (*the_map.experiences, *the_map.unplaced)
 
     @cached_property
     def _digests(self) -> dict[int, set[bytes]]:
