@@ -10,7 +10,7 @@ from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.findings import WARNINGS, Code
-from webapp.core.mapmodel.model import Experience, Map, Placement, SatelliteImage, UnplacedPhoto
+from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage, UnplacedPhoto
 from webapp.files.maps.cfg import format_cfg, parse_cfg
 from webapp.files.maps.map_json import format_map_json, parse_map_json
 
@@ -19,7 +19,16 @@ FULL = Map(
     SatelliteImage("s.png", 9, 9),
     (
         Experience(
-            0, "a.jpg", MapPixel(1.5, 1.5), 1.0, 1.0, 1.0, "2026-01-01", "A.JPG", (BlurBox(0, 0, 0.5, 0.5),)
+            0,
+            "a.jpg",
+            MapPixel(1.5, 1.5),
+            1.0,
+            1.0,
+            1.0,
+            "2026-01-01",
+            "A.JPG",
+            (BlurBox(0, 0, 0.5, 0.5),),
+            PhotoSource("Panoramax", "9f79a75d", "CC-BY-SA-4.0", "Ana"),
         ),
     ),
     Georeference("EPSG:4326", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "corners"),

@@ -9,9 +9,10 @@ from pathlib import Path
 import click
 from sqlalchemy.orm import Session
 
-from webapp.cli.library import existing_library, library_option, library_settings
+from webapp.cli.library import library_option, library_settings
 from webapp.configuration import load_settings
 from webapp.store.accounts import accounts, sign_in
+from webapp.store.library import open_library
 from webapp.store.schema import Account
 
 _ADDRESS = "http://127.0.0.1:8000"
@@ -87,8 +88,12 @@ def list_accounts(library: Path | None) -> None:
 
 @contextmanager
 def _writing(folder: Path | None) -> Iterator[Session]:
-    with existing_library(library_settings(folder).library) as library, library.database.write() as session:
-        yield session
+    library = open_library(library_settings(folder).library)
+    try:
+        with library.database.write() as session:
+            yield session
+    finally:
+        library.database.close()
 
 
 def _whose(session: Session, name: str | None) -> Account:
