@@ -7,6 +7,7 @@ import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from copy import copy
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -71,7 +72,8 @@ class ManagedNode(LifecycleNode, ABC):
 
     def advertise(self, kind: type, topic: str, quality: QoSProfile) -> Any:
         """Make a publisher, until the node is cleaned up."""
-        made = self.create_publisher(kind, topic, quality, qos_overriding_options=running.overridable())
+        own = copy(quality)  # rclpy writes what overrides it into the profile itself
+        made = self.create_publisher(kind, topic, own, qos_overriding_options=running.overridable())
         self._configured.callback(self.destroy_publisher, made)
         return made
 
@@ -90,7 +92,7 @@ class ManagedNode(LifecycleNode, ABC):
             kind,
             topic,
             lambda message, info: gate.run(take, message, info),
-            quality,
+            copy(quality),
             callback_group=group,
             qos_overriding_options=running.overridable(),
         )

@@ -40,13 +40,13 @@ _POLICIES = (
 class DrainingExecutor(MultiThreadedExecutor):
     """Ends after its callbacks.
 
-    That of rclpy first destroys what they wake it with: one that is still running then fails in the end, and
-    "exception was never retrieved" is written when it is collected.
+    That of rclpy first destroys what they wake it with: one that begins after that fails, and "exception was
+    never retrieved" is written when it is collected.
     """
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
-        """Wait for the callbacks that are running, and end."""
-        self._executor.shutdown(wait=True, cancel_futures=True)
+        """Wait for the callbacks that are ready, and end."""
+        self._executor.shutdown(wait=True)
         return bool(super().shutdown(timeout_sec, wait_for_threads=wait_for_threads))
 
 

@@ -8,6 +8,7 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import String
 
@@ -81,8 +82,8 @@ def test_a_bridge_that_is_cleaned_up_releases_its_spool(bench, server, values):
     bench.start(MissionBridge, **values, **{"qos_overrides./fix.subscription.depth": 7})
 
 
-def test_a_callback_that_runs_at_the_end_ends_in_peace(bench, monkeypatch, capsys):
-    entered, released = threading.Event(), threading.Event()
+def test_a_callback_that_is_ready_at_the_end_ends_in_peace(bench, monkeypatch, capsys):
+    released = threading.Event()
     end_threads = ThreadPoolExecutor.shutdown
 
     def release_and_end(pool, *arguments, **named):
@@ -90,19 +91,21 @@ def test_a_callback_that_runs_at_the_end_ends_in_peace(bench, monkeypatch, capsy
         end_threads(pool, *arguments, **named)
 
     monkeypatch.setattr(ThreadPoolExecutor, "shutdown", release_and_end)
-    node = Node("busy", context=bench.context)
+    node, ran = Node("busy", context=bench.context), []
 
     def work():
-        entered.set()
         assert released.wait(60)
+        ran.append(1)
 
-    node.create_timer(0.001, work)
+    for _ in range(3):
+        node.create_timer(0.001, work, callback_group=MutuallyExclusiveCallbackGroup())
     executor = DrainingExecutor(num_threads=2, context=bench.context)
     executor.add_node(node)
-    while not entered.is_set():
+    while executor._executor._work_queue.empty():  # both threads work, and the third callback waits
         executor.spin_once(timeout_sec=0.1)
     executor.shutdown()
     node.destroy_node()
     del executor, node
     gc.collect()
+    assert len(ran) >= 3
     assert "never retrieved" not in capsys.readouterr().err

@@ -119,6 +119,14 @@ def test_a_clock_that_is_set_back_loses_nothing(bench, server, values):
     assert [record["time"] for record in records(server)] == [1500.0, 1003.0]
 
 
+def test_the_quality_of_one_topic_is_not_that_of_others(bench, server, values):
+    kept = {"qos_overrides./fix.subscription.durability": "transient_local"}
+    bench.start(MissionBridge, **values, **kept, start=f"{LAT},{LON},90")
+    publisher = bench.node.create_publisher(Odometry, "/odom", 10)  # keeps nothing
+    bench.until(lambda: records(server), lambda: publisher.publish(odometry_at(1)))
+    assert records(server)[0]["source"] == "odometry"
+
+
 def test_what_was_never_sent_arrives_however_late_it_is(bench, server, values):
     with RobotClient(
         server.url, "secret", mission=7, spool=values["spool"], about="mission_bridge"
