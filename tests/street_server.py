@@ -66,6 +66,11 @@ class StreetServer:
     def base(self):
         return f"http://127.0.0.1:{self.port}"
 
+    def clear(self):
+        """Have no photos, and forget what was asked."""
+        self.shots.clear()
+        self.asked.clear()
+
     def photos_asked(self):
         """Requests for each photo, by its id."""
         return Counter({p.split("/")[2]: n for p, n in self.asked.items() if p.startswith("/photo/")})

@@ -218,7 +218,7 @@ class GeocoderSettings:
 
 @dataclass(frozen=True, slots=True)
 class StreetSettings:
-    """Services that photos of streets are fetched from; without an address or a token, none."""
+    """Services that street-level photos are fetched from; without an address or a token, none."""
 
     panoramax: str | None = None
     """Address of a Panoramax instance, whose STAC API is asked; none: not used."""

@@ -52,10 +52,18 @@ def geocoder() -> Iterator[GeocoderServer]:
 
 
 @pytest.fixture(scope="session")
-def streets() -> Iterator[StreetServer]:
+def street_service() -> Iterator[StreetServer]:
     """The only street-level service that the program asks; it has no photos."""
     with street() as server:
         yield server
+
+
+@pytest.fixture
+def streets(street_service: StreetServer) -> Iterator[StreetServer]:
+    """The same for one test, which gives it photos: nobody has asked for any yet."""
+    street_service.clear()
+    yield street_service
+    street_service.clear()
 
 
 @pytest.fixture(scope="session")
@@ -64,7 +72,7 @@ def app(
     sample_folder: Path,
     tiles: TileServer,
     geocoder: GeocoderServer,
-    streets: StreetServer,
+    street_service: StreetServer,
 ) -> Iterator[App]:
     """The program with a library that has the sample's files already, so that the start is quick."""
     library = tmp_path_factory.mktemp("served") / "maps"
@@ -75,7 +83,7 @@ def app(
     environ = {
         "EXPMAP_TILES": str(services),
         "EXPMAP_GEOCODER_ADDRESS": geocoder.address,
-        "EXPMAP_STREET_PANORAMAX": streets.base,
+        "EXPMAP_STREET_PANORAMAX": street_service.base,
     }
     with reserved_port() as port, App(library, port=port, environ=environ) as running:
         yield running

@@ -1,4 +1,4 @@
-"""Photos of the streets: the area is drawn on the image, they are counted, added, and credited."""
+"""Street-level photos: the area is drawn on the image, they are counted, added, and credited."""
 
 import json
 

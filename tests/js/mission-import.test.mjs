@@ -107,6 +107,35 @@ test("of two readings the later one counts, whichever answer comes last", async 
   assert.deepEqual(file.contents.sources.map(({ track }) => track), ["late"]);
 });
 
+test("a job that reads in an earlier way is cancelled before the next one begins", async () => {
+  const server = new Server({ "": { job: 1 }, "lat=1": { job: 2 } });
+  server.cancel = async (job) => server.asked.push(`cancel ${job}`);
+  server.job = async (job) => (job === 2 ? { state: "done", result: contents("late") } : { state: "running" });
+  const file = new StagedFile(new File(["x"], "log.csv"), server);
+  const opened = file.open();
+  while (file.job === null) await new Promise(setImmediate);
+  file.readAs({ columns: "lat=1" });
+  await opened;
+  while (file.state !== "ready") await new Promise(setImmediate);
+  assert.deepEqual(server.asked, ["", "cancel 1", "lat=1"]);
+  assert.deepEqual(file.contents.sources.map(({ track }) => track), ["late"]);
+});
+
+test("a job that is queued for an earlier question is cancelled", async () => {
+  let answerFirst = null;
+  const server = new Server({ "": new Promise((resolve) => (answerFirst = resolve)), "lat=1": contents("late") });
+  const cancelled = [];
+  server.cancel = async (job) => cancelled.push(job);
+  const file = new StagedFile(new File(["x"], "log.csv"), server);
+  const opened = file.open();
+  while (!server.asked.length) await new Promise(setImmediate);
+  file.readAs({ columns: "lat=1" });
+  while (file.state !== "ready") await new Promise(setImmediate);
+  answerFirst({ job: 1 });
+  await opened;
+  assert.deepEqual(cancelled, [1]);
+});
+
 test("a file whose import failed is sent again for the next one", async () => {
   const server = new Server({ "": contents("a", "b") });
   const wishes = [];

@@ -1,4 +1,4 @@
-"""`expmap map street-photos`: photos of streets come from a service into a map."""
+"""`expmap map street-photos`: street-level photos come from a service into a map."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _four_numbers(_ctx: click.Context, option: click.Parameter, text: str | None
     return numbers
 
 
-@click.command("street-photos", short_help="Add photos of streets from Panoramax or Mapillary.")
+@click.command("street-photos", short_help="Add street-level photos from Panoramax or Mapillary.")
 @click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
 @click.option("--source", type=click.Choice(SOURCES), help="The service; default: the first that is set up.")
 @click.option(

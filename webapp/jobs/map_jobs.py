@@ -204,7 +204,7 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
 
 
 def fetch_street_photos(context: Context) -> dict[str, Any]:
-    """Add photos of streets from a service; those that the map has are not downloaded again."""
+    """Add street-level photos from a service; those that the map has are not downloaded again."""
     asked, settings = context.arguments, context.settings
     area = None if asked["area"] is None else PixelBox(*asked["area"])
     request = StreetRequest(asked["source"], area, asked["panoramas"])

@@ -16,7 +16,7 @@ const JOBS = {
   sample: () => t("Creating the sample map"),
   "satellite-pyramid": () => t("Preparing the image for display"),
   "satellite-tiles": () => t("Fetching the satellite image"),
-  "street-photos": () => t("Adding photos of the streets"),
+  "street-photos": () => t("Adding street-level photos"),
   import: () => t("Importing"),
   export: () => t("Exporting"),
 };

@@ -17,7 +17,7 @@ export async function streetDialog({ store, server, refresh, dots, view }) {
   const offered = await server.streetServices().catch((problem) => ({ problem, services: [] }));
   const missing = offered.problem ? null : reason(store, offered.services);
   if (offered.problem || missing) {
-    openDialog(t("Photos of the streets"), [intro, ...(missing ? [missing] : [error])]);
+    openDialog(t("Street-level photos"), [intro, ...(missing ? [missing] : [error])]);
     if (offered.problem) error.show(offered.problem);
     return;
   }
@@ -31,7 +31,7 @@ export async function streetDialog({ store, server, refresh, dots, view }) {
   const count = h("button", { class: "button", type: "button", "data-testid": "street-count" }, t("Count the photos"));
   const add = h("button", { class: "button button--primary", type: "button", disabled: true, "data-testid": "street-add" }, t("Add"));
   const inView = h("button", { class: "button button--quiet", type: "button" }, t("Take what is in view"));
-  const dialog = openDialog(t("Photos of the streets"), [
+  const dialog = openDialog(t("Street-level photos"), [
     intro,
     h("p", {}, t("Drag the corners of the area on the image."), " ", inView),
     field(t("Service"), source),

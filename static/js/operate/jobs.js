@@ -151,7 +151,7 @@ export function kindName(kind) {
     duplicate: t("Copy"),
     sample: t("Sample map"),
     "satellite-pyramid": t("Large image"),
-    "street-photos": t("Photos of the streets"),
+    "street-photos": t("Street-level photos"),
     "satellite-tiles": t("Satellite image from tiles"),
     health: t("Map health"),
     "place-rest": t("Places for the rest"),

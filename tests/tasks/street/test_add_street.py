@@ -1,4 +1,4 @@
-"""Photos of streets come into a map with places, headings and licences; nothing twice, nothing lost."""
+"""Street-level photos come into a map with places, headings and licences; nothing twice, nothing lost."""
 
 import os
 import signal
@@ -20,8 +20,9 @@ from webapp.errors import Busy, Cancelled, InputError, NotFound, TooMany, UsageE
 from webapp.files.lock import exclusive
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import Settings, UploadLimits
 from webapp.store.schema import Photo
+from webapp.tasks.operate.sweep_uploads import sweep_uploads
 from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
 from webapp.tasks.street.targets import FolderTarget
 
@@ -326,9 +327,15 @@ class TestDamage:
         assert len(service.photos_asked()) <= 4
 
     def test_one_at_a_time_for_a_map(self, bring, cfg):
-        lock = FolderTarget(cfg, settings=Settings()).scratch("lock")
+        lock = FolderTarget(cfg, settings=Settings()).scratch("adding.lock")
         with exclusive(lock, doing=""), pytest.raises(Busy, match="already"):
             bring()
+
+
+def test_the_lock_outlives_the_sweep_of_old_files(bring, library, library_target, settings):
+    bring(target=library_target)
+    assert sweep_uploads(library, settings=replace(settings, upload=UploadLimits(keep_hours=0.0))) == 0
+    assert [path.name for path in library.uploads.iterdir()] == ["street-1-adding.lock"]
 
 
 class Stop(Progress):
@@ -374,7 +381,12 @@ def test_killed_work_goes_on_and_nothing_comes_twice(bring, service, cfg, settin
         "EXPMAP_STREET_REQUESTS_PER_SECOND": "1000",
         "EXPMAP_STREET_PARALLEL": "1",
     }
-    ended = subprocess.run([sys.executable, "-c", KILLED, cfg], env={**os.environ, **variables}, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", KILLED, cfg],
+        env={**os.environ, **variables},
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
     assert ended.returncode == -signal.SIGKILL
     assert set(by_source(cfg)) == {"a1"}
     _, report = bring(settings=with_street(settings, parallel=1))

@@ -1,9 +1,10 @@
-"""Photos of streets through the API: counted, queued, and added by the job."""
+"""Street-level photos through the API: counted, queued, and added by the job."""
 
 import io
 import json
 
 import pytest
+import requests
 from PIL import Image
 
 from tests.street_server import Shot, street
@@ -12,6 +13,7 @@ from webapp.jobs.map_jobs import fetch_street_photos
 from webapp.settings import Settings, StreetSettings
 from webapp.store.operate import jobs
 from webapp.store.schema import Job
+from webapp.web.maps import api_street
 
 CORNERS = {"top_left": {"lat": 50.1, "lon": 14.4}, "bottom_right": {"lat": 50.098, "lon": 14.403}}
 
@@ -97,11 +99,13 @@ def test_the_job_adds_them_once(client, park, base, service, run_job):
 
 
 @pytest.mark.usefixtures("place")
-def test_the_newest_wish_is_the_one_that_counts(client, base, library):
-    first = client.post(base, json={"source": "panoramax"}).json["id"]
-    assert client.post(base, json={"source": "panoramax", "area": [0, 0, 9, 9]}).json["id"] == first
+def test_equal_wishes_are_one_job_and_others_wait_their_turn(client, base, library):
+    whole, corner = {"source": "panoramax"}, {"source": "panoramax", "area": [0, 0, 9, 9]}
+    first, second, again = (client.post(base, json=wish).json["id"] for wish in (whole, corner, whole))
+    assert again == first != second
     with library.database.read() as session:
-        assert session.get_one(Job, first).arguments["area"] == [0, 0, 9, 9]
+        areas = [session.get_one(Job, id).arguments["area"] for id in (first, second)]
+    assert areas == [None, [0, 0, 9, 9]]
 
 
 @pytest.mark.parametrize("way", ["", "/preview"])
@@ -144,3 +148,29 @@ def test_a_service_that_fails_is_one_sentence(client, base, service):
     service.retry_after = "3600"
     refused = client.post(f"{base}/preview", json={"source": "panoramax"})
     assert refused.status_code == 429 and "pause of 3600 seconds" in refused.json["error"]["message"]
+
+
+@pytest.mark.usefixtures("place")
+def test_a_service_that_takes_too_long_is_one_sentence(client, base, service, monkeypatch):
+    monkeypatch.setattr(api_street, "_LIMIT_S", 0.2)
+    service.failing["/api/search"] = [503] * 4
+    service.retry_after = "4"
+    refused = client.post(f"{base}/preview", json={"source": "panoramax"})
+    assert refused.status_code == 422
+    error = refused.json["error"]
+    assert (error["message"], error["hint"]) == ("the service takes too long", "choose a smaller area")
+    assert service.asked["/api/search"] <= 1, "nothing is asked after that"
+
+
+@pytest.mark.usefixtures("place")
+def test_a_silent_service_is_waited_for_briefly(client, base, monkeypatch):
+    waits = []
+    get = requests.Session.get
+
+    def noted(session, address, **options):
+        waits.append(options["timeout"])
+        return get(session, address, **options)
+
+    monkeypatch.setattr(requests.Session, "get", noted)
+    assert client.post(f"{base}/preview", json={"source": "panoramax"}).status_code == 200
+    assert waits == [5.0]

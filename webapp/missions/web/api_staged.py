@@ -262,9 +262,14 @@ def contents(file_id: str, given: dict[str, Any]) -> Any:
     form = given | {"name": _file_name(given["name"])}
     if staged.size_bytes <= _QUICK_BYTES:
         return staged_file.inspect_staged(staged, form)
+    arguments = form | {"file": staged.id}
     with library().database.write() as session:
         job = jobs.enqueue(
-            session, "mission-inspect", account_id=account().id, arguments=form | {"file": staged.id}
+            session,
+            "mission-inspect",
+            account_id=account().id,
+            arguments=arguments,
+            key=jobs.key_of(arguments),
         )
         session.flush()
         return {"job": job.id}, 202

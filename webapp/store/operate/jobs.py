@@ -7,6 +7,8 @@ asks, under a higher fencing number; who lost the lease can write nothing about 
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -95,6 +97,11 @@ def enqueue(
             raise
         return there
     return job
+
+
+def key_of(arguments: Mapping[str, Any]) -> str:
+    """Return a key that only jobs with equal arguments share."""
+    return hashlib.sha256(json.dumps(arguments, sort_keys=True).encode()).hexdigest()
 
 
 def find(session: Session, id: int) -> Job:

@@ -1,1 +1,1 @@
-"""Photos of streets from services: what an area has, and how it comes into a map."""
+"""Street-level photos from services: what an area has, and how it comes into a map."""

@@ -89,7 +89,9 @@ def add_street_photos(
         The same is being done for this map just now.
     DiskFull, StorageError, Cancelled
     """
-    with exclusive(target.scratch("lock"), doing="photos of streets are being added to this map already"):
+    with exclusive(
+        target.scratch("adding.lock"), doing="street-level photos are being added to this map already"
+    ):
         return _add(target, survey, request=request, settings=settings, progress=progress)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -11,7 +13,7 @@ import numpy as np
 
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.core.geo.types import MapPixel, inside
-from webapp.errors import GeoreferenceError, NotFound, UsageError
+from webapp.errors import Cancelled, GeoreferenceError, InputError, NotFound, UsageError
 from webapp.net.mapillary import Mapillary
 from webapp.net.panoramax import Panoramax
 from webapp.net.polite import PoliteClient
@@ -154,9 +156,19 @@ def open_service(source: SourceKey, settings: StreetSettings) -> tuple[StreetSer
 
 
 def survey_street(
-    target: StreetTarget, request: StreetRequest, *, settings: StreetSettings, progress: Progress
+    target: StreetTarget,
+    request: StreetRequest,
+    *,
+    settings: StreetSettings,
+    progress: Progress,
+    limit_s: float | None = None,
 ) -> StreetSurvey:
     """Ask a service what photos it has of an area.
+
+    Parameters
+    ----------
+    limit_s : float, optional
+        Seconds after which nothing more is asked.
 
     Raises
     ------
@@ -165,16 +177,14 @@ def survey_street(
     UsageError
         The map has no georeference; the area is empty, not on the image, or has too many photos.
     InputError, TooMany
-        The service does not answer, refuses, or answers something else.
+        The service does not answer, refuses, answers something else, or takes longer than the limit.
     Cancelled
     """
     service, client = open_service(request.source, settings)
     image, known = target.image(), target.known(service.name)
     box = _area(request, image)
-    try:
+    with _stopping(client, progress=progress, limit_s=limit_s):
         listing = list_photos(service, box, client=client, most=settings.max_photos, progress=progress)
-    finally:
-        client.stop()
     wanted: list[PlacedStreetPhoto] = []
     counts: Counter[str] = Counter()
     assert image.georeference is not None
@@ -222,6 +232,29 @@ def part_ids(photo: StreetPhoto, panoramas: PanoramaWish) -> tuple[str, ...]:
     if photo.is_panorama and panoramas == "cut":
         return tuple(f"{photo.id}#{turn:03}" for turn in view_turns(CUT))
     return (photo.id,)
+
+
+@contextmanager
+def _stopping(client: PoliteClient, *, progress: Progress, limit_s: float | None) -> Iterator[None]:
+    """Stop a client at the end, and at the latest after the limit, whatever it waits for then.
+
+    Raises
+    ------
+    InputError
+        The limit was reached.
+    """
+    timer = None if limit_s is None else threading.Timer(limit_s, client.stop)
+    try:
+        if timer is not None:
+            timer.start()
+        yield
+    except Cancelled as error:
+        progress.check()  # it was the user
+        raise InputError("the service takes too long", where="area", hint="choose a smaller area") from error
+    finally:
+        if timer is not None:
+            timer.cancel()
+        client.stop()
 
 
 def _area(request: StreetRequest, image: MapImage) -> GeoBox:

@@ -1,4 +1,4 @@
-"""The maps that photos of streets come into: one of the library, or one of any other folder."""
+"""The maps that street-level photos come into: one of the library, or one of any other folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from webapp.tasks.maps.photo_files import PHOTOS
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 
-_NEEDED = "give its image a georeference first: photos of streets come by latitude and longitude"
+_NEEDED = "give its image a georeference first: street-level photos come by latitude and longitude"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Photos of streets from services, by the API: counted first, then added by a job."""
+"""Street-level photos from services, by the API: counted first, then added by a job."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ blueprint.record(_limit.set_up)
 
 _JOB = "street-photos"
 _PATIENCE_S = 5.0
-"""A request waits no longer for a service that asks for a pause; a job does."""
+"""A request waits no longer for a service that is silent, or asks for a pause; a job does."""
+
+_LIMIT_S = 20.0
+"""A request asks a service for so long in all; what it waits for then is at most `_PATIENCE_S` more."""
 
 _DIGITS = 2
 
@@ -100,7 +103,9 @@ def preview(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     record = open_map(slug, "editor")
     target = LibraryTarget(library(), record.id, settings=settings())
     with _limit.slot():
-        survey = survey_street(target, _request(data), settings=_impatient(), progress=Progress())
+        survey = survey_street(
+            target, _request(data), settings=_impatient(), progress=Progress(), limit_s=_LIMIT_S
+        )
     positions = [[round(side, _DIGITS) for side in one.pixel] for one in survey.wanted]
     return {**survey_json(survey), "positions": positions}
 
@@ -114,9 +119,9 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     target = LibraryTarget(library(), record.id, settings=settings())
     check_request(target, _request(data), settings=settings().street)
     with library().database.write() as session:
-        # the newest request is the one that counts: one that waits is forgotten
-        job = jobs.enqueue(session, _JOB, map_id=record.id, account_id=who.id, arguments=data)
-        job.arguments = data
+        job = jobs.enqueue(
+            session, _JOB, map_id=record.id, account_id=who.id, arguments=data, key=jobs.key_of(data)
+        )
         session.flush()
         return jobs.to_json(session, job, account_id=who.id)
 
@@ -128,4 +133,8 @@ def _request(data: dict[str, Any]) -> StreetRequest:
 
 def _impatient() -> StreetSettings:
     chosen = settings().street
-    return replace(chosen, patience_s=min(chosen.patience_s, _PATIENCE_S))
+    return replace(
+        chosen,
+        timeout_s=min(chosen.timeout_s, _PATIENCE_S),
+        patience_s=min(chosen.patience_s, _PATIENCE_S),
+    )

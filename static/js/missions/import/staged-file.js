@@ -118,8 +118,15 @@ export class StagedFile extends EventTarget {
   /** Nobody wants to know of it any more. */
   close() {
     this._stop.abort();
-    if (this._running !== null) this.server.cancel(this._running).catch(() => {}); // it may have ended meanwhile
+    this._cancel();
     this._drop();
+  }
+
+  /** Nobody waits for its job any more. */
+  async _cancel() {
+    const job = this._running;
+    this._running = null;
+    if (job !== null) await this.server.cancel(job).catch(() => {}); // it may have ended meanwhile
   }
 
   _drop() {
@@ -143,13 +150,20 @@ export class StagedFile extends EventTarget {
     });
   }
 
-  /** See what is in it; an answer that comes after a later question is of no use. */
+  /** See what is in it; an answer that comes after a later question is of no use, and no job works for it. */
   async _read() {
     this._turn += 1;
     const turn = this._turn;
     this._become("reading");
     try {
-      const answer = await this.server.contents(this._id, { name: this.name, ...this.reading });
+      await this._cancel();
+      if (turn !== this._turn) return;
+      const asked = { ...this.reading };
+      const answer = await this.server.contents(this._id, { name: this.name, ...asked });
+      if (turn !== this._turn) {
+        if (answer.job && !this._isRead(asked)) await this.server.cancel(answer.job);
+        return;
+      }
       const contents = answer.job ? (await this._ended(answer.job)).result : answer;
       if (turn !== this._turn) return;
       this.contents = contents;
@@ -161,10 +175,16 @@ export class StagedFile extends EventTarget {
     }
   }
 
+  /** Whether this is how it is to be read now: the server gives equal questions one job. */
+  _isRead(reading) {
+    return Object.entries(this.reading).every(([name, value]) => reading[name] === value);
+  }
+
   async _ended(job) {
     this._running = job;
     const done = await ended(this.server.job, job, (state) => {
       this._stop.signal.throwIfAborted();
+      if (this._running !== job) throw new DOMException("it is read in another way", "AbortError");
       this.job = state;
       this._become(this.state);
     }).catch((error) => {

@@ -92,6 +92,16 @@ def test_a_large_file_is_read_by_a_job(client, stage, work, monkeypatch):
     assert [one["track"] for one in work()["sources"]] == ["walk", "ride"]
 
 
+def test_each_reading_of_each_large_file_has_a_job_of_its_own(client, stage, monkeypatch):
+    monkeypatch.setattr(api_staged, "_QUICK_BYTES", 10)
+    first, second = stage(TABLE), stage(TABLE)
+    plain, other = {"name": "log.csv"}, {"name": "log.csv", "columns": "lat=lon, lon=lat"}
+    asked = [(first, plain), (first, other), (second, plain), (first, plain)]
+    ids = [client.post(f"{address}/contents", json=reading).json["job"] for address, reading in asked]
+    assert len(set(ids[:3])) == 3
+    assert ids[3] == ids[0], "the same question waits once"
+
+
 def test_only_the_chosen_tracks_go_into_a_new_mission(client, stage, work, library, missions_made):
     address = stage(TABLE)
     wish = {
