@@ -49,6 +49,8 @@ def object_identity(id: str, time_s: float) -> Identity:
 
 def _identity(record: Mapping[str, Any]) -> Identity:
     if record["type"] == "object":
-        return object_identity(record["id"], record["time"])
+        if (id := record.get("id")) is None:  # by another program: this bridge sends objects with ids only
+            return ("object", None, record["time"], record["lat"], record["lon"])
+        return object_identity(id, record["time"])
     source, track = record.get("source", "gps"), record.get("track", "")
     return pose_identity(source, track, record["time"], lat=record["lat"], lon=record["lon"])

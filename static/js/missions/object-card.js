@@ -11,19 +11,27 @@ import { metresBetween } from "./track-points.js";
 /** @param {import("./mission-store.js").MissionStore} store */
 export function showObject(store) {
   const card = byId("object");
+  let note = noteField();
+  let of = null;
+  const render = (object, sightings) => {
+    if (of !== object.key) [of, note] = [object.key, noteField()];
+    const typing = document.activeElement === note;
+    card.replaceChildren(...content(store, object, { sightings, note }));
+    if (typing) note.focus();
+  };
   card.addEventListener("keydown", (event) => event.key === "Escape" && store.choose(null));
   store.on("chosen", async () => {
     const object = store.objects.get(store.chosen);
     card.hidden = !object;
     if (!object) return;
     card.dataset.state = stamp(object);
-    card.replaceChildren(...content(store, object, null));
+    render(object, null);
     try {
       const received = await store.server(object.mission).object(object.id);
       if (store.chosen !== object.key) return;
       const sightings = received.sightings || [];
       store.setTrail(sightings);
-      card.replaceChildren(...content(store, { ...object, ...received, key: object.key, mission: object.mission }, sightings));
+      render({ ...object, ...received, key: object.key, mission: object.mission }, sightings);
     } catch (error) {
       toastError(error);
     }
@@ -38,7 +46,12 @@ export function showObject(store) {
 /** Says that somebody has set the state. */
 const stamp = ({ state, state_time_s: time }) => `${state} ${time}`;
 
-function content(store, object, sightings) {
+/** What people say of the object: the same field however often its card is rendered, so that no word is lost. */
+function noteField() {
+  return h("input", { class: "input", type: "text", maxlength: 500, placeholder: t("Note"), "aria-label": t("Note"), autocomplete: "off" });
+}
+
+function content(store, object, { sightings, note }) {
   const photo = object.photo || sightings?.findLast(({ photo: one }) => one)?.photo || null;
   const facts = [
     [t("Class"), object.kind],
@@ -55,14 +68,13 @@ function content(store, object, sightings) {
     h("div", { class: "mi-card__head" }, store.symbols.element(object.kind), h("h3", {}, object.id), stateBadge(object.state), close),
     photo && h("img", { class: "mi-card__photo", src: store.server(object.mission).photo(photo), alt: t("Photo of {name}", { name: object.id }) }),
     h("dl", { class: "facts small number" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])),
-    ...task(store, object),
+    ...task(store, object, note),
   ].filter(Boolean);
 }
 
-/** How far people are with it, and who said so; the note is empty where it goes out with no button. */
-function task(store, object) {
-  const note = h("input", { class: "input", type: "text", maxlength: 500, placeholder: t("Note"), "aria-label": t("Note"), autocomplete: "off" });
-  const buttons = stateButtons(store, object, () => note.value.trim());
+/** How far people are with it, and who said so. */
+function task(store, object, note) {
+  const buttons = stateButtons(store, object, note);
   const changes = (object.changes || []).toReversed().map((change) =>
     h("li", {}, [stateName(change.state), stateText({ state_by: change.by, state_time_s: change.time_s }), change.note].filter(Boolean).join(" · ")));
   return [

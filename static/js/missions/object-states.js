@@ -40,9 +40,9 @@ export function stateText({ state_by: by, state_time_s: time }) {
  * The buttons that set the next state; none for those who may only look.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {Object} object
- * @param {function(): string} [note] gives what goes into the history
+ * @param {?HTMLInputElement} [note] has what goes into the history; empty when it is there
  */
-export function stateButtons(store, object, note = () => "") {
+export function stateButtons(store, object, note = null) {
   if (!store.missions.get(object.mission)?.can_edit) return [];
   return (NEXT[object.state] || []).map((state, n) =>
     h("button", {
@@ -50,7 +50,7 @@ export function stateButtons(store, object, note = () => "") {
       type: "button",
       dataset: { state },
       "aria-label": t("{action}: {name}", { action: actionName(state), name: object.id }),
-      onclick: (event) => set(store, object, { state, note: note(), button: event.currentTarget }),
+      onclick: (event) => set(store, object, { state, note, button: event.currentTarget }),
     }, actionName(state)));
 }
 
@@ -58,7 +58,9 @@ async function set(store, object, { state, note, button }) {
   const server = store.server(object.mission);
   button.disabled = true;
   try {
-    store.setObjects(object.mission, [await server.setState(object.id, { state, was: object.state, note })]);
+    const changed = await server.setState(object.id, { state, was: object.state, note: note ? note.value.trim() : "" });
+    if (note) note.value = "";
+    store.setObjects(object.mission, [changed]);
   } catch (error) {
     toastError(error);
     button.disabled = false;

@@ -7,15 +7,15 @@ const INK = "#14181a";
 const DISC = "M3 16a13 13 0 1 0 26 0a13 13 0 1 0-26 0Z";
 
 /**
- * @typedef {{words: string, frame: string, fill: string, glyph: string}} SymbolPaths in a box of 32 x 32
+ * @typedef {{pattern: string, frame: string, fill: string, glyph: string}} SymbolPaths in a box of 32 x 32
  * @typedef {{colour: string, ink: string, frame: string, glyph: ?string, letter: string}} Sign
  */
 
 /** Symbols and colours of the classes there are. */
 export class Symbols {
-  /** @param {SymbolPaths[]} paths the first one whose words fit a class counts */
+  /** @param {SymbolPaths[]} paths the first one whose pattern fits a class counts */
   constructor(paths) {
-    this.paths = paths.map((one) => ({ ...one, pattern: new RegExp(one.words) }));
+    this.paths = paths.map((one) => ({ ...one, pattern: new RegExp(one.pattern) }));
     /** @type {Map<string, Sign>} */
     this.kinds = new Map();
     this.plain = 0;

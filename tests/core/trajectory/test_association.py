@@ -7,7 +7,7 @@ import pytest
 from pyproj import Geod
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.association import MIN_SIGMA_M, ObjectAssociation, ObjectEstimate, _assign
+from webapp.core.trajectory.association import MIN_SIGMA_M, ObjectAssociation, ObjectEstimate
 from webapp.core.trajectory.records import Sighting
 
 WGS84 = Geod(ellps="WGS84")
@@ -76,15 +76,22 @@ def test_pairs_of_one_picture_are_those_that_fit_best(association):
     assert association.join([seen_at(1.4, time_s=1), seen_at(2.6, time_s=1)]) == [left, right]
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_the_assignment_has_the_least_sum(seed):
-    rng = np.random.default_rng(seed)
-    n, m = sorted(rng.integers(1, 6, 2).tolist())
-    costs = rng.normal(0, 5, (n, m)).round(1)
-    chosen = _assign(costs)
-    assert len(set(chosen)) == n
-    least = min(sum(costs[range(n), list(p)]) for p in itertools.permutations(range(m), n))
-    assert costs[range(n), chosen].sum() == pytest.approx(least)
+def degrees(count, *, step, begin=0.0, time_s=0.0):
+    """Detections of one time, in a row to the north."""
+    return [Sighting(None, "victim", time_s, LatLon(begin + step * n, 14.0)) for n in range(count)]
+
+
+def test_a_picture_of_5000_new_objects_far_from_5000_known_ones_is_no_work_to_assign(association):
+    known = association.join(degrees(5000, step=0.001))
+    found = association.join(degrees(5000, step=0.001, begin=-10.0, time_s=1.0))
+    assert len({*known, *found}) == 10_000
+
+
+def test_a_picture_of_2000_objects_that_are_all_near_each_other_is_assigned(association):
+    known = association.join(degrees(1000, step=1e-6))
+    found = association.join(degrees(2000, step=1e-6, time_s=1.0))
+    assert len(set(found)) == 2000
+    assert found[:1000] == known
 
 
 def test_the_order_within_a_batch_does_not_matter():

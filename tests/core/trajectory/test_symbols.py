@@ -27,6 +27,36 @@ from webapp.core.trajectory.symbols import (
         ("first aid", HELP),
         ("parked car", THING),
         ("backpack", THING),
+        ("radioactive", HAZARD),
+        ("radioactive source", HAZARD),
+        ("flammable", HAZARD),
+        ("gasoline", HAZARD),
+        ("gas_leak", HAZARD),
+        ("medical waste", HAZARD),
+        ("Fires", HAZARD),
+        ("fire in building", HAZARD),
+        ("collapsed stairs", HAZARD),
+        ("body of water", HAZARD),
+        ("firefighter", PEOPLE),
+        ("fire fighter", PEOPLE),
+        ("person in water", PEOPLE),
+        ("driver", PEOPLE),
+        ("casualties", PEOPLE),
+        ("women", PEOPLE),
+        ("children", PEOPLE),
+        ("person_2", PEOPLE),
+        ("fire exit", HELP),
+        ("fire hydrant", HELP),
+        ("screwdriver", HELP),
+        ("screw driver", HELP),
+        ("radio", HELP),
+        ("medical kit", HELP),
+        ("stairs", HELP),
+        ("waterproof bag", THING),
+        ("street sign", THING),
+        ("fire truck", THING),
+        ("buses", THING),
+        ("boxes", THING),
     ],
 )
 def test_the_frame_says_what_an_object_means(kind, frame):
@@ -34,7 +64,9 @@ def test_the_frame_says_what_an_object_means(kind, frame):
     assert kind_colour(kind) == frame.fill
 
 
-@pytest.mark.parametrize("kind", ["x", "", "carpet", "Ω", "manual"])
+@pytest.mark.parametrize(
+    "kind", ["x", "", "carpet", "Ω", "manual", "stool", "theater", "radiator", "water bottle"]
+)
 def test_other_classes_have_no_symbol_and_no_colour_of_one(kind):
     assert symbol_of(kind) is None
     assert kind_colour(kind) not in {symbol.frame.fill for symbol in SYMBOLS}

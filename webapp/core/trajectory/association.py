@@ -9,7 +9,8 @@ position has the covariance P, may belong to it where
 and dt is the time between the detection and the span in which the object was seen. Among the objects that
 may be, the likeliest one is that of the least d^2 + ln det S (Bar-Shalom and Fortmann, Tracking and Data
 Association, 1988). Detections of one class at one time come from one picture and show different objects:
-they are assigned together, at the least sum.
+they are assigned together, at the least sum (see `webapp.core.trajectory.assignment`), which is approximate
+where more than MOST_TOGETHER detections compete for the same objects.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
+from webapp.core.trajectory.assignment import MOST_TOGETHER, Costs, assign
 from webapp.core.trajectory.records import Sighting
 
 GATE = 13.82
@@ -40,10 +42,14 @@ UNKNOWN_SIGMA_M = 5.0
 MIN_SIGMA_M = 0.1
 """No detection is more accurate."""
 
-_UNMATCHED = 1e6
-"""More than all pairs of a picture cost together."""
+_LEAST_M_PER_DEGREE = 110_000.0
+"""A degree of latitude is nowhere shorter."""
+
+_BLOCK = 256
+"""So many objects get room at once, at least."""
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,9 +125,10 @@ def _frame(seen: Sighting) -> tuple[float, str]:
 
 @dataclass(slots=True)
 class _Kind:
-    """The objects of one class, in columns."""
+    """The objects of one class, in columns with room for more, which is not a number."""
 
     kind: str
+    ids: list[str] = field(default_factory=list)
     numbers: dict[str, int] = field(default_factory=dict)
     latlon: Floats = field(default_factory=lambda: np.empty((0, 2)))
     covariance: Floats = field(default_factory=lambda: np.empty((0, 2, 2)))
@@ -130,10 +137,19 @@ class _Kind:
     """Which objects were seen at a time, and where."""
 
     def append(self, known: ObjectEstimate) -> None:
-        self.numbers[known.id] = len(self.numbers)
-        self.latlon = np.vstack([self.latlon, [known.latlon]])
-        self.covariance = np.concatenate([self.covariance, [_matrix(known.covariance_m2)]])
-        self.span_s = np.vstack([self.span_s, [(known.first_time_s, known.last_time_s)]])
+        number = self.numbers[known.id] = len(self.ids)
+        self.ids.append(known.id)
+        if number == len(self.latlon):
+            self._grow()
+        self.latlon[number] = known.latlon
+        self.covariance[number] = _matrix(known.covariance_m2)
+        self.span_s[number] = known.first_time_s, known.last_time_s
+
+    def _grow(self) -> None:
+        more = max(_BLOCK, len(self.latlon))
+        self.latlon = np.concatenate([self.latlon, np.full((more, 2), np.nan)])
+        self.covariance = np.concatenate([self.covariance, np.full((more, 2, 2), np.nan)])
+        self.span_s = np.concatenate([self.span_s, np.full((more, 2), np.nan)])
 
     def estimate(self, id: str) -> ObjectEstimate:
         number = self.numbers[id]
@@ -149,40 +165,42 @@ class _Kind:
         known = set(then.values())
         fresh = [n for n, one in enumerate(frame) if one.latlon not in known]
         ids: list[str | None] = [None] * len(frame)
-        names = list(self.numbers)
-        chosen = self._assignment([frame[n] for n in fresh], taken=list(then)) if names else {}
+        free = np.ones(len(self.latlon), bool)
+        free[list(then)] = False
+        chosen = assign([self._costs(frame[n], free=free) for n in fresh])
         for place, n in enumerate(fresh):
             if place in chosen:
                 number = chosen[place]
-                ids[n], then[number] = names[number], frame[n].latlon
+                ids[n], then[number] = self.ids[number], frame[n].latlon
                 self._update(number, frame[n])
             else:
                 ids[n] = self._new(frame[n], new_id(self.kind))
         return ids
 
-    def _assignment(self, fresh: list[Sighting], *, taken: list[int]) -> dict[int, int]:
-        """Find the objects of as many detections as can be, at the least cost, by their places here."""
-        if not fresh:
-            return {}
-        costs = np.stack([self._costs(one) for one in fresh])
-        costs[:, taken] = np.inf
-        near = np.flatnonzero(np.isfinite(costs).any(axis=0))
-        unmatched = np.full((len(fresh), len(fresh)), _UNMATCHED)
-        columns = _assign(np.hstack([np.nan_to_num(costs[:, near], posinf=_UNMATCHED), unmatched]))
-        chosen = {row: int(near[column]) for row, column in enumerate(columns) if column < len(near)}
-        return {row: number for row, number in chosen.items() if np.isfinite(costs[row, number])}
-
-    def _costs(self, one: Sighting) -> Floats:
-        """Return what it costs to take a detection for each object (n,); infinity outside the gate."""
-        offset = _metres(self.latlon, one.latlon)
-        waited = np.maximum(self.span_s[:, 0] - one.time_s, one.time_s - self.span_s[:, 1]).clip(min=0.0)
+    def _costs(self, one: Sighting, *, free: Bools) -> Costs:
+        """Return what it costs to take a detection for an object, for the likeliest ones inside the gate."""
+        noise = _noise(one)
+        near = np.flatnonzero(self._may_be_near(one, noise) & free)
+        span_s = self.span_s[near]
+        offset = _metres(self.latlon[near], one.latlon)
+        waited = np.maximum(span_s[:, 0] - one.time_s, one.time_s - span_s[:, 1]).clip(min=0.0)
         spread = FLOOR_M**2 + np.minimum(DRIFT_M2_S * waited, DRIFT_M**2)
-        total = self.covariance + _noise(one) + spread[:, None, None] * np.eye(2)
+        total = self.covariance[near] + noise + spread[:, None, None] * np.eye(2)
         a, b, d = total[:, 0, 0], total[:, 0, 1], total[:, 1, 1]
         determinant = a * d - b * b
         east, north = offset.T
         distance = (d * east**2 - 2 * b * east * north + a * north**2) / determinant
-        return np.where(distance <= GATE, distance + np.log(determinant), np.inf)
+        costs = distance + np.log(determinant)
+        inside = np.flatnonzero(distance <= GATE)
+        likeliest = inside[np.argsort(costs[inside], kind="stable")[:MOST_TOGETHER]]
+        return dict(zip(near[likeliest].tolist(), costs[likeliest].tolist(), strict=True))
+
+    def _may_be_near(self, one: Sighting, noise: Floats) -> Bools:
+        """Tell which objects may be inside the gate, by latitude alone, as a mission may have many."""
+        most = self.covariance[:, 1, 1] + (noise[1, 1] + FLOOR_M**2 + DRIFT_M**2)
+        north = (self.latlon[:, 0] - one.latlon.lat) * _LEAST_M_PER_DEGREE
+        inside: Bools = north**2 <= GATE * most
+        return inside
 
     def _update(self, number: int, one: Sighting) -> None:
         """Weigh a detection into the mean."""
@@ -201,39 +219,6 @@ class _Kind:
         self.append(ObjectEstimate(id, self.kind, one.latlon, (var_e, var_n, both), one.time_s, one.time_s))
         self.seen[one.time_s][self.numbers[id]] = one.latlon
         return id
-
-
-def _assign(costs: Floats) -> list[int]:
-    """Choose a column for each row (n, m), n <= m, of the least sum: Kuhn's method, with potentials.
-
-    R. Burkard, M. Dell'Amico and S. Martello, Assignment Problems (2009), section 4.2.
-    """
-    n, m = costs.shape
-    of_row, of_column = np.zeros(n), np.zeros(m)
-    row_of: NDArray[np.intp] = np.full(m, -1)
-    for first in range(n):
-        least, way = np.full(m, np.inf), np.full(m, -1)
-        reached: list[int] = []
-        row, column = first, -1
-        while row >= 0:
-            slack = costs[row] - of_row[row] - of_column
-            better = slack < least
-            better[reached] = False
-            least[better], way[better] = slack[better], column
-            open_ = least.copy()
-            open_[reached] = np.inf
-            column = int(np.argmin(open_))
-            step = open_[column]
-            of_row[[first, *row_of[reached]]] += step
-            of_column[reached] -= step
-            least -= step
-            reached.append(column)
-            row = int(row_of[column])
-        while column >= 0:
-            before = int(way[column])
-            row_of[column] = row_of[before] if before >= 0 else first
-            column = before
-    return [int(np.flatnonzero(row_of == row)[0]) for row in range(n)]
 
 
 def _matrix(covariance_m2: tuple[float, float, float]) -> Floats:

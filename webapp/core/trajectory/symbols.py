@@ -37,7 +37,8 @@ class Symbol:
     Attributes
     ----------
     words : str
-        Regular expression: the classes of which it is, in small letters. JavaScript reads it the same way.
+        Regular expression: whole words of the classes of which it is, in small letters, without the `s` of a
+        plural.
     glyph : tuple of Line
         Dark lines.
     """
@@ -46,10 +47,15 @@ class Symbol:
     frame: SymbolFrame
     glyph: tuple[Line, ...]
 
+    @property
+    def pattern(self) -> str:
+        """The regular expression that fits a class in small letters. JavaScript reads it the same way."""
+        return rf"(?:^|[^a-z])(?:{self.words})s?(?![a-z])"
+
 
 def symbol_of(kind: str) -> Symbol | None:
     """Find the symbol of a class of objects; None for a class that has none of its own."""
-    return next((symbol for symbol in SYMBOLS if re.search(symbol.words, kind.lower())), None)
+    return next((symbol for symbol in SYMBOLS if re.search(symbol.pattern, kind.lower())), None)
 
 
 def kind_colour(kind: str) -> str:
@@ -92,49 +98,57 @@ _WAVES: Line = ((8, 16), (11, 13.5), (14, 16), (17, 13.5), (20, 16), (23, 13.5))
 _BANG: tuple[Line, ...] = (((16, 9), (16, 18)), ((16, 22), (16, 22.5)))
 
 SYMBOLS = (
-    Symbol(r"gas\b|chemic|hazmat|toxic|radiat|barrel", HAZARD,
-           (((14, 8), (18, 8)), ((15, 8), (15, 13), (10.5, 22), (21.5, 22), (17, 13), (17, 8)),
-            ((12.5, 18), (19.5, 18)))),
-    Symbol(r"extinguisher", HELP,
-           (((13, 24), (13, 14), (15, 12), (17, 12), (19, 14), (19, 24), (13, 24)),
-            ((16, 12), (16, 9), (22, 9)), ((12, 9), (16, 9)))),
-    Symbol(r"fire|flame|smoke|heat", HAZARD,
-           (((16, 7), (17.5, 12), (20, 15), (20.5, 19), (18.5, 23), (13.5, 23), (11.5, 19), (12, 15.5),
-             (14, 17), (14.5, 12), (16, 7)),)),
-    Symbol(r"electr|voltage|cable|wire\b", HAZARD,
-           (((18, 7), (12, 17), (16, 17), (14, 25), (20, 14), (16, 14), (18, 7)),)),
-    Symbol(r"water|flood|river|pool", HAZARD, (_WAVES, tuple((x, y + 5) for x, y in _WAVES))),
-    Symbol(r"hole|pit\b|collapse|debris|rubble|obstacle", HAZARD,
-           (((8, 20), (12, 14), (15, 18), (18, 12), (24, 20)), ((8, 20), (24, 20)))),
-    Symbol(r"hazard|danger|warning|explosive|bomb|weapon|\bgun\b", HAZARD, _BANG),
-    Symbol(r"first.?aid|medic|ambulance|hospital|defibrillator|\baed\b", HELP,
-           (((14, 9), (18, 9), (18, 14), (23, 14), (23, 18), (18, 18), (18, 23), (14, 23), (14, 18), (9, 18),
-             (9, 14), (14, 14), (14, 9)),)),
-    Symbol(r"robot|drone|\buav\b|\bugv\b|rover", HELP,
-           (((10, 12), (22, 12), (22, 21), (10, 21), (10, 12)), ((16, 12), (16, 9)),
-            _arc(13, 16, 1.2), _arc(19, 16, 1.2))),
-    Symbol(r"shelter|tent\b|camp\b", HELP,
-           (((7, 23), (16, 9), (25, 23), (7, 23)), ((16, 15), (13, 23)), ((16, 15), (19, 23)))),
-    Symbol(r"exit\b|stairs|ladder", HELP,
-           (((8, 22), (12, 22), (12, 18), (16, 18), (16, 14), (20, 14), (20, 10), (24, 10)),)),
-    Symbol(r"phone|radio|rope|helmet|drill|tool|light|lamp", HELP,
-           (((13, 8), (19, 8), (19, 24), (13, 24), (13, 8)), ((13, 20), (19, 20)), ((16, 22), (16, 22.2)))),
-    Symbol(r"victim|casualt|survivor|injured|body\b", PEOPLE,
+    Symbol(r"victim|casualt(?:y|ie)|survivor|injured|wounded|bod(?:y(?! of water)|ie)", PEOPLE,
            (_arc(9.5, 18, 2), ((13, 18), (23, 18)), ((17, 18), (20, 14)), ((7, 22), (25, 22)))),
-    Symbol(r"person|human|people|pedestrian|\bm[ae]n\b|wom[ae]n|child|rescuer|firefighter", PEOPLE,
+    Symbol(r"person|personnel|human|people|pedestrian|(?:fire|police|wo)?m[ae]n|child(?:ren)?|rescuer|"
+           r"fire.?fighter|paramedic|doctor|nurse|worker|electrician|cyclist|(?:^|bus.|car.|truck.)driver",
+           PEOPLE,
            (_arc(16, 10.5, 2.5),
             ((11.5, 23), (11.5, 18), (13.5, 15.5), (18.5, 15.5), (20.5, 18), (20.5, 23)))),
-    Symbol(r"animal|\bdog|\bcat\b|\bcow|horse|bird|sheep", THING,
+    Symbol(r"gas(?:oline)?|petrol|(?:bio)?chemical|hazmat|toxic|radiation|radioactiv(?:e|ity)|barrel", HAZARD,
+           (((14, 8), (18, 8)), ((15, 8), (15, 13), (10.5, 22), (21.5, 22), (17, 13), (17, 8)),
+            ((12.5, 18), (19.5, 18)))),
+    Symbol(r"extinguisher|fire.?(?:hydrant|hose|blanket|alarm)|smoke.?(?:alarm|detector)", HELP,
+           (((13, 24), (13, 14), (15, 12), (17, 12), (19, 14), (19, 24), (13, 24)),
+            ((16, 12), (16, 9), (22, 9)), ((12, 9), (16, 9)))),
+    Symbol(r"(?:wild|bon|camp)?fire(?!.?(?:exit|escape|door|truck|engine|station))|"
+           r"flame|(?:in)?flammable|burning|smoke|heat", HAZARD,
+           (((16, 7), (17.5, 12), (20, 15), (20.5, 19), (18.5, 23), (13.5, 23), (11.5, 19), (12, 15.5),
+             (14, 17), (14.5, 12), (16, 7)),)),
+    Symbol(r"electric(?:al|ity)?|voltage|cable|(?:barb)?wire|power.?line", HAZARD,
+           (((18, 7), (12, 17), (16, 17), (14, 25), (20, 14), (16, 14), (18, 7)),)),
+    Symbol(r"(?:flood|under)?water(?:fall)?(?!.?(?:proof|bottle))|flood(?:ed|ing)?|river|pool", HAZARD,
+           (_WAVES, tuple((x, y + 5) for x, y in _WAVES))),
+    Symbol(r"(?:man|pot|sink)?hole|pit|collapsed?|debris|rubble|obstacle", HAZARD,
+           (((8, 20), (12, 14), (15, 18), (18, 12), (24, 20)), ((8, 20), (24, 20)))),
+    Symbol(r"(?:bio)?hazard(?:ous)?|danger(?:ous)?|warning|explo(?:sive|sion)|bomb|weapon|(?:hand)?gun|"
+           r"(?:medical|clinical|hospital|infectious|nuclear).?waste", HAZARD, _BANG),
+    Symbol(r"first.?aid|medic(?:al|ine)?|ambulance|hospital|defibrillator|aed", HELP,
+           (((14, 9), (18, 9), (18, 14), (23, 14), (23, 18), (18, 18), (18, 23), (14, 23), (14, 18), (9, 18),
+             (9, 14), (14, 14), (14, 9)),)),
+    Symbol(r"robot|drone|uav|ugv|rover", HELP,
+           (((10, 12), (22, 12), (22, 21), (10, 21), (10, 12)), ((16, 12), (16, 9)),
+            _arc(13, 16, 1.2), _arc(19, 16, 1.2))),
+    Symbol(r"shelter|tent|camp", HELP,
+           (((7, 23), (16, 9), (25, 23), (7, 23)), ((16, 15), (13, 23)), ((16, 15), (19, 23)))),
+    Symbol(r"exit|fire.?escape|(?:down|up)?stair(?:case|way|well)?|ladder", HELP,
+           (((8, 22), (12, 22), (12, 18), (16, 18), (16, 14), (20, 14), (20, 10), (24, 10)),)),
+    Symbol(r"(?:cell|smart|tele)?phone|radio|rope|helmet|drill|tool(?:box|kit)?|screw.?driver|"
+           r"(?:flash|flood|head|search)?light|(?:head)?lamp", HELP,
+           (((13, 8), (19, 8), (19, 24), (13, 24), (13, 8)), ((13, 20), (19, 20)), ((16, 22), (16, 22.2)))),
+    Symbol(r"animal|dog|cat|cow|horse|bird|sheep", THING,
            (((9, 22), (9, 15), (20, 15), (23, 11), (23, 16), (20, 17), (20, 22)), ((9, 15), (7, 12)))),
-    Symbol(r"\bcar\b|cars\b|vehicle|truck|\bbus\b|\bvan\b|motor|bicycle|\bbike", THING,
+    Symbol(r"car|vehicle|(?:fire)?truck|fire.?engine|bus(?:e)?|van|motor(?:bike|cycle|boat)?|bicycle|bike",
+           THING,
            (((8, 20), (8, 16), (11, 15), (13, 11), (19, 11), (21, 15), (24, 16), (24, 20), (8, 20)),
             *_WHEELS)),
-    Symbol(r"door|gate|window", THING, (((12, 25), (12, 8), (20, 8), (20, 25)), _arc(17.8, 17, 0.6))),
-    Symbol(r"house|building|room|wall\b", THING,
+    Symbol(r"door(?:way)?|gate|window", THING, (((12, 25), (12, 8), (20, 8), (20, 25)), _arc(17.8, 17, 0.6))),
+    Symbol(r"(?:green|ware)?house|building|fire.?station|(?:bath|bed|class)?room|wall", THING,
            (((7, 16), (16, 8), (25, 16)), ((9.5, 15), (9.5, 24), (22.5, 24), (22.5, 15)))),
-    Symbol(r"tree|plant|bush", THING, (((16, 25), (16, 20)), ((16, 7), (22, 20), (10, 20), (16, 7)))),
-    Symbol(r"box|backpack|\bbag\b|crate|suitcase|package", THING,
+    Symbol(r"tree|plant|bush(?:e)?", THING, (((16, 25), (16, 20)), ((16, 7), (22, 20), (10, 20), (16, 7)))),
+    Symbol(r"[a-z]*box(?:e)?|backpack|[a-z]*bag|crate|suitcase|package", THING,
            (((9, 11), (23, 11), (23, 23), (9, 23), (9, 11)), ((9, 15), (23, 15)), ((16, 11), (16, 15)))),
-    Symbol(r"sign|marker|\btag\b|landmark|waypoint", THING, (((11, 25), (11, 8), (22, 11.5), (11, 15)),)),
+    Symbol(r"sign|marker|(?:april)?tag|landmark|waypoint", THING,
+           (((11, 25), (11, 8), (22, 11.5), (11, 15)),)),
 )  # fmt: skip
 """The first one that fits counts."""

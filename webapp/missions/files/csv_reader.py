@@ -22,6 +22,7 @@ from webapp.errors import UsageError
 from webapp.missions.files.csv_table import Key, Table, date_order, open_table, table_rows, time_name
 from webapp.missions.files.line_buffer import is_mostly_timed
 from webapp.missions.files.track_chunks import (
+    BAD_COVARIANCE,
     CHUNK,
     FEW_TIMES,
     NO_TIME,
@@ -34,6 +35,7 @@ from webapp.missions.files.track_chunks import (
     RobotPiece,
     WorldObjects,
     WorldPiece,
+    object_field,
 )
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -209,7 +211,9 @@ class _Rows:
             height = None if math.isnan(values["height"]) else values["height"]
             at = LatLon(values["lat"], values["lon"])
             spread = _covariance({key: np.array([value]) for key, value in values.items()})[0].tolist()
-            covariance = None if any(map(math.isnan, spread)) else tuple(spread)
+            covariance = object_field("covariance", spread)
+            if covariance is None and not any(map(math.isnan, spread)):
+                findings.note(BAD_COVARIANCE)
             seen = Sighting(name, kind, time_s, at, height, confidence, covariance_m2=covariance)
             return WorldObjects((seen,))
         up = 0.0 if math.isnan(values["z"]) else values["z"]

@@ -22,8 +22,8 @@ from webapp.missions.files.track_chunks import (
     Findings,
     Piece,
     WorldObjects,
+    object_field,
 )
-from webapp.robot.fields import RECORDS, FieldError
 
 MAX_BYTES = 20_000_000
 """All of a file is read at once, and takes many times its size in memory."""
@@ -172,8 +172,8 @@ class _Features:
             where,
             height,
             confidence=None if math.isnan(sure) else sure,
-            covariance_m2=_checked("covariance", own.get("covariance_m2")),
-            size_m=_checked("size_m", own.get("size_m")),
+            covariance_m2=object_field("covariance", own.get("covariance_m2")),
+            size_m=object_field("size_m", own.get("size_m")),
         )
 
     def id_of_point(self, feature: Mapping[str, Any]) -> str:
@@ -213,15 +213,6 @@ def _without_the_meridian(points: list[LinePoint]) -> list[LinePoint]:
 def _of_one(feature: Mapping[str, Any], along: Mapping[str, Any]) -> dict[str, Any]:
     """Return a feature of one pose as that of a line."""
     return {**feature, "coordinateProperties": {name: [value] for name, value in along.items()}}
-
-
-def _checked(name: str, value: object) -> tuple[float, float, float] | None:
-    """Read a field of an object as robots send it; None for anything else."""
-    try:
-        found: tuple[float, float, float] = RECORDS["object"][name].check(name, value)
-    except FieldError:
-        return None
-    return found
 
 
 def _along_line(feature: Mapping[str, Any]) -> dict[str, Any] | None:

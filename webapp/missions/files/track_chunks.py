@@ -7,11 +7,13 @@ from dataclasses import dataclass, field, replace
 
 from webapp.core.trajectory.records import Poses, Sighting, Source
 from webapp.core.trajectory.robotframe import LocalPoses
+from webapp.robot.fields import RECORDS, FieldError
 
 CHUNK = 2048
 """Maximum number of poses in a piece."""
 
 BAD_POSITION = "positions that are not on the Earth"
+BAD_COVARIANCE = "accuracies of objects that are no covariance of a position are left out"
 UNTIMED = "tracks without times keep the order of their points and nothing else"
 FEW_TIMES = "times of tracks of which most points have none"
 NO_TIME = "points without a time, in a track that has times"
@@ -153,3 +155,12 @@ class Findings:
     def doubts(self) -> tuple[Skipped, ...]:
         """Return what was taken and is doubtful, in the order in which it was met."""
         return tuple(self._doubts.values())
+
+
+def object_field(name: str, value: object) -> tuple[float, float, float] | None:
+    """Read the covariance or the size of an object as robots send it; None for anything else."""
+    try:
+        found: tuple[float, float, float] = RECORDS["object"][name].check(name, value)
+    except FieldError:
+        return None
+    return found

@@ -45,17 +45,17 @@ def change_state(session: Session, mission: Mission, *, object_id: str, change: 
     NotFound
         There is no such object.
     Conflict
-        Somebody else has set another state than the caller has seen.
+        The object has another state than the caller has seen.
     """
     row = missions.find_object(session, mission.id, object_id)
     if change.state == row.state and not change.note:
         return row
     if change.was not in (None, row.state):
-        raise Conflict(
-            f"{row.state_by} has set the object to {row.state} meanwhile",
-            where="was",
-            hint="look at it again, and say what is to be",
-        )
+        if row.state_by is None:
+            text = f"the object is {row.state}: nobody has set another state"
+        else:
+            text = f"{row.state_by} has set the object to {row.state} meanwhile"
+        raise Conflict(text, where="was", hint="look at it again, and set the state again")
     missions.count_change(mission)
     row.state, row.state_by, row.state_time_s = change.state, change.by, time.time()
     row.revision = mission.revision

@@ -28,7 +28,7 @@ public_pages = APIBlueprint("public_mission_pages", __name__, url_prefix="/m/<to
 _SIGNS = {
     "symbols": [
         {
-            "words": one.words,
+            "pattern": one.pattern,
             "frame": svg_path((one.frame.outline,), closed=True),
             "fill": one.frame.fill,
             "glyph": svg_path(one.glyph),

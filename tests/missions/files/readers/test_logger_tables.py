@@ -9,7 +9,15 @@ import pytest
 from webapp.errors import UsageError
 from webapp.files.exchange.times import unix_time
 from webapp.missions.files import csv_reader
-from webapp.missions.files.track_chunks import FEW_TIMES, NO_TIME, Findings, RobotPiece, WorldPiece
+from webapp.missions.files.track_chunks import (
+    BAD_COVARIANCE,
+    FEW_TIMES,
+    NO_TIME,
+    Findings,
+    RobotPiece,
+    WorldObjects,
+    WorldPiece,
+)
 
 
 def read(text: str, **options: str) -> tuple[list[object], Findings]:
@@ -124,6 +132,16 @@ def test_numbers_of_frames_are_times_where_they_are_nanoseconds() -> None:
 def test_headings_on_the_earth_come_from_quaternions() -> None:
     (piece,), _ = read("time,lat,lon,qx,qy,qz,qw\n1e9,50,14,0,0,0,1\n2e9,50,14,0,0,1,0\n")
     assert piece.poses.heading_deg.tolist() == pytest.approx([90.0, 270.0])
+
+
+@pytest.mark.parametrize("spread", ["-5,1,0", "1,1,2", "1e300,1,0"])
+def test_a_covariance_of_an_object_that_is_none_is_left_out(spread: str) -> None:
+    header = "time,lat,lon,id,class,var_e_m2,var_n_m2,cov_en_m2"
+    text = f"{header}\n1,50,14,car 1,car,4,2,1\n2,50,14,car 2,car,{spread}\n3,50,14,car 3,car,,,\n"
+    pieces, findings = read(text)
+    seen = [piece.sightings[0] for piece in pieces if isinstance(piece, WorldObjects)]
+    assert [one.covariance_m2 for one in seen] == [(4.0, 2.0, 1.0), None, None]
+    assert BAD_COVARIANCE in findings.notes
 
 
 def test_axes_of_a_table_can_be_given() -> None:

@@ -41,6 +41,11 @@ def test_who_has_seen_another_state_is_told(client, car):
     assert client.get(car).json["state"] == "dismissed"
 
 
+def test_a_wrong_state_of_an_object_that_nobody_has_touched(client, car):
+    error = client.patch(car, json={"state": "cleared", "was": "confirmed"}).json["error"]
+    assert (error["where"], error["message"]) == ("was", "the object is found: nobody has set another state")
+
+
 @pytest.mark.parametrize(
     "given", [{}, {"state": "lost"}, {"state": "cleared", "was": 1}, {"state": "cleared", "note": "a\x00"}]
 )
