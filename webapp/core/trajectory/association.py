@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.assignment import MOST_TOGETHER, Costs, assign
+from webapp.core.trajectory.distance import WGS84
 from webapp.core.trajectory.records import Sighting
 
 GATE = 13.82
@@ -196,7 +197,7 @@ class _Kind:
         return dict(zip(near[likeliest].tolist(), costs[likeliest].tolist(), strict=True))
 
     def _may_be_near(self, one: Sighting, noise: Floats) -> Bools:
-        """Tell which objects may be inside the gate, by latitude alone, as a mission may have many."""
+        """Mark the objects that may be inside the gate, by latitude alone, as a mission may have many."""
         most = self.covariance[:, 1, 1] + (noise[1, 1] + FLOOR_M**2 + DRIFT_M**2)
         north = (self.latlon[:, 0] - one.latlon.lat) * _LEAST_M_PER_DEGREE
         inside: Bools = north**2 <= GATE * most
@@ -241,8 +242,11 @@ def _metres(origins: Floats, position: LatLon) -> Floats:
 
 
 def _metres_per_degree(lat: Floats) -> tuple[Floats, Floats]:
-    """Return the length of a degree of latitude and of longitude, by the radii of curvature of WGS 84."""
-    a, e2 = 6_378_137.0, 0.006_694_379_990_14
+    """Return the length of a degree of latitude and of longitude, by the radii of curvature of WGS 84.
+
+    Geodesics would take about ten times as long, and thousands of detections may come at once.
+    """
+    a, e2 = WGS84.a, WGS84.es
     root = 1.0 - e2 * np.sin(np.radians(lat)) ** 2
     north = a * (1.0 - e2) / root**1.5
     east = a / np.sqrt(root) * np.cos(np.radians(lat))

@@ -57,7 +57,7 @@ class Sighting:
     Attributes
     ----------
     object_id : str or None
-        The same object has the same id at every sighting; None where the robot cannot tell.
+        The same object has the same id at every sighting; None where its detector does not track objects.
     kind : str
         Its class: `car`, `victim` ...
     time_s : float

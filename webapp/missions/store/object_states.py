@@ -43,7 +43,7 @@ def change_state(session: Session, mission: Mission, *, object_id: str, change: 
     Raises
     ------
     NotFound
-        There is no such object.
+        The mission has no object of this id.
     Conflict
         The object has another state than the caller has seen.
     """

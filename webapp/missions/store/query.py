@@ -60,19 +60,19 @@ _POSES: dict[str, tuple[Kind, Any]] = {
     "cov_en": ("number", Pose.cov_en),
     "travelled_m": ("number", Pose.travelled_m),
 }
+_MEASURED = (
+    "lat", "lon", "height_m", "confidence", "var_e", "var_n", "cov_en", "size_x_m", "size_y_m", "size_z_m",
+)  # fmt: skip
+
+
+def _measured(table: type[MissionObject | ObjectSighting]) -> dict[str, tuple[Kind, Any]]:
+    return {name: ("number", getattr(table, name)) for name in _MEASURED}
+
+
 _OBJECTS: dict[str, tuple[Kind, Any]] = {
     "id": ("text", MissionObject.object_id),
     "class": ("text", MissionObject.kind),
-    "lat": ("number", MissionObject.lat),
-    "lon": ("number", MissionObject.lon),
-    "height_m": ("number", MissionObject.height_m),
-    "confidence": ("number", MissionObject.confidence),
-    "var_e": ("number", MissionObject.var_e),
-    "var_n": ("number", MissionObject.var_n),
-    "cov_en": ("number", MissionObject.cov_en),
-    "size_x_m": ("number", MissionObject.size_x_m),
-    "size_y_m": ("number", MissionObject.size_y_m),
-    "size_z_m": ("number", MissionObject.size_z_m),
+    **_measured(MissionObject),
     "sightings": ("number", MissionObject.sightings),
     "first_time": ("time", MissionObject.first_time_s),
     "last_time": ("time", MissionObject.last_time_s),
@@ -86,16 +86,7 @@ _SIGHTINGS: dict[str, tuple[Kind, Any]] = {
     "class": ("text", MissionObject.kind),
     "number": ("number", ObjectSighting.number),
     "time": ("time", ObjectSighting.time_s),
-    "lat": ("number", ObjectSighting.lat),
-    "lon": ("number", ObjectSighting.lon),
-    "height_m": ("number", ObjectSighting.height_m),
-    "confidence": ("number", ObjectSighting.confidence),
-    "var_e": ("number", ObjectSighting.var_e),
-    "var_n": ("number", ObjectSighting.var_n),
-    "cov_en": ("number", ObjectSighting.cov_en),
-    "size_x_m": ("number", ObjectSighting.size_x_m),
-    "size_y_m": ("number", ObjectSighting.size_y_m),
-    "size_z_m": ("number", ObjectSighting.size_z_m),
+    **_measured(ObjectSighting),
     "photo": ("text", ObjectSighting.photo_sha),
 }
 _CHANGES: dict[str, tuple[Kind, Any]] = {

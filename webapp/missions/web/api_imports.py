@@ -24,11 +24,34 @@ from webapp.web.context import account, library, settings
 blueprint = APIBlueprint("api_mission_imports", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
 _PARTS = 20
-_MAX_TEXT = 2000
+MAX_TEXT = 2000
 _OPTIONS = ("columns", "source", "min_move", "axes", "start", "topics")
 
 
-class TrackFileIn(Schema):
+class ReadOptionsIn(Schema):
+    """How a file with tracks is read."""
+
+    columns = String(
+        load_default="",
+        validate=Length(max=MAX_TEXT),
+        metadata={
+            "description": "Of a table: what each column holds.",
+            "example": "time=stamp:ms, lat=Lat, lon=Lon",
+        },
+    )
+    source = String(
+        load_default="",
+        validate=OneOf(("", *SOURCES)),
+        metadata={"description": "Of all tracks; by default what the kind of the file says."},
+    )
+    axes = String(
+        load_default="",
+        validate=OneOf(("", *AXES)),
+        metadata={"description": "Of a frame in TUM, KITTI or CSV; by default detected."},
+    )
+
+
+class TrackFileIn(ReadOptionsIn):
     """A file, and how to read it."""
 
     file = File(
@@ -38,28 +61,10 @@ class TrackFileIn(Schema):
             "NMEA, TUM, KITTI or CSV."
         },
     )  # type: ignore[no-untyped-call]
-    columns = String(
-        load_default="",
-        validate=Length(max=_MAX_TEXT),
-        metadata={
-            "description": "Of a CSV: what each column holds.",
-            "example": "time=stamp:ms, lat=Lat, lon=Lon",
-        },
-    )
-    source = String(
-        load_default="",
-        validate=OneOf(("", *SOURCES)),
-        metadata={"description": "Of all tracks; by default what the kind of the file says."},
-    )
     min_move = String(
         load_default="",
         validate=Length(max=40),
         metadata={"description": "Poses that moved less are left out: `0.5m`, `0.00001deg` (usual), `0`."},
-    )
-    axes = String(
-        load_default="",
-        validate=OneOf(("", *AXES)),
-        metadata={"description": "Of a frame in TUM, KITTI or CSV; by default detected."},
     )
     start = String(
         load_default="",
@@ -72,7 +77,7 @@ class TrackFileIn(Schema):
     )
     topics = String(
         load_default="",
-        validate=Length(max=_MAX_TEXT),
+        validate=Length(max=MAX_TEXT),
         metadata={"description": "Only these topics of a bag or lines of a KML, separated by commas."},
     )
 

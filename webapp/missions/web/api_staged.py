@@ -10,7 +10,6 @@ from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 from flask import request
 
-from webapp.core.trajectory.axes import AXES
 from webapp.core.trajectory.records import SOURCES
 from webapp.errors import UsageError
 from webapp.files.part_file import WrongOffset, append, one_at_a_time
@@ -19,7 +18,7 @@ from webapp.missions.store import missions
 from webapp.missions.tasks import staged_file
 from webapp.missions.tasks.import_order import order_of
 from webapp.missions.tasks.staged_file import StagedFile
-from webapp.missions.web.api_imports import TrackJobOut
+from webapp.missions.web.api_imports import MAX_TEXT, ReadOptionsIn, TrackJobOut
 from webapp.missions.web.context import open_mission
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
@@ -31,7 +30,6 @@ blueprint = APIBlueprint("api_staged", __name__, url_prefix="/api/v1/mission-fil
 
 OPERATIONS = {"api_staged.send": pieces.OPERATION}
 
-_MAX_TEXT = 2000
 _MOST_TRACKS = 10_000
 _QUICK_BYTES = 4_000_000
 """Larger files are read by a job."""
@@ -40,7 +38,7 @@ _QUICK_BYTES = 4_000_000
 class StagedFileIn(Schema):
     """A file that is going to be sent."""
 
-    name = String(required=True, validate=Length(1, _MAX_TEXT))
+    name = String(required=True, validate=Length(1, MAX_TEXT))
     size_bytes = Integer(required=True, strict=True, validate=Range(min=0))
 
 
@@ -59,31 +57,13 @@ class OffsetOut(Schema):
     offset = Integer(metadata={"description": "Bytes that have arrived."})
 
 
-class ReadingIn(Schema):
+class ReadingIn(ReadOptionsIn):
     """How a file is to be read."""
 
     name = String(
         required=True,
-        validate=Length(1, _MAX_TEXT),
+        validate=Length(1, MAX_TEXT),
         metadata={"description": "Of the file: tracks are named after it."},
-    )
-    columns = String(
-        load_default="",
-        validate=Length(max=_MAX_TEXT),
-        metadata={
-            "description": "Of a table: what each column holds.",
-            "example": "time=stamp:ms, lat=Lat, lon=Lon",
-        },
-    )
-    source = String(
-        load_default="",
-        validate=OneOf(("", *SOURCES)),
-        metadata={"description": "Of all tracks; by default what the kind of the file says."},
-    )
-    axes = String(
-        load_default="",
-        validate=OneOf(("", *AXES)),
-        metadata={"description": "Of a frame in TUM, KITTI or CSV; by default detected."},
     )
 
 
@@ -101,7 +81,7 @@ class TrackKeyIn(Schema):
     """A track of the file, as it was listed."""
 
     source = String(required=True, validate=OneOf(SOURCES))
-    track = String(required=True, validate=Length(max=_MAX_TEXT))
+    track = String(required=True, validate=Length(max=MAX_TEXT))
 
 
 class NewMissionIn(Schema):
@@ -279,7 +259,7 @@ def contents(file_id: str, given: dict[str, Any]) -> Any:
 @blueprint.input(StagedImportIn, arg_name="given")
 @blueprint.output(TrackJobOut, status_code=202)
 @blueprint.doc(
-    description="The staged file is gone then, whatever becomes of the job. A new mission is made once the "
+    description="The staged file is removed, also if the job fails. A new mission is made once the "
     "file has been read; the result of the job names it. The same file again, read in the same way into the "
     "same mission, stores nothing twice."
 )

@@ -19,9 +19,10 @@ from webapp.files.photos.panorama import is_panorama
 from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_facts, read_gray, read_upright, scaled_gray
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import guessed_fov_deg
+from webapp.tasks.maps.cut_panoramas import CutOptions
 
-_VIEWS, _FOCAL_35MM = 6, 17
-"""Of a panorama: 60 degrees apart, each 91 degrees wide."""
+_CUT = CutOptions()
+"""A query is cut as a map's panoramas are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +145,10 @@ def _views(path: Path, *, settings: Settings, describe: GlobalDescriptor | None)
     started = time.perf_counter()
     pixels = read_upright(path, limits=settings.photo)
     height, width = pixels.shape[:2]
-    size = view_size(width, _FOCAL_35MM)
+    size = view_size(width, _CUT.focal_35mm)
     fov = FieldOfView(size.camera.fov_deg, "exif")
-    for number in range(_VIEWS):
-        turn_deg = 360.0 * number / _VIEWS
+    for number in range(_CUT.views):
+        turn_deg = 360.0 * number / _CUT.views
         cut, _ = cut_view(pixels, size, turn_deg=turn_deg)
         gray = np.asarray(cv2.cvtColor(cut, cv2.COLOR_BGR2GRAY), np.uint8)
         vector = None if describe is None else describe.describe(cut)

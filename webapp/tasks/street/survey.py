@@ -1,4 +1,4 @@
-"""What a service of street-level photos has of an area, told before anything is downloaded."""
+"""Counts the photos that a street-level service has of an area, before anything is downloaded."""
 
 from __future__ import annotations
 
