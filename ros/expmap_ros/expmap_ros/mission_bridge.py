@@ -29,8 +29,17 @@ from expmap_ros.managed import ManagedNode
 from expmap_ros.messages import TF_MESSAGE
 from expmap_ros.parameters import SERVER, Parameter, ParameterError, names, numbers, token_of
 from expmap_ros.pictures import UnusableImage, photo_of
-from expmap_ros.robot_frame import Box, LocalPose, RobotFrame, Sighting, boxes_of, pose_of, sightings_of
-from expmap_ros.sent import Identity, SentMessages, object_identity, pose_identity
+from expmap_ros.robot_frame import (
+    Box,
+    LocalPose,
+    Place,
+    RobotFrame,
+    Sighting,
+    boxes_of,
+    pose_of,
+    sightings_of,
+)
+from expmap_ros.sent import Identity, Numbering, SentMessages, object_identity, pose_identity
 
 try:
     from vision_msgs.msg import Detection2DArray, Detection3DArray
@@ -79,9 +88,7 @@ class MissionBridge(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("mission_bridge", PARAMETERS, **options)
-        self._counts = dict.fromkeys(
-            ("received", "written", "hardly moved", "repeated", "without an id", "unusable"), 0
-        )
+        self._counts = dict.fromkeys(("received", "written", "hardly moved", "repeated", "unusable"), 0)
         self._refused = ""
         self._lens: Pinhole | None = None
         self._photos: OrderedDict[float, str] = OrderedDict()
@@ -196,51 +203,64 @@ class MissionBridge(ManagedNode):
             self._counts["hardly moved"] += 1
 
     def _take_objects(self, message: Any, at_s: float) -> None:
+        numbering = Numbering()
         for sighting in sightings_of(message):
             with self._reporting():
-                self._send_object(sighting, _stamp_s(sighting.header, at_s), self._place)
+                self._send_object(sighting, _stamp_s(sighting.header, at_s), numbering)
 
     def _take_boxes(self, message: Any, at_s: float) -> None:
+        numbering = Numbering()
         for box in boxes_of(message):
             with self._reporting():
-                self._send_object(box, _stamp_s(box.header, at_s), self._project)
+                self._send_object(box, _stamp_s(box.header, at_s), numbering)
 
     def _take_lens(self, info: CameraInfo, _: float) -> None:
         if info.k[0] > 0 and info.k[4] > 0:
             self._lens = Pinhole(info.k[0], info.k[4], info.k[2], info.k[5])
 
-    def _place(self, seen: Sighting) -> tuple[float, float]:
+    def _place(self, seen: Sighting) -> Place:
         found = self._moving_robot().place(seen)
         if found is None:
-            raise Unplaced(f"object {seen.id}: where the robot is in {seen.header.frame_id!r} is not known")
+            raise Unplaced(f"{_name(seen)}: where the robot is in {seen.header.frame_id!r} is not known")
         return found
 
-    def _project(self, box: Box) -> tuple[float, float]:
+    def _project(self, box: Box) -> Place:
         if self._camera is None or self._lens is None:
             raise Unplaced("2D detections need the parameter camera, and a CameraInfo")
         farthest = self._values["max_range_m"]
         found = self._camera.on_ground(*box.foot, lens=self._lens, farthest_m=farthest)
         if found is None:
-            raise Unplaced(f"object {box.id} does not stand on the ground within {farthest:g} m")
-        return self._moving_robot().ahead(*found)
+            raise Unplaced(f"{_name(box)} does not stand on the ground within {farthest:g} m")
+        return self._moving_robot().on_ground(*found)
 
     def _moving_robot(self) -> RobotFrame:
         if self._robot is None or not self._robot.is_known:
             raise Unplaced("objects need odometry, and the parameter start")
         return self._robot
 
-    def _send_object(self, seen: Any, time_s: float, place: Callable[[Any], tuple[float, float]]) -> None:
-        if not seen.id:
-            self._counts["without an id"] += 1
-            return
-        _remember(self._objects, time_s, seen.id)
-        identity = object_identity(seen.id, time_s)
+    def _send_object(self, seen: Sighting | Box, time_s: float, numbering: Numbering) -> None:
+        if seen.id:
+            _remember(self._objects, time_s, seen.id)
+            identity = object_identity(seen.id, time_s)
+        else:
+            identity = numbering.identity(
+                seen.kind,
+                time_s,
+                confidence=seen.confidence,
+                size_m=seen.size_m,
+                in_image=isinstance(seen, Box),
+            )
         if not self._is_new(identity):
             return
-        lat, lon = place(seen)
-        more = {"confidence": seen.confidence, "photo": self._photos.get(time_s)}
+        place = self._project(seen) if isinstance(seen, Box) else self._place(seen)
+        more = {
+            "height_m": place.height_m,
+            "confidence": seen.confidence,
+            "size_m": seen.size_m,
+            "photo": self._photos.get(time_s),
+        }
         given = {name: value for name, value in more.items() if value is not None}
-        self._client.object(seen.id, seen.kind, lat=lat, lon=lon, time_s=time_s, **given)
+        self._client.object(seen.id or None, seen.kind, lat=place.lat, lon=place.lon, time_s=time_s, **given)
         self._written(identity)
 
     def _take_photo(self, image: Image | CompressedImage, at_s: float) -> None:
@@ -278,6 +298,10 @@ class MissionBridge(ManagedNode):
             level, text = DiagnosticStatus.ERROR, self._refused or str(status.refused)
         self._refused = ""
         self._diagnostics.publish(running.diagnostics(self, level, text, values=values.items()))
+
+
+def _name(seen: Sighting | Box) -> str:
+    return f"object {seen.id}" if seen.id else f"a detection of class {seen.kind}"
 
 
 def _stamp_s(header: Header, published_s: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
@@ -14,6 +14,21 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from expmap_ros.geodesy import Origin
 from expmap_ros.messages import yaw_of
+
+_SHAPES = (
+    "arrow",
+    "cube",
+    "sphere",
+    "cylinder",
+    "line",
+    "lines",
+    "cubes",
+    "spheres",
+    "points",
+    "text",
+    "mesh",
+)
+"""Of markers, by their type: as imports call them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +39,10 @@ class Sighting:
     ----------
     id : str
         Empty where it has none.
-    x, y : float
+    x, y, z : float
         Metres in the frame of the header.
+    size_m : tuple of float, optional
+        Length, width and height.
     """
 
     header: Header
@@ -33,7 +50,9 @@ class Sighting:
     kind: str
     x: float
     y: float
+    z: float
     confidence: float | None = None
+    size_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +63,8 @@ class Box:
     ----------
     foot : (float, float)
         Column and row of the middle of its lower edge, pixels.
+    size_m : None
+        It cannot be seen.
     """
 
     header: Header
@@ -51,6 +72,15 @@ class Box:
     kind: str
     foot: tuple[float, float]
     confidence: float | None
+    size_m: None = None
+
+
+class Place(NamedTuple):
+    """Where an object is: degrees, and metres above the origin of odometry."""
+
+    lat: float
+    lon: float
+    height_m: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,17 +152,20 @@ class RobotFrame:
         """Whether a pose of the robot has come."""
         return self._newest is not None
 
-    def place(self, sighting: Sighting) -> tuple[float, float] | None:
-        """Degrees of an object; None where its frame is neither that of odometry nor the robot's own."""
+    def place(self, sighting: Sighting) -> Place | None:
+        """Locate an object; None where its frame is neither that of odometry nor the robot's own."""
         robot = self._known_pose()
         if sighting.header.frame_id == robot.frame:
-            return self._degrees(sighting.x, sighting.y)
+            return Place(*self._degrees(sighting.x, sighting.y), sighting.z)
         if sighting.header.frame_id == robot.body:
-            return self.ahead(sighting.x, sighting.y)
+            return Place(*self._ahead(sighting.x, sighting.y), robot.z + sighting.z)
         return None
 
-    def ahead(self, forward: float, left: float) -> tuple[float, float]:
-        """Degrees of a point beside the robot, metres."""
+    def on_ground(self, forward: float, left: float) -> Place:
+        """Locate a point beside the robot, metres; its height is not known."""
+        return Place(*self._ahead(forward, left), None)
+
+    def _ahead(self, forward: float, left: float) -> tuple[float, float]:
         robot = self._known_pose()
         x, y = _turned(forward, left, robot.yaw or 0.0)
         return self._degrees(robot.x + x, robot.y + y)
@@ -163,12 +196,19 @@ def sightings_of(message: Any) -> Iterator[Sighting]:
             if marker.action == Marker.ADD:
                 name = f"{marker.ns}/{marker.id}" if marker.ns else str(marker.id)
                 at = marker.pose.position
-                yield Sighting(marker.header, name, marker.ns or marker.text or "marker", at.x, at.y)
+                yield Sighting(
+                    marker.header, name, marker.ns or marker.text or _shape(marker), at.x, at.y, at.z
+                )
         return
     for detection in message.detections:
         at = detection.bbox.center.position
         kind, score = _best(detection)
-        yield Sighting(_header(detection, message), detection.id, kind, at.x, at.y, score)
+        header, size_m = _header(detection, message), _size(detection)
+        yield Sighting(header, detection.id, kind, at.x, at.y, at.z, score, size_m)
+
+
+def _shape(marker: Marker) -> str:
+    return _SHAPES[marker.type] if 0 <= marker.type < len(_SHAPES) else "marker"
 
 
 def boxes_of(message: Any) -> Iterator[Box]:
@@ -188,9 +228,18 @@ def _header(detection: Any, message: Any) -> Header:
 
 
 def _best(detection: Any) -> tuple[str, float | None]:
-    """Class and score of the best hypothesis of a detection."""
+    """Class and score of the best hypothesis of a detection; a score that is no probability is left out."""
     best = max((r.hypothesis for r in detection.results), key=lambda h: h.score, default=None)
-    return ("object", None) if best is None else (best.class_id or "object", best.score)
+    if best is None:
+        return "object", None
+    return best.class_id or "object", best.score if 0.0 <= best.score <= 1.0 else None
+
+
+def _size(detection: Any) -> tuple[float, float, float] | None:
+    """Sides of the box of a detection; zeros say nothing."""
+    size = detection.bbox.size
+    sides = (size.x, size.y, size.z)
+    return sides if all(0.0 < side < math.inf for side in sides) else None
 
 
 def _turned(x: float, y: float, yaw: float) -> tuple[float, float]:

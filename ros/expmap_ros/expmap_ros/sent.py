@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 Identity = tuple[Any, ...]
@@ -24,7 +26,8 @@ class SentMessages:
     """
 
     def __init__(self, records: Iterable[Mapping[str, Any]]) -> None:
-        found = [_identity(record) for record in records if record["type"] != "end"][:_MOST]
+        numbering = Numbering()
+        found = [_identity(record, numbering) for record in records if record["type"] != "end"][:_MOST]
         self._known = dict.fromkeys(reversed(found))
 
     def __contains__(self, identity: Identity) -> bool:
@@ -47,10 +50,34 @@ def object_identity(id: str, time_s: float) -> Identity:
     return ("object", id, time_s)
 
 
-def _identity(record: Mapping[str, Any]) -> Identity:
+@dataclass(slots=True)
+class Numbering:
+    """Numbers the detections without an id that are alike, of one message or of all records."""
+
+    _seen: Counter[Identity] = field(default_factory=Counter)
+
+    def identity(
+        self, kind: str, time_s: float, *, confidence: float | None, size_m: Any, in_image: bool
+    ) -> Identity:
+        """Identify the next detection without an id.
+
+        Where it was is left out: that depends on what the bridge knew of the robot at that moment.
+        """
+        alike = ("detection", kind, time_s, confidence, size_m and tuple(size_m), in_image)
+        self._seen[alike] += 1
+        return (*alike, self._seen[alike])
+
+
+def _identity(record: Mapping[str, Any], numbering: Numbering) -> Identity:
     if record["type"] == "object":
-        if (id := record.get("id")) is None:  # by another program: this bridge sends objects with ids only
-            return ("object", None, record["time"], record["lat"], record["lon"])
+        if (id := record.get("id")) is None:
+            return numbering.identity(
+                record["class"],
+                record["time"],
+                confidence=record.get("confidence"),
+                size_m=record.get("size_m"),
+                in_image="height_m" not in record,
+            )
         return object_identity(id, record["time"])
     source, track = record.get("source", "gps"), record.get("track", "")
     return pose_identity(source, track, record["time"], lat=record["lat"], lon=record["lon"])

@@ -20,14 +20,18 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
 from webapp.missions.store import tracks
+from webapp.missions.store.schema import MissionObject
 from webapp.missions.tasks.import_file import Order, import_track_file
 from webapp.missions.tasks.place_track import ReadOptions
 from webapp.settings import Settings
 
 TFMessage = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not built here").TFMessage
+vision = pytest.importorskip("vision_msgs.msg", reason="vision_msgs is not built here")
 
+FIELDS = ("kind", "sightings", "first_time_s", "last_time_s", "confidence", "size_m", "associated")
 COUNT, BEGIN_S = 40, 1_777_629_600.0
-KINDS = {"/fix": NavSatFix, "/odom": Odometry, "/tf": TFMessage}
+MOVES = {"/fix": NavSatFix, "/odom": Odometry, "/tf": TFMessage}
+KINDS = {**MOVES, "/detections": vision.Detection3DArray}
 KEPT = QoSProfile(
     depth=COUNT, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -63,6 +67,18 @@ def bag(tmp_path):
             ("/odom", time_s + 0.13, m.odometry(time_s, pose, variance=0.25 * (number % 3))),
             ("/tf", time_s + 0.14, m.transforms([(time_s + 0.01, "odom", "base_link", pose)])),
         ]
+        if number % 5 == 0:  # two people who stand there, in different order, each a little off
+            off = number / 400
+            seen = [
+                ("", "person", 0.5, m.pose(4.0 + off, -3.0, 0.2)),
+                ("", "person", 0.6, m.pose(9.0, 6.0 - off)),
+            ]
+            if number % 2:
+                seen.reverse()
+            messages.append(("/detections", time_s + 0.15, m.detections(time_s, seen, "odom")))
+    beside = [("", "door", 0.7, m.pose(2.0, 1.0, 0.3)), ("exit", "door", 0.8, m.pose(2.0, -1.0))]
+    end_s = BEGIN_S + COUNT / 4
+    messages.append(("/detections", end_s, m.detections(end_s, beside, "base_link")))
     return m.bag(tmp_path / "bag", messages).parent
 
 
@@ -73,6 +89,12 @@ def poses_of(site, mission):
         return {(t.source, t.name.endswith("tf")): tracks.read(session, t) for t in found}
 
 
+def objects_of(site, mission):
+    with site.library.database.read() as session:
+        found = session.query(MissionObject).filter_by(mission_id=mission).order_by(MissionObject.object_id)
+        return {row.object_id: row for row in found}
+
+
 def test_a_bag_that_is_played_is_the_mission_that_an_import_makes_of_it(bench, site, bag, tmp_path):
     (tmp_path / "token").write_text(site.token)
     played, imported = site.new_mission(), site.new_mission()
@@ -80,15 +102,22 @@ def test_a_bag_that_is_played_is_the_mission_that_an_import_makes_of_it(bench, s
     values |= {f"qos_overrides.{topic}.subscription.durability": "transient_local" for topic in KINDS}
     bench.start(MissionBridge, **values, mission=played, start=f"{LAT},{LON},120", tf="odom,base_link")
     publishers = {topic: bench.node.create_publisher(kind, topic, KEPT) for topic, kind in KINDS.items()}
-    with AnyReader([bag]) as reader:
-        for connection, _, message in reader.messages():
-            publishers[connection.topic].publish(bytes(message))
+
+    def publish(topics):
+        with AnyReader([bag]) as reader:
+            for connection, _, message in reader.messages():
+                if connection.topic in topics:
+                    publishers[connection.topic].publish(bytes(message))
+
+    publish(MOVES)
 
     def counts():
         return Counter({key: len(poses) for key, poses in poses_of(site, played).items()})
 
     whole = {("gps", False): COUNT - 1, ("odometry", False): COUNT, ("odometry", True): COUNT}
     bench.until(lambda: counts() == whole)
+    publish(["/detections"])
+    bench.until(lambda: "exit" in objects_of(site, played))
     options = ReadOptions(start=Start(LatLon(LAT, LON), 120.0), min_move=MinMove(0.0), topics=tuple(KINDS))
     settings = Settings(library=tmp_path / "library")
     import_track_file(site.library, imported, order=Order(bag, "drive", options), settings=settings)
@@ -101,3 +130,21 @@ def test_a_bag_that_is_played_is_the_mission_that_an_import_makes_of_it(bench, s
             ours, theirs = getattr(poses, field), getattr(read[key], field)
             np.testing.assert_allclose(ours, theirs, rtol=0, atol=off, err_msg=f"{key} {field}")
     assert sent["gps", False].latlon.tolist() == read["gps", False].latlon.tolist()
+    ours, theirs = objects_of(site, played), objects_of(site, imported)
+    assert set(ours) == set(theirs) == {"person #1", "person #2", "door #1", "exit"}
+    assert ours["person #1"].sightings == COUNT / 5
+    for id, row in ours.items():
+        for field in (
+            "kind",
+            "sightings",
+            "first_time_s",
+            "last_time_s",
+            "confidence",
+            "size_m",
+            "associated",
+        ):
+            assert getattr(row, field) == getattr(theirs[id], field), (id, field)
+        assert (row.lat, row.lon) == pytest.approx((theirs[id].lat, theirs[id].lon), abs=1e-8)
+        assert row.height_m == pytest.approx(theirs[id].height_m, abs=1e-3)
+        assert (row.covariance_m2 is None) == (theirs[id].covariance_m2 is None) == (not row.associated)
+        assert row.covariance_m2 is None or row.covariance_m2 == pytest.approx(theirs[id].covariance_m2)

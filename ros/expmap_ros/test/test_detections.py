@@ -5,6 +5,7 @@ import math
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -54,28 +55,44 @@ def robot(bench, server, values):
     bench.until(lambda: records(server), lambda: odometry.publish(at_rest(1)))
 
 
+def sent_objects(server):
+    return [r for r in records(server) if r["type"] == "object"]
+
+
 def objects(server):
-    return {r["id"]: r for r in records(server) if r["type"] == "object"}
+    return {r["id"]: r for r in sent_objects(server)}
 
 
-def test_detections_in_space_with_an_id_are_objects(bench, server, robot):
+def saying(states, key):
+    """What the newest diagnostics say of something; 0 before there are any."""
+    return sum(int(v.value) for state in states[-1:] for v in state.status[0].values if v.key == key)
+
+
+def test_detections_in_space_are_objects_with_an_id_or_without(bench, server, robot):
     publisher = bench.node.create_publisher(vision.Detection3DArray, "/detections", 10)
     states = bench.listen(DiagnosticArray, "/diagnostics")
     bad = solid("far off", 3.0)
     bad.header.frame_id = "lidar"
+    large = solid("", 2.0)
+    large.bbox.size = Vector3(x=1.0, y=2.0, z=3.0)
+    large.bbox.center.position.z = 0.5
     message = vision.Detection3DArray(
-        header=header(2, "base_link"), detections=[bad, solid("", 1.0), solid("v1", 8.0)]
+        header=header(2, "base_link"),
+        detections=[bad, solid("", 1.0), large, solid("", 3.0), solid("v1", 8.0)],
     )
-    bench.until(lambda: objects(server), lambda: publisher.publish(message))
-    seen = objects(server)
-    assert set(seen) == {"v1"}
-    assert (seen["v1"]["class"], seen["v1"]["confidence"], seen["v1"]["time"]) == ("victim", 0.75, 1002.0)
-    assert (seen["v1"]["lat"] - LAT) * NORTH_M == pytest.approx(8.0, rel=1e-3)
+    bench.until(lambda: len(sent_objects(server)) >= 4, lambda: publisher.publish(message))
+    seen = sent_objects(server)
+    assert [one.get("id") for one in seen] == [None, None, None, "v1"]
+    assert {(one["class"], one["confidence"], one["time"]) for one in seen} == {("victim", 0.75, 1002.0)}
+    assert [one.get("size_m") for one in seen] == [None, [1.0, 2.0, 3.0], None, None]
+    assert [one["height_m"] for one in seen] == [0.0, 0.5, 0.0, 0.0]
+    assert [(one["lat"] - LAT) * NORTH_M for one in seen] == pytest.approx([1.0, 2.0, 3.0, 8.0], rel=1e-3)
     bench.until(
         lambda: any("far off" in s.status[0].message and "lidar" in s.status[0].message for s in states)
     )
-    counts = {v.key: v.value for v in states[-1].status[0].values}
-    assert int(counts["without an id"]) > 0
+    states.clear()
+    bench.until(lambda: saying(states, "repeated") >= 8, lambda: publisher.publish(message))
+    assert len(sent_objects(server)) == 4
 
 
 def test_detections_in_an_image_are_objects_where_they_stand(bench, server, robot):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -58,10 +58,10 @@ class RosPose:
 
 @dataclass(frozen=True, slots=True)
 class DetectedObject:
-    """An object in a frame; `sighting` is None for one without an id."""
+    """An object in a frame."""
 
     frame: str
-    sighting: LocalSighting | None
+    sighting: LocalSighting
 
 
 def _fix(message: Any, at_s: float) -> list[RosPose]:
@@ -121,10 +121,10 @@ def _detections(message: Any, at_s: float) -> Iterator[DetectedObject]:
             "object" if best is None else str(getattr(_hypothesis(best), "class_id", getattr(best, "id", "")))
         )
         time_s = _time(detection, _time(message, at_s))
-        at = detection.bbox.center.position
+        xyz = _xyz(detection.bbox.center.position)
         score = None if best is None else _score(best)
-        seen = _seen(frame, str(name), kind, time_s=time_s, at=at, confidence=score)
-        yield replace(seen, sighting=seen.sighting and replace(seen.sighting, size_m=_size(detection)))
+        seen = LocalSighting(str(name) or None, kind or "object", time_s, xyz, score, size_m=_size(detection))
+        yield DetectedObject(frame, seen)
 
 
 def _markers(message: Any, at_s: float) -> Iterator[DetectedObject]:
@@ -134,8 +134,8 @@ def _markers(message: Any, at_s: float) -> Iterator[DetectedObject]:
         shape = _SHAPES[marker.type] if 0 <= marker.type < len(_SHAPES) else "marker"
         name = f"{marker.ns}/{marker.id}" if marker.ns else str(marker.id)
         kind = marker.ns or marker.text or shape
-        at = marker.pose.position
-        yield _seen(marker.header.frame_id, name, kind, time_s=_time(marker, at_s), at=at, confidence=None)
+        seen = LocalSighting(name, kind, _time(marker, at_s), _xyz(marker.pose.position))
+        yield DetectedObject(marker.header.frame_id, seen)
 
 
 POSES: dict[str, Callable[[Any, float], list[RosPose]]] = {
@@ -194,13 +194,8 @@ def _size(detection: Any) -> tuple[float, float, float] | None:
     return sides if all(0.0 < side < math.inf for side in sides) else None
 
 
-def _seen(
-    frame: str, name: str, kind: str, *, time_s: float, at: Any, confidence: float | None
-) -> DetectedObject:
-    if not name:
-        return DetectedObject(frame, None)
-    xyz = (float(at.x), float(at.y), float(at.z))
-    return DetectedObject(frame, LocalSighting(name, kind or "object", time_s, xyz, confidence))
+def _xyz(at: Any) -> tuple[float, float, float]:
+    return float(at.x), float(at.y), float(at.z)
 
 
 def _hypothesis(result: Any) -> Any:

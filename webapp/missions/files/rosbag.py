@@ -24,7 +24,6 @@ from webapp.extras import extra
 from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, TRANSFORMS, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,
-    NO_ID,
     Findings,
     LocalSighting,
     Piece,
@@ -153,9 +152,7 @@ def _objects(message: Any, kind: str, at_s: float, *, topic: str, findings: Find
         seen = list(OBJECTS[kind](message, at_s))
     by_frame: dict[str, list[LocalSighting]] = {}
     for one in seen:
-        if one.sighting is None:
-            findings.skip(NO_ID, where=topic)
-        elif not all(map(math.isfinite, (one.sighting.time_s, *one.sighting.xyz_m))):
+        if not all(map(math.isfinite, (one.sighting.time_s, *one.sighting.xyz_m))):
             findings.skip("objects with a time or a position that is not a number", where=topic)
         else:
             by_frame.setdefault(one.frame, []).append(one.sighting)

@@ -18,7 +18,6 @@ UNTIMED = "tracks without times keep the order of their points and nothing else"
 FEW_TIMES = "times of tracks of which most points have none"
 NO_TIME = "points without a time, in a track that has times"
 UNTIMED_OBJECTS = "objects without a time count as of 1970-01-01"
-NO_ID = "objects without an id of their own, by which they could be known again"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,11 +75,13 @@ class LocalSighting:
 
     Attributes
     ----------
+    object_id : str or None
+        None for a detection without one: which object it shows is found when it is stored.
     xyz_m : tuple of float
         Metres forward, left and up; finite.
     """
 
-    object_id: str
+    object_id: str | None
     kind: str
     time_s: float
     xyz_m: tuple[float, float, float]

@@ -200,7 +200,8 @@ class TrackPlacer:
         frame = self._frames.get(piece.frame) or self._bodies.get(piece.frame)
         if frame is None:
             reason = f"objects in the frame {piece.frame!r}, of which no pose is known"
-            self.findings.skip(reason, where=piece.sightings[0].object_id, count=len(piece.sightings))
+            first = piece.sightings[0]
+            self.findings.skip(reason, where=first.object_id or first.kind, count=len(piece.sightings))
             return
         places = np.array([one.xyz_m for one in piece.sightings])
         for one, (lat, lon) in zip(

@@ -8,7 +8,7 @@ import pytest
 
 from webapp.errors import TrackError
 from webapp.missions.files import rosbag
-from webapp.missions.files.track_chunks import NO_ID, Findings, RobotObjects, RobotPiece, WorldPiece
+from webapp.missions.files.track_chunks import Findings, RobotObjects, RobotPiece, WorldPiece
 
 KINDS = pytest.mark.parametrize(
     ("ros1", "mcap", "suffix"), [(True, False, ".bag"), (False, False, ".db3"), (False, True, ".mcap")]
@@ -64,14 +64,14 @@ def test_every_kind_of_bag_gives_its_poses_and_objects(ros, tmp_path, ros1, mcap
     assert (stamped.frame, stamped.poses.xyz_m[0, 0]) == ("map", 6.0)
     assert isinstance(seen, RobotObjects)
     assert seen.frame == "base_link"
-    (car,) = seen.sightings
+    car, anonymous = seen.sightings
+    assert (anonymous.object_id, anonymous.kind, anonymous.size_m) == (None, "x", (1.0, 1.0, 1.0))
     assert (car.object_id, car.kind, car.confidence, car.xyz_m) == ("a1", "car", 0.75, (3.0, 1.0, 0.0))
     (barrel,) = marks.sightings
     assert (barrel.object_id, barrel.kind) == ("barrel/7", "barrel")
     result = {one.reason: (one.count, one.where) for one in findings.skipped()}
     assert result == {
         "fixes that the receiver calls invalid": (1, "/fix"),
-        NO_ID: (1, "/seen"),
         "poses with a time or a position that is not a number": (1, "/odom"),
     }
 
