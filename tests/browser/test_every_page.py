@@ -15,6 +15,7 @@ PAGES = {
     "edit": "/maps/sample/edit",
     "image": "/maps/sample/image",
     "localize": "/maps/sample/localize",
+    "landmarks": "/maps/sample/landmarks",
     "quality": "/maps/sample/quality",
     "jobs": "/maps/sample/jobs",
     "settings": "/maps/sample/settings",

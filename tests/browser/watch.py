@@ -9,7 +9,8 @@ REPORT_VIOLATIONS = """
 addEventListener("securitypolicyviolation", ({violatedDirective, blockedURI, sourceFile, lineNumber}) =>
   console.error(`policy: ${violatedDirective} ${blockedURI} ${sourceFile}:${lineNumber}`));
 """
-NO_WORKER = "Service Worker registration blocked by Playwright"
+HARMLESS = ("Service Worker registration blocked by Playwright", "GL Driver Message (OpenGL, Performance")
+"""The second is of WebGL in software."""
 STATUS = re.compile(r"Failed to load resource: the server responded with a status of (\d+)")
 
 
@@ -55,7 +56,7 @@ class Watch:
         route.abort()
 
     def _console(self, message: ConsoleMessage) -> None:
-        if message.type not in ("error", "warning") or NO_WORKER in message.text:
+        if message.type not in ("error", "warning") or any(text in message.text for text in HARMLESS):
             return
         status = STATUS.search(message.text)
         if status is None or int(status[1]) not in self.expected:

@@ -22,7 +22,8 @@ def cfg(tmp_path, make_map, monkeypatch):
     photos = read_map(cfg).experiences
     found = Reconstruction(photos, (piece,), {4: "it is not an image"}, tmp_path, {})
     monkeypatch.setattr(landmarks, "reconstruct", lambda *_, **__: found)
-    monkeypatch.setattr(landmarks, "export_models", lambda _, out: [ExportedModel(out / "0", 3, 700)])
+    monkeypatch.setattr(landmarks, "colour_cloud", lambda *_, **__: None)
+    monkeypatch.setattr(landmarks, "export_models", lambda _, out, **__: [ExportedModel(out / "0", 3, 700)])
     return cfg
 
 

@@ -49,6 +49,24 @@ VENDORED = (
         "a7837102824184820dfa198d1ebcd109ff6d0ff9a2672a074b9a1b4d147d04c6",
     ),
     Vendored(
+        "static/vendor/three/three.module.min.js",
+        "three",
+        "0.185.0",
+        "86bcee248b64f44bcfc23c331ae74619061957d59cab040171dcb6fb5900beb6",
+    ),
+    Vendored(
+        "static/vendor/three/three.core.min.js",
+        "three",
+        "0.185.0",
+        "0e9dd2793e01d0d9eb4f2ab00b4ffcdd4488275ebebee5c31fa8d347bc29f0bf",
+    ),
+    Vendored(
+        "static/vendor/three/OrbitControls.js",
+        "three",
+        "0.185.0",
+        "faabb4e8dfd9235ee4a9fd7c9a3d75f90f1689dbd4944bd6fd32117dacec5f93",
+    ),
+    Vendored(
         "tests/vendor/axe/axe.min.js.gz",
         "axe-core",
         "4.14.1",

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from webapp.web.bundles import bundle_scripts
-from webapp.web.static_files import EVERY_SCRIPT
+from webapp.web.static_files import EVERY_SCRIPT, LIBRARIES
 
 IMPORT = re.compile(r'^(?:import|export)\s(?:[^;"]*?\sfrom\s)?"([^"]+)";', re.M)
 SCRIPT_LIST = re.compile(r"{% set scripts = (.*?) %}")
@@ -23,7 +23,8 @@ def imports(folder):
     """What each module imports, as paths below `static/js`."""
     found = {}
     for path in folder.rglob("*.js"):
-        targets = [(path.parent / name).resolve() for name in IMPORT.findall(path.read_text("utf-8"))]
+        names = [name for name in IMPORT.findall(path.read_text("utf-8")) if name not in LIBRARIES]
+        targets = [(path.parent / name).resolve() for name in names]
         found[path.relative_to(folder).as_posix()] = [t.relative_to(folder).as_posix() for t in targets]
     return found
 

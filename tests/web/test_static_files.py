@@ -89,6 +89,16 @@ def test_each_module_is_in_a_bundle_once_and_after_what_it_imports(tmp_path):
     assert "import" not in made and "export" not in made
 
 
+def test_libraries_stay_imports_each_once(tmp_path):
+    (tmp_path / "a.js").write_text('import { Box, Line as Bar } from "three";\nexport const a = Bar;\n')
+    (tmp_path / "b.js").write_text('import { a } from "./a.js";\nimport { Box } from "three";\nnew Box(a);\n')
+    made = bundles.bundle_scripts(tmp_path, ["b.js"])
+    assert made.startswith('import * as $lib0 from "three";\n// a.js\n')
+    assert made.count("import ") == 1
+    assert "const { Box, Line: Bar } = $lib0;" in made
+    assert "const { Box } = $lib0;" in made
+
+
 @pytest.mark.parametrize(
     "source",
     ["export default 1;", "export let a = 1;", 'const a = await import("./b.js");', "import.meta.url;"],

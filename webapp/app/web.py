@@ -24,9 +24,11 @@ from webapp.missions.web import pages as mission_pages
 from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.web import installable, landmarks, make_app, manual, operate
+from webapp.web import installable, make_app, manual, operate
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
+from webapp.web.landmarks import api_cloud, api_rest
+from webapp.web.landmarks import pages as landmarks_pages
 from webapp.web.localize import api_find, api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
 from webapp.web.maps import api_checks, api_exchange, api_maps, api_photos, api_placing, api_street
@@ -64,7 +66,9 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_localize.blueprint,
     api_queries.blueprint,
     localize_pages.blueprint,
-    landmarks.landmarks_api,
+    api_cloud.blueprint,
+    api_rest.landmarks_api,
+    landmarks_pages.blueprint,
     api_checks.checks_api,
     api_checks.evaluation_api,
     api_maps.blueprint,

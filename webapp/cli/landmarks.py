@@ -14,7 +14,8 @@ from webapp.configuration import load_settings
 from webapp.files.maps.folder import read_map
 from webapp.settings import keep_freed_memory
 from webapp.tasks.landmarks.adjust import AdjustedPiece, adjust_pieces
-from webapp.tasks.landmarks.export_models import export_models
+from webapp.tasks.landmarks.colours import colour_cloud
+from webapp.tasks.landmarks.export_models import export_models, names_of_photos
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
 
@@ -36,11 +37,13 @@ def build(cfg: Path, out: Path | None, adjust: bool, as_json: bool) -> None:
     started = time.perf_counter()
     with terminal_progress("photos") as progress:
         the_map = read_map(cfg)
-        found = reconstruct(cfg, the_map, settings=load_settings(), progress=progress)
+        settings = load_settings()
+        found = reconstruct(cfg, the_map, settings=settings, progress=progress)
         adjusted: list[AdjustedPiece] = []
         if adjust:
             found, adjusted = adjust_pieces(found, the_map, progress=progress)
-    models = [] if out is None else export_models(found, out)
+        colour_cloud(cfg, found, limits=settings.photo, progress=progress)
+    models = [] if out is None else export_models(found.folder, out, names=names_of_photos(found))
     joined = sum(len(piece) for piece in found.pieces)
     if as_json:
         pieces = [[found.photos[n].id for n in piece.photo.tolist()] for piece in found.pieces]

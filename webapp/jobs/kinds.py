@@ -27,6 +27,7 @@ KINDS: dict[str, str] = {
     "health": "webapp.jobs.map_jobs:find_weak_photos",
     "import": "webapp.jobs.map_jobs:import_map_zip",
     "index": "webapp.jobs.map_jobs:build_map_index",
+    "landmarks": "webapp.jobs.map_jobs:build_landmarks",
     "place-rest": "webapp.jobs.map_jobs:suggest_places",
     "satellite-pyramid": "webapp.jobs.map_jobs:make_satellite_tiles",
     "satellite-tiles": "webapp.jobs.map_jobs:fetch_satellite_tiles",

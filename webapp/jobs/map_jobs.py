@@ -20,7 +20,10 @@ from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
 from webapp.tasks.landmarks import stored as stored_places
+from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.place_rest import suggest_rest
+from webapp.tasks.landmarks.reconstruct import reconstruct
+from webapp.tasks.landmarks.show_cloud import lay_in_library
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.cascade import look_options
 from webapp.tasks.localize.map_cache import MethodChoice
@@ -137,6 +140,25 @@ def suggest_places(context: Context) -> dict[str, Any]:
     report = suggest_rest(cfg, settings=context.settings, progress=context.progress)
     stored_places.keep(cfg, report, revision=revision)
     return {"suggested": len(report.suggested), "left": len(report.left)}
+
+
+def build_landmarks(context: Context) -> dict[str, Any]:
+    """Join a map's photos by structure from motion, as `expmap landmarks build` does, and lay them on it.
+
+    With the argument `only_lay` they are only laid on it, as it is now.
+    """
+    library, record = context.library, context.map()
+    export.export_map(library, record.id)
+    cfg, settings = library.cfg(record.slug), context.settings
+    result: dict[str, Any] = {}
+    if not context.arguments.get("only_lay"):
+        found = reconstruct(cfg, read_map(cfg), settings=settings, progress=context.progress)
+        colour_cloud(cfg, found, limits=settings.photo, progress=context.progress)
+        joined = sum(len(piece) for piece in found.pieces)
+        result = {"photos": len(found.photos), "joined": joined, "pieces": len(found.pieces)}
+    context.progress.note("laying them on the map")
+    lay_in_library(library, record)
+    return result
 
 
 def import_map_zip(context: Context) -> dict[str, Any]:

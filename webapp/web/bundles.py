@@ -2,7 +2,8 @@
 
 Each module keeps a scope of its own, a block, and comes after what it imports. That needs no parser, as the
 scripts of pages are plain: imports have names, what is exported is declared there and never assigned again,
-and no import cycles exist. What is not so is refused.
+and no import cycles exist. What is not so is refused. Bare names are those of
+libraries, and stay imports.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 _IMPORT = re.compile(r'^import\s+(?:\{([^}]*)\}\s+from\s+)?"(\.[^"]+)";', re.M)
+_LIBRARY = re.compile(r'^import\s+\{([^}]*)\}\s+from\s+"([a-z][\w/-]*)";', re.M)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.M)
 _OTHER = re.compile(r"^(?:import|export)\b.*|^(?!\s*(?:/?\*|//)).*\bimport(?:\(|\.meta).*", re.M)
 """What else imports or exports; comments name types by `import(...)`."""
@@ -39,7 +41,10 @@ def bundle_scripts(folder: Path, names: Iterable[str]) -> str:
     for name in names:
         _collect(folder, name, sources=sources, order=order)
     scopes = {name: f"$${number}" for number, name in enumerate(order)}
-    return "".join(_as_block(name, sources[name], scopes) for name in order)
+    libraries = sorted({library for source in sources.values() for _, library in _LIBRARY.findall(source)})
+    imports = [f'import * as $lib{number} from "{name}";\n' for number, name in enumerate(libraries)]
+    bound = scopes | {name: f"$lib{number}" for number, name in enumerate(libraries)}
+    return "".join([*imports, *(_as_block(name, sources[name], bound) for name in order)])
 
 
 def bundle_sheets(folder: Path, names: Iterable[str], *, base: str) -> str:
@@ -81,15 +86,22 @@ def _as_block(name: str, source: str, scopes: dict[str, str]) -> str:
         names, target = found.groups()
         if names is None:
             return ""
-        bound = ", ".join(part.strip().replace(" as ", ": ") for part in names.split(",") if part.strip())
-        return f"const {{ {bound} }} = {scopes[_module(name, target)]};"
+        return _bound(names, scopes[_module(name, target)])
+
+    def bind_library(found: re.Match[str]) -> str:
+        return _bound(found[1], scopes[found[2]])
 
     exported = _EXPORT.findall(source)
-    body = _EXPORT.sub("", _IMPORT.sub(bind, source))
+    body = _EXPORT.sub("", _IMPORT.sub(bind, _LIBRARY.sub(bind_library, source)))
     if other := _OTHER.search(body):
         raise ValueError(f"{name}: {other[0]!r} cannot be bundled")
     kept = f"{scopes[name]} = {{ {', '.join(exported)} }};\n" if exported else ""
     return f"// {name}\nlet {scopes[name]};\n{{\n{body}\n{kept}}}\n"
+
+
+def _bound(names: str, scope: str) -> str:
+    bound = ", ".join(part.strip().replace(" as ", ": ") for part in names.split(",") if part.strip())
+    return f"const {{ {bound} }} = {scope};"
 
 
 def _with_addresses(name: str, source: str, base: str) -> str:

@@ -48,12 +48,12 @@ def _compress(response: Response) -> Response:
     data = response.get_data()
     if len(data) < _LEAST_BYTES:
         return response
-    response.set_data(_gzipped(data))
+    response.set_data(gzipped(data))
     response.headers["Content-Encoding"] = "gzip"
     return response
 
 
-def _gzipped(data: bytes) -> bytes:
+def gzipped(data: bytes) -> bytes:
     """Compress, to a length that varies.
 
     Pages hold a secret, the CSRF token, and parts of the address that was asked for; the name in the header

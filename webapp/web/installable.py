@@ -87,7 +87,7 @@ def _image(name: str) -> str:
 
 def _kept_files() -> list[str]:
     """List the addresses of all that is needed for the pages that open without a network."""
-    plain = [name for name in static_files.files() if name.startswith(("img/", "vendor/"))]
+    plain = [name for name in static_files.files() if name.startswith(("img/", "vendor/leaflet/"))]
     made = {address for template in _OFFLINE for address in _bundles(template)}
     return [*(url_for("static", filename=name) for name in plain), *sorted(made)]
 

@@ -40,6 +40,7 @@ _TAGS = {
     "Photos": "Photos of a map, several in one request.",
     "Uploads": "Photos sent in pieces, which can be resumed.",
     "Placing": "Many photos placed at once.",
+    "Landmarks": "Points that several photos show, with the cameras that see them, on the map.",
     "Placements": "Further sets of places for the photos of a map.",
     "Localization": "Where was this photo taken? And what was asked before.",
     "Session": "Who is signed in.",
@@ -53,6 +54,8 @@ _TAGS = {
 }
 
 _PARAMETERS: dict[str, dict[str, Any]] = {
+    "key": {"description": "As the description of the landmarks has it."},
+    "number": {"description": "Which part, from 0."},
     "slug": {"description": "The map: the last part of its address."},
     "id": {"description": "Id, unique in the map."},
     "token": {"description": "The end of the address of what is shared."},

@@ -34,6 +34,7 @@ def map_tabs() -> list[tuple[str, str, str]]:
         ("edit", "pin", _("Edit")),
         ("localize", "target", _("Localize")),
         ("image", "image", _("Image")),
+        ("landmarks", "cube", _("3D")),
         ("quality", "check", _("Quality")),
         ("jobs", "clock", _("Jobs")),
         ("settings", "settings", _("Settings")),

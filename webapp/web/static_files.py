@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import json
 import mimetypes
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,9 +17,11 @@ from pathlib import Path
 from typing import Any, cast
 
 from flask import Blueprint, Flask, Response, current_app, g, send_file, send_from_directory, url_for
+from markupsafe import Markup
 from werkzeug.exceptions import NotFound
 
 from webapp.web import bundles
+from webapp.web.accounts.security import allow_inline_script
 from webapp.web.compression import accepts_gzip, is_text
 from webapp.web.context import public
 
@@ -31,6 +34,11 @@ _LEFT_OUT = frozenset({"js/sw.js"})
 EVERY_SCRIPT = ("shared/shell",)
 """Of every page, below `static/js/`."""
 _EVERY_SHEET = ("tokens", "base", "controls", "components")
+LIBRARIES = {
+    "three": "vendor/three/three.module.min.js",
+    "three/orbit-controls": "vendor/three/OrbitControls.js",
+}
+"""Files of the names by which scripts import vendored modules."""
 _MIME = {"js": "text/javascript", "css": "text/css"}
 _MOST_KEPT = 100
 """Files, and bundles, that are kept compressed."""
@@ -44,6 +52,7 @@ def init_app(app: Flask) -> None:
     app.url_defaults(_add_version)
     app.add_template_global(script_bundle)
     app.add_template_global(sheet_bundle)
+    app.add_template_global(import_map)
 
 
 def version() -> str:
@@ -80,6 +89,17 @@ def sheet_bundle(sheets: Sequence[str] = (), *, leaflet: bool = False) -> str:
     library = ["vendor/leaflet/leaflet"] if leaflet else []
     common, own = ([f"css/{name}" for name in some] for some in (_EVERY_SHEET, sheets))
     return _bundle_address("css", [*common, *library, *own])
+
+
+def import_map() -> Markup:
+    """Return what an import map says, for a page whose scripts import vendored modules.
+
+    The page may have it inline: its hash goes into the policy of this request.
+    """
+    addresses = {name: url_for("static", filename=file) for name, file in LIBRARIES.items()}
+    text = json.dumps({"imports": addresses})
+    allow_inline_script(text)
+    return Markup(text)
 
 
 def _bundle_address(kind: str, names: Sequence[str]) -> str:

@@ -12,6 +12,7 @@ const JOBS = {
   index: () => t("Indexing the photos"),
   evaluate: () => t("Evaluating the map"),
   health: () => t("Finding places that look similar"),
+  landmarks: () => t("Computing landmarks"),
   "place-rest": () => t("Finding places for the rest"),
   sample: () => t("Creating the sample map"),
   "satellite-pyramid": () => t("Preparing the image for display"),

@@ -154,6 +154,7 @@ export function kindName(kind) {
     "street-photos": t("Street-level photos"),
     "satellite-tiles": t("Satellite image from tiles"),
     health: t("Map health"),
+    landmarks: t("Landmarks"),
     "place-rest": t("Places for the rest"),
     evaluate: t("Evaluation"),
   };

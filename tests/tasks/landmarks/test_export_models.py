@@ -5,13 +5,13 @@ import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.export_models import export_models
+from webapp.tasks.landmarks.export_models import export_models, names_of_photos
 from webapp.tasks.landmarks.reconstruct import reconstruct
 
 
 def test_a_model_is_written_with_the_names_of_the_map(court, tmp_path):
     found = reconstruct(court.cfg, read_map(court.cfg), settings=Settings(), progress=Progress())
-    (exported,) = export_models(found, tmp_path / "out")
+    (exported,) = export_models(found.folder, tmp_path / "out", names=names_of_photos(found))
     assert exported.folder == tmp_path / "out" / "0"
     model = pycolmap.Reconstruction()
     model.read_text(exported.folder)

@@ -162,6 +162,15 @@ class PlanTransform:
         fields = (self.row[kept], self.centre[kept], self.at[kept], self.sigma_px[kept])
         return PlanTransform(self.frame, *fields, self.exponent, relative, self.least_rate)
 
+    def lay_cameras(self, centre: Array) -> LaidCameras:
+        """Lay cameras (n, 3) of the piece on the map, placed or not."""
+        seen, own = centre @ self.frame.T, self.centre @ self.frame.T
+        plan, targets = (c[:, 0] + 1j * c[:, 1] for c in (own, seen))
+        known = _Known(np.arange(len(plan)), self.at, self.sigma_px)
+        at, factor = _moved(targets, known, exponent=self.exponent, plan=plan)
+        weight = _weights(targets, known, exponent=self.exponent, plan=plan)
+        return LaidCameras(at, factor, np.abs(factor) * (weight @ own[:, 2] - seen[:, 2]))
+
     def lay(self, centre: Array) -> LaidPoint:
         """Lay a point (3,) of the world of the piece on the map."""
         seen, own = (self.frame @ centre), self.centre @ self.frame.T
@@ -175,6 +184,15 @@ class PlanTransform:
         nearest = np.abs(plan - target).argmin()
         height = float(abs(factor[0]) * (own[nearest, 2] - seen[2]))
         return LaidPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
+
+
+class LaidCameras(NamedTuple):
+    """Cameras on the map, (n,) each: where (pixels), rotation and scale there, and height over the mean of
+    the placed ones, weighted as they are for the position (map pixels)."""
+
+    at: Points
+    factor: Points
+    height_px: Array
 
 
 class LaidPoint(NamedTuple):
@@ -358,14 +376,23 @@ def _moved(
         Where they come, and the rotation and scale there.
     """
     source = plan[known.row]
-    floor = _NEAREST * float(np.sqrt(np.mean(np.abs(source - source.mean()) ** 2)))
-    apart = np.abs(targets[:, None] - source) ** 2 + floor**2
-    weight = (apart / apart.min(1, keepdims=True)) ** -exponent / known.sigma_px**2
-    if leave_out:
-        np.fill_diagonal(weight, 0.0)
-    weight /= weight.sum(1, keepdims=True)
+    weight = _weights(targets, known, exponent=exponent, plan=plan, leave_out=leave_out)
     middle, goal = weight @ source, weight @ known.at
     off, wanted = source - middle[:, None], known.at - goal[:, None]
     spread = (weight * np.abs(off) ** 2).sum(1)
     factor = (weight * np.conj(off) * wanted).sum(1) / np.maximum(spread, 1e-300)
     return goal + factor * (targets - middle), factor
+
+
+def _weights(
+    targets: Points, known: _Known, *, exponent: float, plan: Points, leave_out: bool = False
+) -> Array:
+    """Weigh the placed photos for each target, (t, k); each row adds up to 1."""
+    source = plan[known.row]
+    floor = _NEAREST * float(np.sqrt(np.mean(np.abs(source - source.mean()) ** 2)))
+    apart = np.abs(targets[:, None] - source) ** 2 + floor**2
+    weight: Array = (apart / apart.min(1, keepdims=True)) ** -exponent / known.sigma_px**2
+    if leave_out:
+        np.fill_diagonal(weight, 0.0)
+    weight /= weight.sum(1, keepdims=True)
+    return weight

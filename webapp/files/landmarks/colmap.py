@@ -221,8 +221,10 @@ def as_model(reconstruction: Any) -> Model:
     )
 
 
-def export_model(source: Path, out: Path, *, names: Mapping[str, str]) -> tuple[int, int]:
-    """Write a model for other programs: COLMAP's text files, and its points as PLY.
+def export_model(
+    source: Path, out: Path, *, names: Mapping[str, str], binary: bool = False
+) -> tuple[int, int]:
+    """Write a model for other programs: COLMAP's text or binary files, and its points as PLY.
 
     Parameters
     ----------
@@ -246,7 +248,7 @@ def export_model(source: Path, out: Path, *, names: Mapping[str, str]) -> tuple[
         image.name = names.get(image.name, image.name)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        model.write_text(out)
+        (model.write_binary if binary else model.write_text)(out)
         model.export_PLY(out / "points.ply")
     except OSError as error:
         raise storage_error(error, where=str(out)) from error

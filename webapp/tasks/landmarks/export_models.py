@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,16 +20,31 @@ class ExportedModel:
     points: int
 
 
-def export_models(found: Reconstruction, out: Path) -> list[ExportedModel]:
-    """Write every model into a folder of its own, with the photos called as in the map.
+def names_of_photos(found: Reconstruction) -> dict[str, str]:
+    """Return what the photos are called on the map, by the SHA-256 of their files."""
+    return {content: found.photos[number].photo for content, number in found.number_of.items()}
+
+
+def export_models(
+    folder: Path, out: Path, *, names: Mapping[str, str], binary: bool = False
+) -> list[ExportedModel]:
+    """Write every model of a reconstruction into a folder of its own.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the reconstruction is kept.
+    names : mapping of str to str
+        What the photos are called, by the SHA-256 of their files.
+    binary : bool
+        Whether in COLMAP's binary format; else as text.
 
     Raises
     ------
     StorageError
     """
-    names = {content: found.photos[number].photo for content, number in found.number_of.items()}
     exported = []
-    for number, source in enumerate(model_folders(found.folder)):
-        folder = out / str(number)
-        exported.append(ExportedModel(folder, *export_model(source, folder, names=names)))
+    for number, source in enumerate(model_folders(folder)):
+        target = out / str(number)
+        exported.append(ExportedModel(target, *export_model(source, target, names=names, binary=binary)))
     return exported

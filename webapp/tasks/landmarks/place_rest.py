@@ -19,6 +19,7 @@ from webapp.files.landmarks.colmap import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
@@ -122,6 +123,7 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
     if not the_map.unplaced and not check:
         raise UsageError("the map has no photo without a place", where=str(cfg))
     found = reconstruct(cfg, the_map, settings=settings, progress=progress)
+    colour_cloud(cfg, found, limits=settings.photo, progress=progress)
     return suggest_from(found, the_map)
 
 

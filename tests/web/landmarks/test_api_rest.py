@@ -1,45 +1,14 @@
 """Places for the photos in the tray: shown, accepted as one step, and looked for by a job."""
 
-import io
-
 import pytest
-from PIL import Image
 
+from tests.web.landmarks.conftest import place
 from webapp.core.geo.types import MapPixel
 from webapp.extras import install_line
 from webapp.jobs.kinds import KINDS
-from webapp.store.schema import Job, MapRecord
+from webapp.store.schema import Job
 from webapp.tasks.landmarks import stored
 from webapp.tasks.landmarks.place_rest import CheckedPhoto, LeftPhoto, RestReport, SuggestedPlace
-
-
-def jpeg(number):
-    file = io.BytesIO()
-    Image.new("RGB", (40, 30), (20 * number, 0, 0)).save(file, "JPEG")
-    return file.getvalue()
-
-
-def place(client, url, id, *, at):
-    changes = [{"id": id, "x_px": at[0], "y_px": at[1]}]
-    answer = client.patch(f"{url}/experiences", json={"kind": "place", "changes": changes})
-    assert answer.status_code == 200
-
-
-@pytest.fixture
-def yard(client, library, park):
-    """The address of a map with an image, a placed photo, and three photos in the tray; and its slug."""
-    slug = park
-    library.map_folder(slug).mkdir()
-    Image.new("RGB", (400, 300)).save(library.map_folder(slug) / "plan.png")
-    with library.database.write() as session:
-        record = session.query(MapRecord).filter_by(slug=slug).one()
-        record.satellite_path, record.satellite_width, record.satellite_height = "plan.png", 400, 300
-    url = f"/api/v1/maps/{slug}"
-    for number in range(4):
-        data = {"file": (io.BytesIO(jpeg(number)), f"{number}.jpg")}
-        assert client.post(f"{url}/photos", data=data).status_code == 207
-    place(client, url, 0, at=(10, 10))
-    return url, slug
 
 
 @pytest.fixture

@@ -1,0 +1,89 @@
+/** The cameras: a dot and a frustum each; the chosen one holds its photo. */
+
+import {
+  BufferAttribute, BufferGeometry, Color, DoubleSide, Group, LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial,
+  Points, PointsMaterial, SRGBColorSpace, TextureLoader, Vector3,
+} from "three";
+
+const EDGES = [[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [2, 3], [3, 4], [4, 1], [1, 5], [5, 2]];
+const DOT_PX = 5;
+
+/**
+ * Corners of a frustum: where the camera is, the corners of its picture from the top left, and a mark above it.
+ * @param {Object} camera
+ * @param {number} depth
+ * @returns {Vector3[]}
+ */
+export function corners({ at, rotation, width, height, focal_px: focal }, depth) {
+  const centre = new Vector3().fromArray(at);
+  const [right, down, front] = rotation.map((axis) => new Vector3().fromArray(axis));
+  const corner = (x, y) => centre.clone()
+    .addScaledVector(front, depth)
+    .addScaledVector(right, (x * depth * width) / (2 * focal))
+    .addScaledVector(down, (y * depth * height) / (2 * focal));
+  return [centre, corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1), corner(0, -1.35)];
+}
+
+/** All cameras. */
+export class Frusta {
+  /**
+   * @param {Object[]} cameras
+   * @param {{placed: string, tray: string, chosen: string}} colours
+   * @param {number} depth of a frustum
+   */
+  constructor(cameras, colours, depth) {
+    this.cameras = cameras;
+    this.depth = depth;
+    this.object = new Group();
+    this.object.renderOrder = 2;
+    this.chosen = null;
+    this._chosenColour = colours.chosen;
+    const lines = [];
+    const shades = [];
+    const centres = [];
+    const dots = [];
+    for (const camera of cameras) {
+      const colour = new Color(camera.placed ? colours.placed : colours.tray).toArray();
+      const at = corners(camera, depth);
+      for (const end of EDGES.flat()) {
+        lines.push(...at[end].toArray());
+        shades.push(...colour);
+      }
+      centres.push(...camera.at);
+      dots.push(...colour);
+    }
+    this.object.add(
+      new LineSegments(geometryOf(lines, shades), new LineBasicMaterial({ vertexColors: true })),
+      new Points(geometryOf(centres, dots), new PointsMaterial({ vertexColors: true, size: DOT_PX, sizeAttenuation: false })),
+    );
+  }
+
+  /**
+   * Show a photo in its frustum.
+   * @param {?Object} camera
+   * @param {string} address of the photo
+   * @param {function(): void} changed called when it has come
+   */
+  choose(camera, address, changed) {
+    this.chosen?.removeFromParent();
+    this.chosen = null;
+    if (!camera) return;
+    const at = corners(camera, 2.5 * this.depth);
+    const lines = new LineSegments(geometryOf(EDGES.flat().flatMap((end) => at[end].toArray())), new LineBasicMaterial({ color: this._chosenColour }));
+    const sheet = new BufferGeometry();
+    sheet.setAttribute("position", new BufferAttribute(new Float32Array(at.slice(1, 5).flatMap((one) => one.toArray())), 3));
+    sheet.setAttribute("uv", new BufferAttribute(new Float32Array([0, 1, 1, 1, 1, 0, 0, 0]), 2));
+    sheet.setIndex([0, 1, 2, 0, 2, 3]);
+    const texture = new TextureLoader().load(address, changed);
+    texture.colorSpace = SRGBColorSpace;
+    this.chosen = new Group().add(lines, new Mesh(sheet, new MeshBasicMaterial({ map: texture, side: DoubleSide })));
+    this.object.add(this.chosen);
+  }
+}
+
+function geometryOf(positions, colours = null) {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(new Float32Array(positions), 3));
+  if (colours) geometry.setAttribute("color", new BufferAttribute(new Float32Array(colours), 3));
+  return geometry;
+}

@@ -1,0 +1,3 @@
+/** Vendored modules come without types. */
+declare module "three";
+declare module "three/orbit-controls";

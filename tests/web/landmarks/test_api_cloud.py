@@ -1,0 +1,191 @@
+"""The landmarks of a map by the API: laid by the photos as they are placed, sent in blocks, taken away."""
+
+import gzip
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from tests.web.landmarks.conftest import place
+from webapp.core.landmarks.cloud import LandmarkCloud
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.extras import install_line
+from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
+from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
+from webapp.files.landmarks.points import COLOURS_FILE, write_colours
+from webapp.jobs.kinds import KINDS
+from webapp.store.schema import Job, MapRecord, Photo
+from webapp.tasks.landmarks import show_cloud
+from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.localize.index_location import landmarks_folder
+
+AT = [(10, 10), (200, 40), (120, 220)]
+UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Camera from world, of one that looks to the top of the image; the world is map pixels, y up, z up."""
+
+
+@pytest.fixture
+def joined(yard, client, library):
+    """The map with three of its photos placed, and landmarks that all of these see; and its record."""
+    url, slug = yard
+    for id, at in enumerate(AT):
+        place(client, url, id, at=at)
+    with library.database.read() as session:
+        record = session.query(MapRecord).filter_by(slug=slug).one()
+        contents = tuple(
+            session.query(Photo).filter_by(map_id=record.id, id=n).one().sha256 for n in range(3)
+        )
+    folder = landmarks_folder(library.cfg(slug))
+    folder.mkdir(parents=True)
+    centre = np.array([(x, -y, 0.0) for x, y in AT], float)
+    point = np.array([(50.0, -60.0, 5.0), (150.0, -100.0, -3.0), (90.0, -20.0, 8.0), (30.0, -150.0, 0.0)])
+    write_pieces(
+        folder / PIECES_FILE,
+        StoredPieces((RigidPiece(np.arange(3), centre, np.tile(UP, (3, 1, 1))),), contents, "key"),
+    )
+    cloud = LandmarkCloud(
+        contents,
+        point,
+        np.zeros(4, np.int32),
+        np.array([0, 4, 8, 12]),
+        np.tile(np.arange(4, dtype=np.int32), 3),
+        np.zeros((12, 2), np.float32),
+        np.zeros((12, 128), np.uint8),
+        np.full(3, 30.0),
+        np.zeros(3),
+    )
+    write_cloud(folder / CLOUD_FILE, StoredCloud(cloud, "key"))
+    write_colours(folder / COLOURS_FILE, np.arange(12, dtype=np.uint8).reshape(4, 3), key="key")
+    return f"{url}/landmarks", record
+
+
+@pytest.fixture
+def laid(joined, library):
+    """The same, laid on the map; the address, and what the page gets."""
+    url, record = joined
+    lay_in_library(library, record)
+    return url
+
+
+def unpacked(data):
+    count = len(data) // 10
+    steps = np.frombuffer(data, "<u2", 3 * count).reshape(-1, 3)
+    return steps, np.frombuffer(data, np.uint8, offset=6 * count).reshape(-1, 4)
+
+
+def test_a_map_without_landmarks_says_so(client, yard):
+    url = f"{yard[0]}/landmarks"
+    answer = client.get(url).json
+    assert (answer["key"], answer["job"], answer["points"], answer["photos"]) == (None, None, 0, 4)
+    assert client.get(f"{url}/points.ply").status_code == 404
+    assert client.get(f"{url}/colmap.zip").json["error"]["message"] == "the map has no landmarks"
+
+
+def test_points_and_cameras_are_where_the_photos_say(client, laid):
+    answer = client.get(laid).json
+    assert answer["job"] is None
+    assert (answer["unit"], answer["origin"], answer["points"], answer["blocks"]) == ("px", None, 4, 1)
+    assert answer["corners"] == [[-200, 150], [200, 150], [200, -150], [-200, -150]]
+    assert [(c["name"], c["placed"], c["focal_px"]) for c in answer["cameras"]] == [
+        (f"{n}.jpg", True, 30.0) for n in range(3)
+    ]
+    assert answer["cameras"][1]["at"] == pytest.approx([0, 110, 0], abs=0.01)
+    assert answer["cameras"][1]["rotation"][2] == pytest.approx([0, 1, 0], abs=1e-3)
+    response = client.get(f"{laid}/points/{answer['key']}/0", headers={"Accept-Encoding": "identity"})
+    assert response.headers["Cache-Control"] == "private, max-age=31536000, immutable"
+    steps, colours = unpacked(response.data)
+    xyz = steps * answer["scale"] + np.array(answer["offset"])
+    order = np.lexsort(xyz.T)
+    assert xyz[order] == pytest.approx(
+        np.array([(-170, 0, 0), (-150, 90, 5), (-110, 130, 8), (-50, 50, -3)])[
+            np.lexsort(np.array([(-170, 0, 0), (-150, 90, 5), (-110, 130, 8), (-50, 50, -3)]).T)
+        ],
+        abs=0.01,
+    )
+    assert colours[:, 3].tolist() == [3] * 4
+    packed = client.get(f"{laid}/points/{answer['key']}/0", headers={"Accept-Encoding": "gzip"})
+    assert gzip.decompress(packed.data) == response.data
+
+
+def test_points_are_sent_in_blocks(client, laid, monkeypatch):
+    monkeypatch.setattr(show_cloud, "BLOCK_POINTS", 3)
+    key = client.get(laid).json["key"]
+    plain = {"Accept-Encoding": "identity"}
+    sizes = [len(client.get(f"{laid}/points/{key}/{n}", headers=plain).data) for n in range(2)]
+    assert sizes == [30, 10]
+    assert client.get(f"{laid}/points/{key}/2").status_code == 404
+    other = client.get(f"{laid}/points/{'0' * 32}/0")
+    assert other.json["error"]["message"] == "these landmarks have changed"
+
+
+def test_they_are_laid_anew_by_a_job_when_a_photo_has_moved(client, laid, joined, yard, library):
+    before = client.get(laid).json
+    place(client, yard[0], 1, at=(210, 45))
+    after = client.get(laid).json
+    assert after["key"] == before["key"], "those that are there are shown meanwhile"
+    with library.database.read() as session:
+        job = session.get(Job, after["job"])
+    assert (job.kind, job.arguments) == ("landmarks", {"only_lay": True})
+    assert job.kind in KINDS
+    with library.database.read() as session:
+        record = session.get(MapRecord, joined[1].id)
+    lay_in_library(library, record)
+    assert client.get(laid).json["key"] != before["key"]
+
+
+def test_what_cannot_be_laid_and_what_is_new_is_named(client, laid, joined, yard, library):
+    changes = [{"id": id, "x_px": None, "y_px": None} for id in (0, 1)]
+    client.patch(f"{yard[0]}/experiences", json={"kind": "unplace", "changes": changes})
+    with library.database.read() as session:
+        record = session.get(MapRecord, joined[1].id)
+    lay_in_library(library, record)
+    answer = client.get(laid).json
+    assert answer["left_out"] == [{"photos": [0, 1, 2], "reason": "only one of them is placed"}]
+    assert (answer["points"], answer["blocks"], answer["cameras"]) == (0, 0, [])
+    assert answer["new_photos"] == 4, "none of them has been described"
+
+
+def test_computing_them_is_a_job_of_those_who_may_edit(
+    client, yard, library, sign_in, new_account, absent, owner
+):
+    url = f"{yard[0]}/landmarks"
+    answer = client.post(url)
+    assert answer.status_code == 202
+    with library.database.read() as session:
+        assert session.get(Job, answer.json["job"]).arguments == {"only_lay": False}
+    assert sign_in(new_account("nora")).get(url).status_code == 404
+    absent("sfm")
+    assert client.post(url).json["error"]["hint"] == install_line("sfm")
+
+
+def test_points_are_taken_away_as_ply(client, laid):
+    response = client.get(f"{laid}/points.ply")
+    assert response.headers["Content-Disposition"].startswith("attachment; filename=park")
+    assert b"element vertex 4\n" in response.data[:300]
+    assert b"comment map pixels right, towards the top of the image and up" in response.data[:300]
+
+
+@pytest.mark.parametrize("form", ["text", "binary"])
+def test_models_are_taken_away_for_colmap(client, laid, joined, library, tmp_path, form):
+    pycolmap = pytest.importorskip("pycolmap")
+    model = pycolmap.Reconstruction()
+    folder = landmarks_folder(library.cfg(joined[1].slug)) / "models" / "0"
+    folder.mkdir(parents=True)
+    model.write(folder)
+    response = client.get(f"{laid}/colmap.zip?form={form}", buffered=True)
+    assert response.mimetype == "application/zip"
+    names = zipfile.ZipFile(io.BytesIO(response.data)).namelist()
+    ending = {"text": "txt", "binary": "bin"}[form]
+    assert {f"0/images.{ending}", f"0/cameras.{ending}", "0/points.ply"} <= set(names)
+
+
+def test_the_page_opens_with_and_without_landmarks(client, laid, new_map, owner):
+    page = client.get(laid.removeprefix("/api/v1"))
+    assert page.status_code == 200
+    assert b'type="importmap"' in page.data
+    policy = page.headers["Content-Security-Policy"]
+    assert "script-src 'self' 'sha256-" in policy
+    assert "sha256-" not in client.get("/").headers["Content-Security-Policy"]
+    empty = client.get(f"/maps/{new_map(owner, name='Bare')}/landmarks")
+    assert b"Add photos first" in empty.data

@@ -1,0 +1,190 @@
+"""A cloud and its cameras in the one frame of their map, as they are shown and exported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.landmarks.cloud import LandmarkCloud
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.placing import LaidCameras, LaidPiece, NotLaid
+
+Array = NDArray[np.float64]
+
+_WIDE_PERCENT, _REACH = 10.0, 2.0
+"""Of the points that are left aside, at each end, for judging how wide a cloud is; and how many times as far
+from that a point may be. What is farther comes of rays that are nearly parallel."""
+
+_GROUND_PERCENT = 5.0
+"""Of the points that are below the ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class CloudFrame:
+    """Metres to the east, to the north and up, from the middle of the image.
+
+    On a map without a georeference they are map pixels to the right, towards the top of the image, and up.
+
+    Attributes
+    ----------
+    size : tuple of (int, int)
+        Width and height of the image.
+    """
+
+    georeference: Georeference | None
+    size: tuple[int, int]
+
+    @property
+    def _middle(self) -> MapPixel:
+        return MapPixel(self.size[0] / 2.0, self.size[1] / 2.0)
+
+    @property
+    def unit_per_pixel(self) -> float:
+        """Metres of a pixel in the middle; 1 where the unit is the pixel."""
+        if self.georeference is None:
+            return 1.0
+        metres = self.georeference.metres_per_pixel(self._middle)
+        return metres if math.isfinite(metres) and metres > 0.0 else 1.0
+
+    @property
+    def origin(self) -> LatLon | None:
+        """Where the frame begins on the Earth; None where the unit is the pixel."""
+        if self.georeference is None:
+            return None
+        found = self.georeference.latlon_of(self._middle)
+        return found if math.isfinite(found.lat) and math.isfinite(found.lon) else None
+
+    @property
+    def unit(self) -> Literal["m", "px"]:
+        """Unit of all three axes."""
+        return "px" if self.origin is None else "m"
+
+    def lay(self, pixels: Array) -> Array:
+        """Lay map pixels (n, 2) in the plane of the frame; NaN where they are nowhere on the Earth."""
+        origin = self.origin
+        if origin is None or self.georeference is None:
+            return np.asarray((pixels - np.array(self._middle)) * (1.0, -1.0))
+        return self.georeference.enu_from_pixel(pixels, LocalFrame(origin))
+
+
+class MapCloud(NamedTuple):
+    """k points and n cameras on a map.
+
+    Attributes
+    ----------
+    point : (k,) int64
+        Which of the cloud they are; those that are far off are left out.
+    xyz : (k, 3) float64
+        In the frame of the map. Up is 0 at the height of the placed cameras: no map says heights.
+    photo : (n,) int64
+        Which of the cloud they are.
+    centre : (n, 3) float64
+    rotation : (n, 3, 3) float64
+        The rows are where a camera's right, its down and its front point to.
+    ground : float
+        Height at which the image is drawn.
+    """
+
+    point: NDArray[np.int64]
+    xyz: Array
+    photo: NDArray[np.int64]
+    centre: Array
+    rotation: Array
+    ground: float
+
+
+def lay_cloud(
+    cloud: LandmarkCloud,
+    pieces: Sequence[RigidPiece],
+    *,
+    laid: Sequence[LaidPiece | NotLaid],
+    frame: CloudFrame,
+) -> MapCloud:
+    """Lay a cloud on a map; pieces that cannot be laid are left out.
+
+    Each photo has a similarity of its own, as a long piece bends. A point goes to the mean of where the
+    photos that see it have it.
+    """
+    photos = len(cloud.contents)
+    centre = np.full((photos, 3), np.nan)  # as laid: map pixels, and height in them
+    factor = np.full(photos, complex(np.nan, np.nan))
+    rotation = np.full((photos, 3, 3), np.nan)
+    level = np.zeros((len(pieces), 3, 3))
+    local = np.zeros((photos, 3))
+    for number, (piece, result) in enumerate(zip(pieces, laid, strict=True)):
+        if not isinstance(result, LaidPiece):
+            continue
+        cameras = result.transform.lay_cameras(piece.centre)
+        level[number] = result.transform.frame
+        local[piece.photo] = piece.centre @ result.transform.frame.T
+        centre[piece.photo] = np.column_stack([cameras.at.real, cameras.at.imag, cameras.height_px])
+        factor[piece.photo] = cameras.factor
+        rotation[piece.photo] = _turned(piece.rotation @ result.transform.frame.T, cameras)
+    own = np.einsum("kij,kj->ki", level[cloud.piece], cloud.point)
+    laid_points = _mean_of_views(cloud, own, local=local, centre=centre, factor=factor)
+    return _in_frame(laid_points, centre, rotation, frame=frame)
+
+
+def _turned(axes: Array, cameras: LaidCameras) -> Array:
+    """Turn axes (n, 3, 3), x, y, down, of cameras to the image: x, y, up."""
+    turn = cameras.factor / np.abs(cameras.factor)
+    plane = (axes[..., 0] + 1j * axes[..., 1]) * turn[:, None]
+    return np.stack([plane.real, plane.imag, -axes[..., 2]], -1)
+
+
+def _mean_of_views(cloud: LandmarkCloud, own: Array, *, local: Array, centre: Array, factor: Array) -> Array:
+    """Lay points (k, 3), each by all photos that see it; NaN for those of pieces that are not laid."""
+    photo = np.repeat(np.arange(len(cloud.contents)), np.diff(cloud.first))
+    point = np.asarray(cloud.seen_point)
+    off = own[point] - local[photo]
+    plane = (off[:, 0] + 1j * off[:, 1]) * factor[photo]
+    views = (plane.real, plane.imag, -off[:, 2] * np.abs(factor[photo]))
+    times = np.bincount(point, minlength=len(own))
+    total = np.stack(
+        [
+            np.bincount(point, centre[photo, axis] + view, minlength=len(own))
+            for axis, view in enumerate(views)
+        ],
+        -1,
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(total / times[:, None])
+
+
+def _in_frame(points: Array, centre: Array, rotation: Array, *, frame: CloudFrame) -> MapCloud:
+    unit = frame.unit_per_pixel
+
+    def lay(laid: Array) -> Array:
+        return np.column_stack([frame.lay(laid[:, :2]), laid[:, 2] * unit])
+
+    photo = np.flatnonzero(np.isfinite(centre).all(1))
+    at = lay(centre[photo])
+    # A direction is where something one pixel away comes to.
+    aside = [lay(centre[photo] + rotation[photo, axis]) - at for axis in range(3)]
+    turned = np.stack(aside, 1)
+    turned /= np.linalg.norm(turned, axis=2, keepdims=True)
+    point = np.flatnonzero(np.isfinite(points).all(1))
+    xyz = lay(points[point])
+    kept = _near(xyz)
+    up = xyz[kept, 2]
+    lowest = [float(np.percentile(up, _GROUND_PERCENT))] if len(up) else []
+    ground = min([*lowest, *([float(np.median(at[:, 2]))] if len(at) else [0.0])])
+    return MapCloud(point[kept], xyz[kept], photo, at, turned, ground)
+
+
+def _near(xyz: Array) -> NDArray[np.bool_]:
+    known = np.asarray(np.isfinite(xyz).all(1))
+    if not known.any():
+        return known
+    low, high = np.percentile(xyz[known], [_WIDE_PERCENT, 100.0 - _WIDE_PERCENT], axis=0)
+    reach = _REACH * float((high - low).max())
+    with np.errstate(invalid="ignore"):
+        return np.asarray(((xyz >= low - reach) & (xyz <= high + reach)).all(1))

@@ -1,0 +1,107 @@
+"""Points of landmarks on disk: their colours, where they are on the map, and PLY for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.errors import IndexDamaged
+from webapp.files.localize.arrays import read_arrays, write_arrays
+
+COLOURS_FILE = "colours.arrays"
+POINTS_FILE = "points.arrays"
+_FORMAT = 1
+
+Colours = NDArray[np.uint8]
+
+
+def write_colours(path: Path, rgb: Colours, *, key: str) -> None:
+    """Replace the file, whole or not at all.
+
+    Parameters
+    ----------
+    rgb : (k, 3) uint8
+        Of the points of a cloud.
+    key : str
+        Of that cloud.
+
+    Raises
+    ------
+    StorageError
+    """
+    write_arrays(path, {"rgb": rgb}, meta={"format": _FORMAT, "key": key})
+
+
+def read_colours(path: Path, *, key: str) -> Colours | None:
+    """Read the colours of the points of a cloud; None where there are none of it."""
+    try:
+        arrays, meta = read_arrays(path)
+        return arrays["rgb"] if (meta["format"], meta["key"]) == (_FORMAT, key) else None
+    except (IndexDamaged, KeyError):
+        return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapPoints:
+    """Points of landmarks in the frame of their map, in any order.
+
+    Attributes
+    ----------
+    key : str
+        Stands for all that they were computed of.
+    xyz : (k, 3) float32
+    rgb : (k, 3) uint8
+    times_seen : (k,) uint8
+        Photos that see each; 255 stands for more.
+    about : mapping
+        Plain values, kept with them.
+    """
+
+    key: str
+    xyz: NDArray[np.float32]
+    rgb: Colours
+    times_seen: NDArray[np.uint8]
+    about: Mapping[str, Any]
+
+
+def write_points(path: Path, points: MapPoints) -> None:
+    """Replace the file, whole or not at all.
+
+    Raises
+    ------
+    StorageError
+    """
+    arrays: dict[str, NDArray[Any]] = {"xyz": points.xyz, "rgb": points.rgb, "times_seen": points.times_seen}
+    write_arrays(path, arrays, meta={"format": _FORMAT, "key": points.key, "about": dict(points.about)})
+
+
+def read_points(path: Path) -> MapPoints | None:
+    """Read points; None where there are none that this program can use."""
+    try:
+        arrays, meta = read_arrays(path)
+        if meta["format"] != _FORMAT:
+            return None
+        return MapPoints(str(meta["key"]), about=meta["about"], **arrays)
+    except (IndexDamaged, KeyError, TypeError):
+        return None
+
+
+def as_ply(points: MapPoints) -> bytes:
+    """Write points as PLY (binary, little-endian): x, y, z, red, green, blue."""
+    names = ("x", "y", "z", "red", "green", "blue")
+    kinds = ("<f4",) * 3 + ("u1",) * 3
+    table = np.empty(len(points.xyz), np.dtype(list(zip(names, kinds, strict=True))))
+    for column, name in enumerate(names):
+        table[name] = points.xyz[:, column] if column < 3 else points.rgb[:, column - 3]
+    properties = [
+        f"property {'float' if kind == '<f4' else 'uchar'} {name}"
+        for name, kind in zip(names, kinds, strict=True)
+    ]
+    about = f"comment {points.about['frame']}"
+    head = ["ply", "format binary_little_endian 1.0", about, f"element vertex {len(table)}", *properties]
+    return "\n".join([*head, "end_header", ""]).encode() + table.tobytes()

@@ -1,0 +1,81 @@
+"""Gives the points of a cloud the colours that the photos show there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.cloud import LandmarkCloud
+from webapp.errors import MapError, PhotoError
+from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
+from webapp.files.landmarks.points import COLOURS_FILE, read_colours, write_colours
+from webapp.files.maps.folder import photo_path
+from webapp.files.photos.photo import read_facts, read_upright
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits
+from webapp.tasks.landmarks.reconstruct import Reconstruction
+from webapp.threads import cores, in_threads
+
+_SIDE_PX = 500
+"""Photos are scaled down to this side: a pixel then is about what a keypoint describes."""
+
+_UNKNOWN = 128
+"""Grey, of points that only photos see which cannot be read any more."""
+
+Sampled = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+
+def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progress: Progress) -> None:
+    """Sample the photos for the colours of the points, unless that is done; kept beside the cloud.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    stored = read_cloud(found.folder / CLOUD_FILE)
+    file = found.folder / COLOURS_FILE
+    if stored is None or read_colours(file, key=stored.key) is not None:
+        return
+    cloud = stored.cloud
+    progress.note("sampling colours")
+    progress.size(len(cloud.contents))
+    total, times = np.zeros((len(cloud.point), 3)), np.zeros(len(cloud.point))
+
+    def sample(number: int) -> Sampled | None:
+        photo = found.number_of.get(cloud.contents[number])
+        if photo is None or cloud.first[number] == cloud.first[number + 1]:
+            return None
+        try:
+            path = photo_path(cfg, found.photos[photo].photo)
+            return _sample(path, cloud, number, limits=limits)
+        except (PhotoError, MapError, OSError):
+            return None  # it has gone since: other photos see the points, too
+
+    together = 4 * cores()
+    for first in range(0, len(cloud.contents), together):
+        progress.check()
+        some = range(first, min(first + together, len(cloud.contents)))
+        for sampled in in_threads(sample, some):
+            progress.advance()
+            if sampled is not None:
+                point, rgb = sampled
+                total[point] += rgb
+                times[point] += 1.0
+    known = times > 0
+    colours = np.full((len(cloud.point), 3), _UNKNOWN, np.uint8)
+    colours[known] = np.rint(total[known] / times[known, None])
+    write_colours(file, colours, key=stored.key)
+
+
+def _sample(path: Path, cloud: LandmarkCloud, number: int, *, limits: PhotoLimits) -> Sampled:
+    """Look up the colours where a photo sees points; red, green, blue."""
+    rows = slice(int(cloud.first[number]), int(cloud.first[number + 1]))
+    full = read_facts(path, limits=limits)
+    pixels = read_upright(path, limits=limits, max_side=_SIDE_PX)
+    scale = max(pixels.shape[:2]) / max(full.width, full.height)
+    column, row = np.floor((cloud.seen_xy[rows] + 0.5) * scale).astype(np.int64).T
+    high, wide = pixels.shape[:2]
+    rgb = pixels[np.clip(row, 0, high - 1), np.clip(column, 0, wide - 1), ::-1]
+    return cloud.seen_point[rows].astype(np.int64), rgb.astype(np.float64)

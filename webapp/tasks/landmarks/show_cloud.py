@@ -1,0 +1,236 @@
+"""The landmarks of a map of the library as its page shows them: laid by the photos as they are placed now."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, lay_cloud
+from webapp.core.landmarks.placing import LaidPiece, NotLaid, lay_piece
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.errors import NotFound
+from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud
+from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, read_pieces
+from webapp.files.landmarks.points import (
+    COLOURS_FILE,
+    POINTS_FILE,
+    Colours,
+    MapPoints,
+    read_colours,
+    read_points,
+    write_points,
+)
+from webapp.files.localize.index_store import IndexFolder
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks.landmarks.known import AnyPhoto, known_positions
+from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.maps.library_map import as_map
+
+BLOCK_POINTS = 131_072
+"""Points that are sent at once; each block has points of everywhere."""
+
+_VERSION = 1
+_GREY = 128
+_MOST_SEEN = 255
+_STEPS = 65_535
+"""Of the coordinates that are sent, along each axis."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownCloud:
+    """What there is of a map's landmarks.
+
+    Attributes
+    ----------
+    points : MapPoints or None
+        As they were laid on the map last. `about` has what the page needs besides: `unit` ("m" or "px"),
+        `origin`, `frame` (the same in words), `coloured`, `cameras` (`id, at, rotation, focal_px`), `corners`
+        of the image, its height `ground`, and `left_out`: photos of pieces that cannot be laid (`photos`,
+        `reason`).
+    is_current : bool
+        Whether nothing was changed since; also where there are no landmarks at all.
+    new_photos : int
+        Photos of the map that were added after the landmarks were computed.
+    """
+
+    points: MapPoints | None
+    is_current: bool
+    new_photos: int = 0
+
+
+def shown_cloud(library: Library, record: MapRecord) -> ShownCloud:
+    """Read the landmarks of a map as they were laid on it last."""
+    folder = landmarks_folder(library.cfg(record.slug))
+    task = _task(library, record)
+    return ShownCloud(read_points(folder / POINTS_FILE), True) if task is None else task.shown()
+
+
+def lay_in_library(library: Library, record: MapRecord) -> None:
+    """Lay the landmarks of a map on it, unless that is done, and keep that for its page.
+
+    Raises
+    ------
+    StorageError
+    """
+    task = _task(library, record)
+    if task is not None and not task.shown().is_current:
+        write_points(task.folder / POINTS_FILE, _lay(task))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """A cloud, and the map as it is now."""
+
+    folder: Path
+    stored: StoredCloud
+    pieces: StoredPieces
+    rgb: Colours | None
+    the_map: Map
+    photos: Mapping[str, AnyPhoto]
+    """By the SHA-256 of their files."""
+
+    @property
+    def key(self) -> str:
+        """Stands for all of that."""
+        placed = sorted(
+            (content, one.id, *one.position, one.gps_accuracy_m)
+            if isinstance(one, Experience)
+            else (content, one.id)
+            for content, one in self.photos.items()
+        )
+        where = None if self.the_map.georeference is None else asdict(self.the_map.georeference)
+        size = self.the_map.satellite.width, self.the_map.satellite.height
+        all_of_it = [_VERSION, self.stored.key, self.rgb is not None, placed, where, size]
+        return hashlib.sha256(json.dumps(all_of_it).encode()).hexdigest()[:32]
+
+    def shown(self) -> ShownCloud:
+        points = read_points(self.folder / POINTS_FILE)
+        described = IndexFolder(self.folder)
+        new = sum(not described.spool_path(content).exists() for content in self.photos)
+        return ShownCloud(points, points is not None and points.key == self.key, new)
+
+
+def _task(library: Library, record: MapRecord) -> _Task | None:
+    """Read all of it; None where there are no landmarks, or no image to lay them on."""
+    folder = landmarks_folder(library.cfg(record.slug))
+    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
+    if stored is None or pieces is None or stored.key != pieces.cloud_key:
+        return None
+    with library.database.read() as session:
+        found = as_map(session, record)
+        own = {photo.id: photo.sha256 for photo in maps.photos(session, record) if not photo.removed}
+    if found is None:
+        return None
+    everyone: list[AnyPhoto] = [*found.experiences, *found.unplaced]
+    photos = {own[photo.id]: photo for photo in everyone}
+    rgb = read_colours(folder / COLOURS_FILE, key=stored.key)
+    return _Task(folder, stored, pieces, rgb, found, photos)
+
+
+def block(points: MapPoints, number: int) -> bytes:
+    """Pack a part of the points: x, y, z each of all of them (uint16), then red, green, blue, times seen.
+
+    Coordinates are steps of `scaling`.
+
+    Raises
+    ------
+    NotFound
+    """
+    some = slice(number * BLOCK_POINTS, (number + 1) * BLOCK_POINTS)
+    xyz = points.xyz[some]
+    if not len(xyz):
+        raise NotFound("no such part of the landmarks")
+    offset, scale = scaling(points)
+    steps = np.rint((xyz - offset) / scale).astype("<u2")
+    colours = np.column_stack([points.rgb[some], points.times_seen[some]])
+    return steps.tobytes() + colours.tobytes()
+
+
+def scaling(points: MapPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return offset and size of a step along each axis, (3,) each, in the unit of the frame."""
+    if not len(points.xyz):
+        return np.zeros(3), np.ones(3)
+    low, high = (np.asarray(end(points.xyz, 0), np.float64) for end in (np.min, np.max))
+    return low, np.maximum(high - low, 1e-6) / _STEPS
+
+
+def _lay(task: _Task) -> MapPoints:
+    stored, pieces, the_map = task.stored, task.pieces, task.the_map
+    of_cloud = [task.photos.get(content) for content in pieces.contents]
+    known = known_positions(of_cloud, the_map)
+    laid = [lay_piece(piece, known) for piece in pieces.pieces]
+    frame = CloudFrame(the_map.georeference, (the_map.satellite.width, the_map.satellite.height))
+    cloud = lay_cloud(stored.cloud, pieces.pieces, laid=laid, frame=frame)
+    order = np.random.default_rng(0).permutation(len(cloud.point))
+    rows = cloud.point[order]
+    times = np.bincount(stored.cloud.seen_point, minlength=len(stored.cloud.point))
+    return MapPoints(
+        task.key,
+        cloud.xyz[order].astype(np.float32),
+        np.full((len(rows), 3), _GREY, np.uint8) if task.rgb is None else np.asarray(task.rgb)[rows],
+        np.minimum(times[rows], _MOST_SEEN).astype(np.uint8),
+        {
+            **_about(frame, cloud),
+            "coloured": task.rgb is not None,
+            "cameras": list(_cameras(cloud, of_cloud, focal_px=stored.cloud.focal_px)),
+            "left_out": _left_out(pieces, laid, of_cloud),
+        },
+    )
+
+
+def _about(frame: CloudFrame, cloud: MapCloud) -> dict[str, Any]:
+    width, height = frame.size
+    corners = frame.lay(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]))
+    origin = frame.origin
+    words = "map pixels right, towards the top of the image and up, from its middle"
+    if origin is not None:
+        words = f"metres east, north and up, from latitude {origin.lat:.8f}, longitude {origin.lon:.8f}"
+    return {
+        "unit": frame.unit,
+        "origin": origin and [origin.lat, origin.lon],
+        "frame": f"{words}; 0 is the height of the placed cameras",
+        "corners": [[round(x, 3) for x in corner] for corner in corners.tolist()]
+        if np.isfinite(corners).all()
+        else None,
+        "ground": round(cloud.ground, 3),
+    }
+
+
+def _cameras(
+    cloud: MapCloud, photos: Sequence[AnyPhoto | None], *, focal_px: NDArray[np.float64]
+) -> list[dict[str, Any]]:
+    """List the cameras of photos that are still on the map or in its tray."""
+    return [
+        {
+            "id": one.id,
+            "at": [round(x, 3) for x in centre],
+            "rotation": [[round(x, 4) for x in axis] for axis in rotation],
+            "focal_px": round(float(focal_px[number]), 1),
+        }
+        for number, centre, rotation in zip(
+            cloud.photo.tolist(), cloud.centre.tolist(), cloud.rotation.tolist(), strict=True
+        )
+        if (one := photos[number]) is not None and all(map(math.isfinite, centre))
+    ]
+
+
+def _left_out(
+    pieces: StoredPieces, laid: Sequence[LaidPiece | NotLaid], photos: Sequence[AnyPhoto | None]
+) -> list[dict[str, Any]]:
+    """List the reasons why pieces are not on the map, with their photos."""
+    found: dict[str, list[int]] = {}
+    for piece, result in zip(pieces.pieces, laid, strict=True):
+        if isinstance(result, NotLaid):
+            there = [one.id for number in piece.photo.tolist() if (one := photos[number]) is not None]
+            found.setdefault(result.reason, []).extend(there)
+    return [{"photos": ids, "reason": reason} for reason, ids in found.items()]

@@ -1,0 +1,234 @@
+"""The landmarks of a map by the API: points and cameras for the page, and models for other programs."""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Float, Integer, List, Nested, String
+from apiflask.validators import OneOf
+from flask import Response, send_file
+from sqlalchemy import select
+
+from webapp.errors import NotFound
+from webapp.extras import require
+from webapp.files.landmarks.points import MapPoints, as_ply
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import ENDED
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.landmarks.export_models import export_models
+from webapp.tasks.landmarks.mapping import model_folders
+from webapp.tasks.landmarks.show_cloud import BLOCK_POINTS, block, scaling, shown_cloud
+from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.web.compression import accepts_gzip, gzipped
+from webapp.web.context import account, library, open_map
+from webapp.web.fields import Boolean
+from webapp.web.openapi import file_answer
+
+blueprint = APIBlueprint("api_cloud", __name__, url_prefix="/api/v1/maps/<slug>/landmarks", tag="Landmarks")
+
+_JOB = "landmarks"
+_JOBS = (_JOB, "place-rest")
+"""Both make the landmarks."""
+_OCTETS = "application/octet-stream"
+_SPOOL_BYTES = 32_000_000
+_NONE = "the map has no landmarks"
+_HINT = "compute them on the page 3D, or run expmap landmarks build"
+
+
+class ShownCameraOut(Schema):
+    """A photo of the reconstruction."""
+
+    id = Integer()
+    name = String()
+    at = List(Float(), metadata={"description": "Where it was taken, x, y, z."})
+    rotation = List(
+        List(Float()), metadata={"description": "Unit vectors to the camera's right, down and front."}
+    )
+    width = Integer(metadata={"description": "Of the upright photo, pixels."})
+    height = Integer()
+    focal_px = Float(metadata={"description": "Focal length as the reconstruction has it."})
+    placed = Boolean(metadata={"description": "Whether it is placed on the map."})
+
+
+class LeftOutOut(Schema):
+    """Photos that are joined, but cannot be laid on the map."""
+
+    photos = List(Integer())
+    reason = String()
+
+
+class CloudOut(Schema):
+    """Landmarks in metres east, north and up, or in map pixels where the map has no georeference."""
+
+    key = String(
+        allow_none=True, metadata={"description": "Another one means other points; null: there are none."}
+    )
+    job = Integer(allow_none=True, metadata={"description": "That computes them just now."})
+    points = Integer()
+    blocks = Integer(metadata={"description": "Parts in which the points are sent."})
+    block_points = Integer(metadata={"description": "Points of each but the last."})
+    offset = List(Float(), metadata={"description": "Of the coordinates in blocks, x, y, z."})
+    scale = List(Float(), metadata={"description": "Of a step of these coordinates."})
+    unit = String(metadata={"description": "`m` or `px`"})
+    frame = String(metadata={"description": "Axes and origin, in words."})
+    origin = List(Float(), allow_none=True, metadata={"description": "Latitude and longitude."})
+    coloured = Boolean(metadata={"description": "Whether the points have the colours of the photos."})
+    corners = List(
+        List(Float()),
+        allow_none=True,
+        metadata={"description": "Of the image: top left, top right, bottom right, bottom left."},
+    )
+    ground = Float(metadata={"description": "Height at which the image is drawn."})
+    cameras = List(Nested(ShownCameraOut))
+    left_out = List(Nested(LeftOutOut))
+    photos = Integer(metadata={"description": "Of the map, those in the tray included."})
+    new_photos = Integer(metadata={"description": "Added after the landmarks were computed."})
+
+
+class ColmapIn(Schema):
+    """Which of COLMAP's formats."""
+
+    form = String(load_default="binary", validate=OneOf(["binary", "text"]))
+
+
+@blueprint.get("")
+@blueprint.output(CloudOut)
+def show(slug: str) -> dict[str, Any]:
+    """Get what the landmarks of a map are, and the cameras that see them.
+
+    Where photos were placed or moved since they were laid on the map, a job lays them anew.
+    """
+    record = open_map(slug)
+    if not shown_cloud(library(), record).is_current:
+        _enqueue(record, only_lay=True)
+    return _cloud(record)
+
+
+@blueprint.post("")
+@blueprint.output(CloudOut, status_code=202)
+def build(slug: str) -> dict[str, Any]:
+    """Queue a job that computes the landmarks, or adds new photos to them."""
+    record = open_map(slug, "editor")
+    require("sfm")
+    _enqueue(record, only_lay=False)
+    return _cloud(record)
+
+
+@blueprint.get("/points/<string(length=32):key>/<int(max=100000):number>")
+@blueprint.doc(
+    responses=file_answer(
+        "n points: x, y, z of each (uint16, little-endian), then red, green, blue and the number of photos "
+        "of each (uint8).",
+        _OCTETS,
+    )
+)
+def points(slug: str, key: str, number: int) -> Response:
+    """Get a part of the points; browsers keep it, as another content has another key."""
+    found = _points(open_map(slug))
+    if found.key != key:
+        raise NotFound("these landmarks have changed", hint="load the page again")
+    data = block(found, number)
+    response = Response(gzipped(data) if accepts_gzip() else data, mimetype=_OCTETS)
+    if accepts_gzip():
+        response.headers["Content-Encoding"] = "gzip"
+    response.vary.add("Accept-Encoding")
+    response.headers["Cache-Control"] = "private, max-age=31536000, immutable"
+    return response
+
+
+@blueprint.get("/points.ply")
+@blueprint.doc(responses=file_answer("The points with their colours, as PLY (binary).", _OCTETS))
+def ply(slug: str) -> Response:
+    """Take the points away, in the frame of the map."""
+    record = open_map(slug)
+    response = Response(as_ply(_points(record)), mimetype=_OCTETS)
+    return _to_save(response, f"{record.slug}.ply")
+
+
+@blueprint.get("/colmap.zip")
+@blueprint.input(ColmapIn, location="query", arg_name="query")
+@blueprint.doc(responses=file_answer("A folder for each model.", "application/zip"))
+def colmap(slug: str, query: dict[str, str]) -> Response:
+    """Take the models away for COLMAP and what reads its files, each in a frame of its own."""
+    record = open_map(slug)
+    require("sfm")
+    folder = landmarks_folder(library().cfg(record.slug))
+    if not model_folders(folder):
+        raise NotFound(_NONE, hint=_HINT)
+    with library().database.read() as session:
+        names = {photo.sha256: photo.path for photo in maps.photos(session, record)}
+    spool = tempfile.SpooledTemporaryFile(_SPOOL_BYTES)  # noqa: SIM115 the answer closes it
+    with tempfile.TemporaryDirectory() as out, zipfile.ZipFile(spool, "w", zipfile.ZIP_DEFLATED) as archive:
+        export_models(folder, Path(out), names=names, binary=query["form"] == "binary")
+        for path in sorted(Path(out).rglob("*.*")):
+            archive.write(path, path.relative_to(out).as_posix())
+    spool.seek(0)
+    return _to_save(send_file(spool, mimetype="application/zip"), f"{record.slug}-colmap.zip")
+
+
+def _to_save(response: Response, name: str) -> Response:
+    response.headers.set("Content-Disposition", "attachment", filename=name)
+    response.headers["Cache-Control"] = "private, no-store"
+    return response
+
+
+def _points(record: MapRecord) -> MapPoints:
+    found = shown_cloud(library(), record).points
+    if found is None:
+        raise NotFound(_NONE, hint=_HINT)
+    return found
+
+
+def _enqueue(record: MapRecord, *, only_lay: bool) -> None:
+    with library().database.write() as session:
+        jobs.enqueue(
+            session,
+            _JOB,
+            map_id=record.id,
+            account_id=account().id,
+            arguments={"only_lay": only_lay},
+            key="lay" if only_lay else "",
+        )
+
+
+def _cloud(record: MapRecord) -> dict[str, Any]:
+    shown = shown_cloud(library(), record)
+    found = shown.points
+    with library().database.read() as session:
+        running = select(Job.id).where(Job.map_id == record.id, Job.kind.in_(_JOBS), Job.state.not_in(ENDED))
+        job = session.scalars(running.limit(1)).first()
+        photos = {photo.id: photo for photo in maps.photos(session, record) if not photo.removed}
+    if found is None:
+        nothing: dict[str, Any] = {"points": 0, "blocks": 0, "cameras": [], "left_out": [], "new_photos": 0}
+        return {"key": None, "job": job, "photos": len(photos), **nothing}
+    about = dict(found.about)
+    cameras = [
+        {
+            **camera,
+            "name": photo.name,
+            "width": photo.width,
+            "height": photo.height,
+            "placed": photo.x_px is not None,
+        }
+        for camera in about.pop("cameras")
+        if (photo := photos.get(camera["id"])) is not None
+    ]
+    offset, scale = scaling(found)
+    return {
+        **about,
+        "key": found.key,
+        "job": job,
+        "points": len(found.xyz),
+        "blocks": -(-len(found.xyz) // BLOCK_POINTS),
+        "block_points": BLOCK_POINTS,
+        "offset": offset.tolist(),
+        "scale": scale.tolist(),
+        "cameras": cameras,
+        "photos": len(photos),
+        "new_photos": shown.new_photos,
+    }
