@@ -270,6 +270,15 @@ class MissionSettings:
     look_s: float = 0.3
     """Seconds between two looks for the next event of a stream."""
 
+    thin_after_days: Annotated[float, AtLeast(0)] = 0.0
+    """Days without a change after which the tracks of a mission are thinned; 0: never."""
+
+    thin_to_m: float = 1.0
+    """Largest error of a thinned track, metres."""
+
+    prune_after_days: Annotated[float, AtLeast(0)] = 0.0
+    """Days without a change after which only both ends of its tracks are left; 0: never."""
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:

@@ -4,6 +4,10 @@ import json
 
 import pytest
 
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission
+from webapp.store.library import open_library
+
 GPX = (
     '<gpx><wpt lat="50" lon="14"/><trk><trkseg><trkpt lat="50" lon="14"/>'
     '<trkpt lat="51" lon="14"/></trkseg></trk></gpx>'
@@ -19,6 +23,13 @@ def mission(expmap, tmp_path, monkeypatch):
         return expmap("mission", *arguments)
 
     return call
+
+
+def end_mission(folder, number):
+    library = open_library(folder)
+    with library.database.write() as session:
+        missions.end(session.get_one(Mission, number))
+    library.database.close()
 
 
 def test_from_a_file_to_a_file(mission, tmp_path):
@@ -116,3 +127,33 @@ def test_inspect_needs_no_start(mission, tmp_path):
     assert "odd: 2 poses dated before 1980" in out
     code, out, _ = mission("inspect", path, "--axes", "camera")
     assert "0.0 m x 3.0 m x 4.0 m" in out
+
+
+def test_old_missions_are_thinned_pruned_and_kept(mission, tmp_path):
+    points = "".join(
+        f'<trkpt lat="{50 + n * 1e-5}" lon="14"><time>2020-01-01T00:00:{n:02}Z</time></trkpt>'
+        for n in range(60)
+    )
+    path = tmp_path / "walk.gpx"
+    path.write_text(f"<gpx><trk><trkseg>{points}</trkseg></trk></gpx>")
+    mission("new", "Yard")
+    mission("import", "1", path, "--min-move", "0")
+    code, _, err = mission("thin")
+    assert code == 2
+    assert "--older-than DAYS" in err
+    code, out, err = mission("thin", "1", "9")
+    assert (code, out) == (1, "0 poses of 0 tracks removed\n")
+    assert "mission 1: the mission may still be under way" in err
+    assert "mission 9: mission not found" in err
+    end_mission(tmp_path / "library", 1)
+    assert mission("keep", "1")[0] == 0
+    code, _, err = mission("prune", "1")
+    assert code == 1
+    assert "expmap mission keep 1 --off" in err
+    assert mission("keep", "1", "--off")[0] == 0
+    code, out, _ = mission("thin", "1", "--to", "0.5", "--dry-run")
+    assert (code, out.splitlines()[-1]) == (0, "58 poses of 1 tracks would be removed")
+    assert "mission 1: gps 'walk track 1' would have 2 of 60 poses" in out
+    assert "has 2 of 60 poses" in mission("thin", "1", "--to", "0.5")[1]
+    assert mission("prune", "1")[1] == "0 poses of 0 tracks removed\n"
+    assert mission("prune", "--older-than", "1")[1] == "0 poses of 0 tracks removed\n"

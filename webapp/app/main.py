@@ -99,6 +99,9 @@ mission_group = LazyGroup(
         "inspect": "webapp.missions.cli.inspect:inspect",
         "import": "webapp.missions.cli.mission:import_files",
         "export": "webapp.missions.cli.mission:export",
+        "thin": "webapp.missions.cli.thinning:thin",
+        "prune": "webapp.missions.cli.thinning:prune",
+        "keep": "webapp.missions.cli.thinning:keep",
     },
 )
 

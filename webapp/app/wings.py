@@ -10,7 +10,7 @@ from webapp.jobs import kinds
 from webapp.jobs.kinds import Duties
 from webapp.missions.store import missions
 from webapp.missions.tasks import delete as delete_mission
-from webapp.missions.tasks import fuse
+from webapp.missions.tasks import fuse, thin_tracks
 from webapp.store.library import Library
 from webapp.store.operate.snapshot import PartContents
 from webapp.tasks.operate.backup import LibraryPart
@@ -23,13 +23,14 @@ _KINDS = {
     "mission-import": "webapp.missions.jobs:import_mission_file",
     "mission-inspect": "webapp.missions.jobs:inspect_mission_file",
     "mission-pieces": "webapp.missions.jobs:build_track_pieces",
+    thin_tracks.THIN_JOB: "webapp.missions.jobs:thin_old_tracks",
     "sample": "webapp.sample.job:make_sample_map",
 }
 """Name of each kind of job to "module:function", imported when the first job of its kind comes."""
 
 DUTIES = Duties(
     kinds=_KINDS,
-    sweeps=(delete_mission.sweep,),
+    sweeps=(delete_mission.sweep, thin_tracks.sweep),
 )
 
 

@@ -13,13 +13,14 @@ from typing import Any
 
 from webapp.errors import UsageError
 from webapp.jobs.context import Context
+from webapp.settings import Settings
 from webapp.store.library import Library
 
 Function = Callable[[Context], Mapping[str, Any] | None]
 """Does a job and returns its result, plain values."""
 
-Sweep = Callable[[Library], object]
-"""Deletes what interrupted work has left behind."""
+Sweep = Callable[[Library, Settings], object]
+"""Tidies up: deletes what interrupted work has left behind, or queues what is due."""
 
 KINDS: dict[str, str] = {
     "evaluate": "webapp.jobs.map_jobs:evaluate_map",

@@ -13,7 +13,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from datetime import timedelta
 from functools import partial
@@ -251,16 +251,17 @@ def _error_json(error: BaseException, job: Job) -> dict[str, str | None]:
 
 
 def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Sweep] = ()) -> None:
-    """Delete what interrupted uploads and deletions have left behind."""
+    """Delete what interrupted uploads and deletions have left behind, and queue what is due."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
-    sweeps: list[Sweep] = [*more, partial(sweep_uploads.sweep_uploads, settings=settings)]
-    sweeps += [partial(photo_files.sweep_orphans, map_id=id) for id in ids]
+    sweeps: list[Callable[[], object]] = [partial(sweep, library, settings) for sweep in more]
+    sweeps.append(partial(sweep_uploads.sweep_uploads, library, settings=settings))
+    sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
-    sweeps += [partial(files.sweep, map_id=id, keep=keep) for id in ids]
+    sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]
     for sweep in sweeps:
         try:
-            sweep(library)
+            sweep()
         except (ExpMapError, OSError) as error:
             _log.warning("what was left behind could not be deleted: %s", error)
 

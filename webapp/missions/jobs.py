@@ -8,10 +8,18 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from webapp.errors import IndexDamaged, InputError, NotFound, NotReady, UsageError
+from webapp.errors import Conflict, IndexDamaged, InputError, NotFound, NotReady, UsageError
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context
-from webapp.missions.tasks import delete, fuse, import_file, localize_photos, staged_file, track_display
+from webapp.missions.tasks import (
+    delete,
+    fuse,
+    import_file,
+    localize_photos,
+    staged_file,
+    thin_tracks,
+    track_display,
+)
 from webapp.missions.tasks.import_file import MissionToMake
 from webapp.missions.tasks.import_order import order_of, waiting_path
 from webapp.store.operate import jobs
@@ -106,6 +114,28 @@ def build_track_pieces(context: Context) -> dict[str, Any]:
         context.library, mission_id, write=context.write, progress=context.progress
     )
     return {"pieces": built}
+
+
+def thin_old_tracks(context: Context) -> dict[str, Any]:
+    """Thin what is due by the settings; killed, what is thinned stays so, and the rest is done later.
+
+    A mission that changes meanwhile is left to the next time.
+    """
+    thinned = removed = 0
+    for rule in thin_tracks.rules(context.settings.missions):
+        with context.library.database.read() as session:
+            ids = thin_tracks.due(session, rule)
+        context.progress.size(len(ids))
+        for id in ids:
+            try:
+                for track in thin_tracks.thin_mission(
+                    context.library, id, rule=rule, write=context.write, progress=context.progress
+                ):
+                    thinned, removed = thinned + 1, removed + track.before - track.after
+            except (Conflict, NotFound) as error:
+                context.progress.note(str(error))
+            context.progress.advance()
+    return {"tracks": thinned, "removed_poses": removed}
 
 
 def delete_mission(context: Context) -> None:

@@ -61,7 +61,7 @@ function numbers(store, box) {
 }
 
 function facts(track) {
-  const { poses, skipped, distance_m: way, duration_s: duration, closing } = track;
+  const { poses, skipped, removed, thinned_m: error, distance_m: way, duration_s: duration, closing } = track;
   const rows = [[t("Distance"), lengthText(way || 0)]];
   if (duration >= SHORTEST_S) {
     const speed = t("{speed} on average", { speed: speedText(way / duration) });
@@ -69,6 +69,10 @@ function facts(track) {
   }
   const left = skipped ? `, ${tn("{n} left out", "{n} left out", skipped)}` : "";
   rows.push([t("Poses"), poses.toLocaleString(locale) + left]);
+  if (removed) {
+    const how = error === null ? t("only both ends are left") : t("to {error}", { error: lengthText(error) });
+    rows.push([t("Thinned"), `${tn("{n} pose removed", "{n} poses removed", removed)}, ${how}`]);
+  }
   if (track.first_time_s !== null && track.first_time_s !== undefined) rows.push([t("Begin"), clockText(track.first_time_s)]);
   if (!track.timed) rows.push([t("Times"), t("unknown: only the order of the points is known")]);
   if (closing) rows.push([t("End to start"), t("{gap}, {share} of the distance", { gap: lengthText(closing.gap_m), share: percentText(closing.share) })]);

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.assignment import MOST_TOGETHER, Costs, assign
-from webapp.core.trajectory.distance import WGS84
+from webapp.core.trajectory.distance import metres_per_degree
 from webapp.core.trajectory.records import Sighting
 
 GATE = 13.82
@@ -208,7 +208,7 @@ class _Kind:
         before = self.covariance[number]
         gain = before @ np.linalg.inv(before + _noise(one))
         east, north = gain @ _metres(self.latlon[number : number + 1], one.latlon)[0]
-        by_north, by_east = _metres_per_degree(self.latlon[number, 0])
+        by_north, by_east = metres_per_degree(self.latlon[number, 0])
         lat, lon = self.latlon[number] + (north / by_north, east / by_east)
         self.latlon[number] = (lat, (lon + 180.0) % 360.0 - 180.0)
         after = before - gain @ before
@@ -236,18 +236,6 @@ def _noise(seen: Sighting) -> Floats:
 
 def _metres(origins: Floats, position: LatLon) -> Floats:
     """Return how far east and north of each origin (n, 2) a position is: (n, 2), true for what is near."""
-    by_north, by_east = _metres_per_degree(origins[:, 0])
+    by_north, by_east = metres_per_degree(origins[:, 0])
     east = (position.lon - origins[:, 1] + 180.0) % 360.0 - 180.0
     return np.column_stack([east * by_east, (position.lat - origins[:, 0]) * by_north])
-
-
-def _metres_per_degree(lat: Floats) -> tuple[Floats, Floats]:
-    """Return the length of a degree of latitude and of longitude, by the radii of curvature of WGS 84.
-
-    Geodesics would take about ten times as long, and thousands of detections may come at once.
-    """
-    a, e2 = WGS84.a, WGS84.es
-    root = 1.0 - e2 * np.sin(np.radians(lat)) ** 2
-    north = a * (1.0 - e2) / root**1.5
-    east = a / np.sqrt(root) * np.cos(np.radians(lat))
-    return np.radians(north), np.radians(np.maximum(east, 1.0))

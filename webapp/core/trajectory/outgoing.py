@@ -42,6 +42,10 @@ class ExportTrack:
         Gives the poses from the first to the last, in parts of at most a few thousand.
     timed : bool
         False where the times of the poses only keep their order: they do not go out.
+    removed : int
+        Poses that were removed to save room.
+    thinned_m : float or None
+        How far from the motion through the others those are, at most, metres; None: only both ends are left.
     """
 
     id: int
@@ -52,6 +56,17 @@ class ExportTrack:
     bounds: tuple[float, float, float, float] | None
     poses: Callable[[], Iterable[Poses]]
     timed: bool = True
+    removed: int = 0
+    thinned_m: float | None = None
+
+    @property
+    def remark(self) -> str:
+        """What has been removed, for people; empty where nothing was."""
+        if not self.removed:
+            return ""
+        if self.thinned_m is None:
+            return f"{self.removed} poses between its ends were removed"
+        return f"thinned: {self.removed} poses were removed, which changes it by {self.thinned_m:g} m at most"
 
     @property
     def title(self) -> str:

@@ -10,17 +10,22 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.distance import WGS84
+from webapp.core.trajectory.distance import WGS84, metres_per_degree
 from webapp.errors import UsageError
 
 _METRES_PER_DEGREE = 111_195.0
 """On a sphere: for display it is the same."""
+
+GAP_S = 10.0
+GAP_FACTOR = 5.0
+"""Between poses farther apart in time than so many seconds, and so many times the usual, there is a gap."""
 
 _WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(m|deg|)\s*", re.IGNORECASE)
 
@@ -126,20 +131,68 @@ def simplify(latlon: NDArray[np.float64], tolerance_m: float) -> NDArray[np.bool
     (n,) bool
         True at the chosen ones: always the first and the last.
     """
-    n = len(latlon)
-    keep = np.zeros(n, dtype=np.bool_)
-    if n == 0:
-        return keep
-    keep[[0, -1]] = True
-    metres = _flat(latlon)
-    starts, ends = np.array([0]), np.array([n - 1])
+    return _split_where_far(_ends(len(latlon)), _off_line(_flat(latlon)), tolerance_m)
+
+
+def simplify_motion(
+    times_s: NDArray[np.float64],
+    latlon: NDArray[np.float64],
+    *,
+    height_m: NDArray[np.float64],
+    tolerance_m: float,
+) -> NDArray[np.bool_]:
+    """Choose poses of a motion so that at no time it is farther than a tolerance from the one through them.
+
+    Between two chosen poses the motion is even: the distance of a pose is that from where it would be at its
+    time, so that stops stay stops (N. Meratnia and R. A. de By, "Spatiotemporal compression techniques for
+    moving point objects", EDBT 2004). Both ends of a gap are chosen, where times go back, and where heights
+    begin or end: nothing is interpolated there.
+
+    Parameters
+    ----------
+    times_s : (n,) float64
+    latlon : (n, 2) float64
+        Degrees north, degrees east.
+    height_m : (n,) float64
+        NaN where it is not known.
+
+    Returns
+    -------
+    (n,) bool
+        True at the chosen ones: always the first and the last.
+    """
+    at = np.column_stack([latlon[:, 0], np.unwrap(latlon[:, 1], period=360.0), np.nan_to_num(height_m)])
+    waits = np.diff(times_s)
+    usual_s = np.median(waits) if len(waits) else 0.0
+    known = np.isfinite(height_m)
+    apart = (waits < 0) | (waits > max(GAP_S, GAP_FACTOR * usual_s)) | (known[1:] != known[:-1])
+    cuts = np.flatnonzero(apart)
+    ends = np.unique(np.concatenate([_ends(len(at)), cuts, cuts + 1]))
+    return _split_where_far(ends, _off_motion(times_s, at), tolerance_m)
+
+
+_Distance = Callable[[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]], NDArray[np.float64]]
+"""How far points (n,) are from what joins a first (n,) to a last one (n,), metres."""
+
+
+def _split_where_far(ends: NDArray[np.intp], distance: _Distance, tolerance_m: float) -> NDArray[np.bool_]:
+    """Choose points of a line: some, and of each part between two the farthest, until none is too far.
+
+    Parameters
+    ----------
+    ends : (m,) intp
+        What is chosen at least: ascending, the first and the last point among them.
+    """
+    keep = np.zeros(ends[-1] + 1 if len(ends) else 0, dtype=np.bool_)
+    keep[ends] = True
+    starts, ends = ends[:-1], ends[1:]
     while True:
         inner = ends - starts > 1
         starts, ends = starts[inner], ends[inner]
         if not len(starts):
             return keep
-        far, distance = _farthest(metres, starts, ends)
-        cut = distance > tolerance_m
+        far, most = _farthest(distance, starts, ends)
+        cut = most > tolerance_m
         keep[far[cut]] = True
         starts, ends = (
             np.concatenate([starts[cut], far[cut]]),
@@ -147,29 +200,56 @@ def simplify(latlon: NDArray[np.float64], tolerance_m: float) -> NDArray[np.bool
         )
 
 
+def _ends(n: int) -> NDArray[np.intp]:
+    return np.unique(np.array([0, n - 1], dtype=np.intp)) if n else np.empty(0, dtype=np.intp)
+
+
 def _flat(latlon: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lay positions on a plane, metres; also where they cross the 180th meridian."""
     lon = np.unwrap(latlon[:, 1], period=360.0)
-    across = np.cos(np.radians(latlon[:, 0].mean()))
+    across = np.cos(np.radians(latlon[:, 0].mean())) if len(latlon) else 1.0
     return np.column_stack([lon * across, latlon[:, 0]]) * _METRES_PER_DEGREE
 
 
 def _farthest(
-    metres: NDArray[np.float64], starts: NDArray[np.intp], ends: NDArray[np.intp]
+    distance: _Distance, starts: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Find the point farthest from the straight way of each part, and how far it is."""
+    """Find the point of each part that is farthest from what joins its ends, and how far it is."""
     counts = ends - starts - 1
     begins = np.concatenate([[0], np.cumsum(counts)[:-1]])
     part = np.repeat(np.arange(len(starts)), counts)
     points = np.arange(counts.sum()) - begins[part] + starts[part] + 1
-    origin = metres[starts][part]
-    way = (metres[ends] - metres[starts])[part]
-    offset = metres[points] - origin
-    length2 = (way**2).sum(axis=1)
-    along = np.divide((offset * way).sum(axis=1), length2, out=np.zeros(len(way)), where=length2 > 0)
-    away = offset - np.clip(along, 0.0, 1.0)[:, None] * way
-    distance = np.hypot(away[:, 0], away[:, 1])
-    most = np.maximum.reduceat(distance, begins)
-    hits = np.flatnonzero(distance == most[part])
+    away = distance(points, starts[part], ends[part])
+    most = np.maximum.reduceat(away, begins)
+    hits = np.flatnonzero(away == most[part])
     _, first = np.unique(part[hits], return_index=True)
     return points[hits[first]], most
+
+
+def _off_line(metres: NDArray[np.float64]) -> _Distance:
+    def distance(
+        points: NDArray[np.intp], starts: NDArray[np.intp], ends: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        origin = metres[starts]
+        way = metres[ends] - origin
+        offset = metres[points] - origin
+        length2 = (way**2).sum(axis=1)
+        along = np.divide((offset * way).sum(axis=1), length2, out=np.zeros(len(way)), where=length2 > 0)
+        away = offset - np.clip(along, 0.0, 1.0)[:, None] * way
+        return np.asarray(np.hypot(away[:, 0], away[:, 1]))
+
+    return distance
+
+
+def _off_motion(times_s: NDArray[np.float64], at: NDArray[np.float64]) -> _Distance:
+    scale = np.column_stack([*metres_per_degree(at[:, 0]), np.ones(len(at))])
+
+    def distance(
+        points: NDArray[np.intp], starts: NDArray[np.intp], ends: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        waited, whole_s = times_s[points] - times_s[starts], times_s[ends] - times_s[starts]
+        share = np.divide(waited, whole_s, out=np.zeros(len(points)), where=whole_s > 0)
+        expected = at[starts] + share[:, None] * (at[ends] - at[starts])
+        return np.asarray(np.linalg.norm((at[points] - expected) * scale[points], axis=1))
+
+    return distance

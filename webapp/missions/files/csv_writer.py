@@ -8,13 +8,13 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from webapp.core.trajectory.outgoing import MissionOut
+from webapp.core.trajectory.outgoing import ExportTrack, MissionOut
 from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.text_file import plain_cell
 
 POSE_COLUMNS = (
     "source", "track", "number", "time", "time_s", "lat", "lon", "height_m", "heading_deg",
-    "var_e_m2", "var_n_m2", "cov_en_m2", "travelled_m",
+    "var_e_m2", "var_n_m2", "cov_en_m2", "travelled_m", "thinned_m",
 )  # fmt: skip
 OBJECT_COLUMNS = (
     "id", "class", "lat", "lon", "height_m", "confidence", "sightings", "first_time", "last_time", "photo",
@@ -32,11 +32,11 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
     ------
     bytes
         UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; those that no source has
-        are left out.
+        are left out. `thinned_m` is the largest error of thinning, `inf` where only both ends are left.
     """
     yield csv_lines([POSE_COLUMNS])
     for track in mission.tracks:
-        first = 0
+        first, thinned = 0, _thinned(track)
         for part in track.poses():
             table = np.column_stack(
                 [part.latlon, part.height_m, part.heading_deg, part.covariance_m2, part.travelled_m]
@@ -46,7 +46,7 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
                 seconds = (f"{time_s:.6f}" for time_s in part.times_s.tolist())
                 times = list(zip(utc(part.times_s), seconds, strict=True))
             yield csv_lines(
-                (track.source, track.name, number, *time, *map(_number, row))
+                (track.source, track.name, number, *time, *map(_number, row), thinned)
                 for number, (time, row) in enumerate(zip(times, table, strict=True), start=first)
             )
             first += len(part)
@@ -71,6 +71,12 @@ def format_objects_csv(mission: MissionOut) -> Iterator[bytes]:
             yield csv_lines(rows)
             rows = []
     yield csv_lines(rows)
+
+
+def _thinned(track: ExportTrack) -> str:
+    if not track.removed:
+        return ""
+    return "inf" if track.thinned_m is None else f"{track.thinned_m:g}"
 
 
 def csv_lines(rows: Iterable[Sequence[object]]) -> bytes:

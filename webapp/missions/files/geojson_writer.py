@@ -43,6 +43,8 @@ def _track(track: ExportTrack) -> Iterator[str]:
         "poses": track.count,
         "distance_m": round(track.distance_m, 3),
     }
+    if track.removed:
+        facts |= {"removed_poses": track.removed, "thinned_m": track.thinned_m}
     over = track.bounds is not None and track.bounds[3] - track.bounds[1] > 180.0
     kind = "Point" if track.count == 1 else "MultiLineString" if over else "LineString"
     yield f'{{"type":"Feature","id":"track-{track.id}","geometry":{{"type":"{kind}","coordinates":'

@@ -111,7 +111,8 @@ def _pieces(mission: MissionOut) -> Iterator[str]:
         yield _waypoint(found)
     for track in mission.tracks:
         source = f"<extensions>{element('e:source', track.source)}</extensions>"
-        yield f"<trk>{element('name', track.title)}{element('src', track.source)}{source}<trkseg>\n"
+        remark = element("cmt", track.remark) if track.remark else ""
+        yield f"<trk>{element('name', track.title)}{remark}{element('src', track.source)}{source}<trkseg>\n"
         for part in track.poses():
             yield _points(part, timed=track.timed)
         yield "</trkseg></trk>\n"

@@ -101,9 +101,8 @@ def _track_style(track: ExportTrack) -> str:
 def _track(track: ExportTrack) -> Iterator[str]:
     yield f'<Placemark id="t-{track.id}">{element("name", track.title)}'
     yield f"<styleUrl>#track-{track.id}</styleUrl>"
-    yield extended_data(
-        {"source": track.source, "poses": track.count, "distance_m": f"{track.distance_m:.2f}"}
-    )
+    facts = {"source": track.source, "poses": track.count, "distance_m": f"{track.distance_m:.2f}"}
+    yield extended_data(facts | ({"remark": track.remark} if track.remark else {}))
     if track.timed:
         yield from _timed(track)
     else:

@@ -71,6 +71,8 @@ def _tum(track: ExportTrack, origin: tuple[LatLon, float]) -> Iterator[str]:
     yield _TUM_REMARK.format(lat=origin[0].lat, lon=origin[0].lon)
     if not track.timed:
         yield _UNTIMED
+    if track.remark:
+        yield f"# {track.remark}\n"
     count = 0
     for part in track.poses():
         times = part.times_s if track.timed else np.arange(count, count + len(part), dtype=np.float64)

@@ -181,6 +181,8 @@ def _line(track: ExportTrack) -> Feature:
     facts = f"{track.distance_m:.0f} m"
     if track.timed:
         facts += f" · {first[:19]}Z – {last[:19]}Z"
+    if track.remark:
+        facts += f" · {track.remark}"
     style = {"color": track.colour, "weight": 3}
     return Feature(("LineString", points), track.title, facts, style)
 

@@ -101,6 +101,8 @@ def _track(database: Database, track: Track, *, most: int | None) -> ExportTrack
         if numbers is None
         else partial(_some, database, track, numbers=numbers),
         timed=track.timed,
+        removed=track.removed,
+        thinned_m=track.thinned_m,
     )
 
 

@@ -38,6 +38,8 @@ class Mission(Base):
     """Counts the changes; each accepted batch is one."""
     ended_at: Mapped[datetime | None]
     """When the robot said that it was over."""
+    keep: Mapped[bool] = mapped_column(default=False)
+    """True: its tracks are never thinned, whatever the rules."""
 
 
 class Track(Base):
@@ -56,8 +58,14 @@ class Track(Base):
     """Their numbers are 0 ... poses - 1."""
     skipped: Mapped[int] = mapped_column(default=0)
     """Poses that the sender left out because nothing had moved."""
+    removed: Mapped[int] = mapped_column(default=0)
+    """Poses that were stored, and that thinning has removed."""
+    thinned_m: Mapped[float | None]
+    """With this error at most; None where nothing was thinned, or where only both ends are left."""
+    thinned_poses: Mapped[int] = mapped_column(default=0)
+    """So many at the begin are what thinning left; those after them came later."""
     distance_m: Mapped[float] = mapped_column(default=0.0)
-    """Along all poses, those that were left out included."""
+    """Along all poses, those that were left out or removed included."""
     first_time_s: Mapped[float | None]
     last_time_s: Mapped[float | None]
     """The earliest and the latest, Unix seconds."""

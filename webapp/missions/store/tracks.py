@@ -108,10 +108,38 @@ def clear(session: Session, track: Track) -> None:
     """Take all poses out of a track."""
     for table in (Pose, TrackPiece, TrackProfile):
         session.execute(delete(table).where(table.track_id == track.id))
-    track.poses = track.skipped = track.built_to = 0
+    track.poses = track.skipped = track.built_to = track.removed = track.thinned_poses = 0
+    track.thinned_m = None
     track.distance_m = 0.0
     track.first_time_s = track.last_time_s = None
     track.min_lat = track.max_lat = track.min_lon = track.max_lon = None
+
+
+_OF_ALL = (
+    "skipped", "removed", "distance_m", "first_time_s", "last_time_s",
+    "min_lat", "max_lat", "min_lon", "max_lon",
+)  # fmt: skip
+"""What is known of all poses of a track, those that were removed too."""
+
+
+def thin(session: Session, track: Track, poses: Poses, *, thinned_m: float | None) -> None:
+    """Replace the poses of a track by some of them; what is known of all of them stays.
+
+    Parameters
+    ----------
+    poses : Poses
+        Those that stay, the first and the last among them.
+    thinned_m : float or None
+        How far the others are from the motion through these, at most; None: nobody knows.
+    """
+    known = {name: getattr(track, name) for name in _OF_ALL}
+    removed = track.poses - len(poses)
+    clear(session, track)
+    append(session, track, poses)
+    for name, value in known.items():
+        setattr(track, name, value)
+    track.removed += removed
+    track.thinned_m, track.thinned_poses = thinned_m, track.poses
 
 
 def read(session: Session, track: Track, *, first: int = 0, stop: int | None = None) -> Poses:

@@ -13,6 +13,7 @@ from webapp.errors import Conflict
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, ObjectSighting, Pose, Track, TrackPiece, TrackProfile
 from webapp.progress import Progress
+from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.operate import jobs
 from webapp.store.schema import Job
@@ -78,7 +79,7 @@ def delete_mission(library: Library, mission_id: int, *, write: Write, progress:
     shutil.rmtree(missions.folder(library, mission_id), ignore_errors=True)
 
 
-def sweep(library: Library) -> None:
+def sweep(library: Library, _settings: Settings) -> None:
     """Delete the folders of missions that are deleted: ids are never used again."""
     folders = [path for path in (library.folder / missions.FOLDER).glob("*") if path.name.isdecimal()]
     with library.database.read() as session:

@@ -58,6 +58,11 @@ class TrackOut(Schema):
     name = String()
     poses = Integer()
     skipped = Integer(metadata={"description": "Poses that the sender left out."})
+    removed = Integer(metadata={"description": "Poses that thinning removed."})
+    thinned_m = Float(
+        allow_none=True,
+        metadata={"description": "Largest error of thinning, metres; null: none, or only the ends are left."},
+    )
     distance_m = Float()
     duration_s = Float()
     timed = Boolean(
@@ -83,6 +88,7 @@ class MissionSummary(Schema):
     role = String(metadata={"enum": list(ROLES), "description": "Of the caller."})
     can_edit = Boolean()
     binned = Boolean()
+    keep = Boolean(metadata={"description": "Its tracks are never thinned."})
     revision = Integer(metadata={"description": "Counts the changes."})
     created_at = String()
     changed_at = String()
@@ -159,6 +165,7 @@ class MissionChange(Schema):
     map = String(allow_none=True, metadata={"description": "Slug of its map; null: on the globe."})
     start = Nested(StartIn, allow_none=True)
     note = String()
+    keep = Boolean(metadata={"description": "true: its tracks are never thinned."})
 
 
 class NewMission(MissionChange):
@@ -201,6 +208,7 @@ def create(data: dict[str, Any]) -> dict[str, Any]:
             start=data.get("start"),
             note=data.get("note", ""),
         )
+        mission.keep = data.get("keep", False)
         return state.summary(session, mission, account=who)
 
 
@@ -217,7 +225,7 @@ def show(mission_id: int) -> dict[str, Any]:
 @blueprint.input(MissionChange, arg_name="data")
 @blueprint.output(MissionSummary)
 def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
-    """Change a mission's name, note or start; its owners can put it on another map."""
+    """Change a mission's name, note, start or mark; its owners can put it on another map."""
     mission, who = open_mission(mission_id, "owner" if "map" in data else "editor"), account()
     map_id = _map_id(data.get("map"))
     with library().database.write() as session:
@@ -225,6 +233,7 @@ def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
         row.name = missions.checked_name(data.get("name", row.name))
         row.note = missions.checked_note(data.get("note", row.note))
         row.start = data.get("start", row.start)
+        row.keep = data.get("keep", row.keep)
         if "map" in data and map_id != row.map_id:
             if map_id is not None and shares.list_shares(session, row):
                 # Who opens the mission's links sees the image of its map: that is for owners of the map.

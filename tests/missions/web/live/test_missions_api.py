@@ -45,6 +45,9 @@ def test_changes(client, mission, state, new_map, owner):
     assert (state()["name"], state()["map"], state()["revision"]) == ("New", slug, 1)
     client.patch(f"/api/v1/missions/{mission}", json={"map": None, "note": "n"})
     assert (state()["name"], state()["map"], state()["note"]) == ("New", None, "n")
+    assert state()["keep"] is False
+    client.patch(f"/api/v1/missions/{mission}", json={"keep": True})
+    assert (state()["keep"], state()["note"]) == (True, "n")
 
 
 def test_the_roles_of_the_map_hold(new_account, new_map, new_mission, sign_in, owner):

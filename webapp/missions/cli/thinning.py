@@ -1,0 +1,119 @@
+"""`expmap mission thin`, `prune` and `keep`: fewer poses of old missions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import click
+
+from webapp.cli.exitcodes import DONE, SOME_FAILED
+from webapp.cli.library import existing_library, library_option, library_settings
+from webapp.cli.progressbar import terminal_progress
+from webapp.errors import Conflict, NotFound, UsageError
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission
+from webapp.missions.tasks import thin_tracks
+from webapp.missions.tasks.thin_tracks import Rule, ThinnedTrack
+from webapp.settings import Settings
+
+_missions = click.argument("numbers", nargs=-1, type=int, metavar="[MISSION]...")
+
+
+def _common(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add what both ways to thin have."""
+    for option in (
+        library_option,
+        click.option("--dry-run", is_flag=True, help="Only print what would be done."),
+        click.option(
+            "--older-than", "days", type=click.FloatRange(min=0), metavar="DAYS",
+            help="All that have not changed for so long.  [default: as the settings say]",
+        ),
+        _missions,
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+@click.command()
+@_common
+@click.option(
+    "--to", "metres", type=click.FloatRange(min=0, min_open=True), metavar="METRES",
+    help="Largest error.  [default: missions.thin_to_m]",
+)  # fmt: skip
+def thin(
+    numbers: tuple[int, ...], metres: float | None, days: float | None, dry_run: bool, library: Path | None
+) -> int:
+    """Leave poses out of the tracks of missions, so that at no time they are farther off than an error.
+
+    Without MISSION: of all missions that are old. Those that are under way, in the bin, or marked to be
+    kept are left as they are; objects, photos, and both ends of each track stay.
+    """
+    settings = library_settings(library)
+    days = settings.missions.thin_after_days if days is None else days
+    rule = Rule(settings.missions.thin_to_m if metres is None else metres, timedelta(days=days))
+    return _thin(numbers, rule, settings=settings, dry_run=dry_run)
+
+
+@click.command()
+@_common
+def prune(numbers: tuple[int, ...], days: float | None, dry_run: bool, library: Path | None) -> int:
+    """Remove all poses of the tracks of missions but the first and the last.
+
+    Which missions: as for `expmap mission thin`.
+    """
+    settings = library_settings(library)
+    days = settings.missions.prune_after_days if days is None else days
+    return _thin(numbers, Rule(None, timedelta(days=days)), settings=settings, dry_run=dry_run)
+
+
+@click.command()
+@click.argument("numbers", nargs=-1, required=True, type=int, metavar="MISSION...")
+@click.option("--off", is_flag=True, help="Remove the mark.")
+@library_option
+def keep(numbers: tuple[int, ...], off: bool, library: Path | None) -> None:
+    """Mark missions to be kept as they are, whatever the settings say of old ones."""
+    with existing_library(library_settings(library).library) as place, place.database.write() as session:
+        for number in numbers:
+            found = session.get(Mission, number)
+            if found is None:
+                raise NotFound(
+                    "mission not found", where=f"mission {number}", hint="see: expmap mission list"
+                )
+            found.keep = not off
+            missions.count_change(found)
+
+
+def _thin(numbers: tuple[int, ...], rule: Rule, *, settings: Settings, dry_run: bool) -> int:
+    if not numbers and not rule.after:
+        raise UsageError(
+            "which missions is not said",
+            hint="give their numbers, or --older-than DAYS; the settings keep all",
+        )
+    failed = tracks = removed = 0
+    with existing_library(settings.library) as place, terminal_progress("thinning") as progress:
+        with place.database.read() as session:
+            ids = numbers or thin_tracks.due(session, rule)
+        progress.size(len(ids))
+        for id in ids:
+            try:
+                for track in thin_tracks.thin_mission(
+                    place, id, rule=rule, write=place.database.write, progress=progress, dry_run=dry_run
+                ):
+                    _print(track, dry_run=dry_run)
+                    tracks, removed = tracks + 1, removed + track.before - track.after
+            except (Conflict, NotFound) as error:
+                click.echo(f"expmap: {error}", err=True)
+                failed += 1
+            progress.advance()
+    would = "would be " if dry_run else ""
+    click.echo(f"{removed} poses of {tracks} tracks {would}removed")
+    return SOME_FAILED if failed else DONE
+
+
+def _print(track: ThinnedTrack, *, dry_run: bool) -> None:
+    would = "would have" if dry_run else "has"
+    name = f" {track.name!r}" if track.name else ""
+    click.echo(f"mission {track.mission}: {track.source}{name} {would} {track.after} of {track.before} poses")

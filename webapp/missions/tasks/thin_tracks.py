@@ -1,0 +1,214 @@
+"""Thins tracks of missions that are over: fewer poses, or both ends alone; by rule or on demand.
+
+Each track is replaced in one transaction, so that work that is killed has left each track either as it was or
+thinned, and continues with the next. Only poses go: objects, their sightings and photos stay, and so do the
+first and the last pose of a track, its length, its times and its extent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from datetime import timedelta
+
+import numpy as np
+from sqlalchemy import ColumnElement, or_, select
+from sqlalchemy.orm import Session
+
+from webapp.core.trajectory.records import Poses, join
+from webapp.core.trajectory.thinning import simplify_motion
+from webapp.errors import Conflict, NotFound
+from webapp.missions.store import tracks
+from webapp.missions.store.schema import Mission, Track
+from webapp.progress import Progress
+from webapp.settings import MissionSettings, Settings
+from webapp.store.clock import now
+from webapp.store.library import Library
+from webapp.store.operate import jobs
+
+THIN_JOB = "mission-thin"
+"""Kind of the job that does what the settings ask for."""
+
+LIVE = timedelta(days=1)
+"""A mission that has not ended counts as under way until so long after its last change."""
+
+_BLOCK = 20_000
+
+Write = Callable[[], AbstractContextManager[Session]]
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """How tracks are thinned.
+
+    Attributes
+    ----------
+    to_m : float or None
+        How far a removed pose may be from the motion through those that stay, metres; None: only the first
+        and the last stay.
+    after : timedelta
+        A mission is due so long after its last change.
+    """
+
+    to_m: float | None
+    after: timedelta = timedelta(0)
+
+
+@dataclass(frozen=True, slots=True)
+class ThinnedTrack:
+    """A track with the number of its poses before and after."""
+
+    mission: int
+    source: str
+    name: str
+    before: int
+    after: int
+
+
+def rules(settings: MissionSettings) -> list[Rule]:
+    """Return what the settings ask for, with what removes most first."""
+    found = []
+    if settings.prune_after_days:
+        found.append(Rule(None, timedelta(days=settings.prune_after_days)))
+    if settings.thin_after_days:
+        found.append(Rule(settings.thin_to_m, timedelta(days=settings.thin_after_days)))
+    return found
+
+
+def due(session: Session, rule: Rule) -> list[int]:
+    """List the missions that a rule concerns, and that have a track to thin by it.
+
+    Those that are kept, in the bin, or still under way are left out.
+    """
+    over = or_(Mission.ended_at.is_not(None), Mission.changed_at < now() - LIVE)
+    old = (Mission.changed_at <= now() - rule.after, over, ~Mission.keep, Mission.binned_at.is_(None))
+    found = select(Mission.id).where(*old, Mission.id.in_(select(Track.mission_id).where(_is_due(rule))))
+    return list(session.scalars(found.order_by(Mission.id)))
+
+
+def sweep(library: Library, settings: Settings) -> None:
+    """Queue the job that does what the settings ask for, where there is anything to do."""
+    wanted = rules(settings.missions)
+    if not wanted:
+        return
+    with library.database.read() as session:
+        if not any(due(session, rule) for rule in wanted):
+            return
+    with library.database.write() as session:
+        jobs.enqueue(session, THIN_JOB)
+
+
+def thin_mission(
+    library: Library, id: int, *, rule: Rule, write: Write, progress: Progress, dry_run: bool = False
+) -> Iterator[ThinnedTrack]:
+    """Thin the tracks of a mission, one after the other.
+
+    Parameters
+    ----------
+    write : callable
+        Gives a session that writes.
+    progress : Progress
+        Is asked before each track whether to stop.
+    dry_run : bool
+        Only say what would be done.
+
+    Yields
+    ------
+    ThinnedTrack
+        Each track that has fewer poses now.
+
+    Raises
+    ------
+    NotFound
+        The mission does not exist.
+    Conflict
+        It is kept, in the bin, under way, or changes at this moment.
+    Cancelled
+    """
+    with library.database.read() as session:
+        check(session, id)
+        found = [track.id for track in tracks.list_tracks(session, id)]
+    for track_id in found:
+        progress.check()
+        thinned = _thin(library, id, track_id, rule=rule, write=None if dry_run else write)
+        if thinned is not None and thinned.after < thinned.before:
+            yield thinned
+
+
+def check(session: Session, id: int) -> Mission:
+    """Find a mission whose tracks may be thinned.
+
+    Raises
+    ------
+    NotFound, Conflict
+    """
+    mission, where = session.get(Mission, id), f"mission {id}"
+    if mission is None:
+        raise NotFound("mission not found", where=where, hint="see: expmap mission list")
+    if mission.keep:
+        raise Conflict(
+            "the mission is marked to be kept as it is",
+            where=where,
+            hint=f"remove the mark: expmap mission keep {id} --off",
+        )
+    if mission.binned_at is not None:
+        raise Conflict("the mission is in the bin", where=where, hint="restore it first")
+    if mission.ended_at is None and mission.changed_at >= now() - LIVE:
+        raise Conflict(
+            "the mission may still be under way",
+            where=where,
+            hint="wait until it has ended, or has not changed for a day",
+        )
+    return mission
+
+
+def _is_due(rule: Rule) -> ColumnElement[bool]:
+    if rule.to_m is None:
+        return Track.poses > 2
+    fresh = Track.thinned_poses < Track.poses
+    return (Track.poses > 2) & or_(fresh, Track.thinned_m < rule.to_m)
+
+
+def _thin(
+    library: Library, mission_id: int, track_id: int, *, rule: Rule, write: Write | None
+) -> ThinnedTrack | None:
+    """Thin a track; None where nothing is to be done."""
+    with library.database.read() as session:
+        revision = session.get_one(Mission, mission_id).revision
+        track = session.scalars(select(Track).where(Track.id == track_id, _is_due(rule))).first()
+        if track is None:
+            return None
+        thinned_m, left = _left(session, track, rule)
+    result = ThinnedTrack(mission_id, track.source, track.name, track.poses, len(left))
+    if write is None:
+        return result
+    with write() as session:
+        mission = session.get_one(Mission, mission_id, with_for_update=True)
+        if check(session, mission_id).revision != revision:
+            raise Conflict("the mission changes at this moment", where=f"mission {mission_id}")
+        tracks.thin(session, session.get_one(Track, track_id), left, thinned_m=thinned_m)
+        mission.revision += 1  # and no later time of change: it would begin to count anew
+    return result
+
+
+def _left(session: Session, track: Track, rule: Rule) -> tuple[float | None, Poses]:
+    """Return how exact a track will be, and the poses that stay.
+
+    What was thinned before and is thinned again has both errors, so that it gets what is left to the whole.
+    """
+    if rule.to_m is None:
+        return None, tracks.at(session, track, [0, track.poses - 1])
+    before_m = track.thinned_m if track.thinned_poses else 0.0
+    more_m = 0.0 if before_m is None else max(rule.to_m - before_m, 0.0)
+    left, old = [], track.thinned_poses
+    for tolerance_m, first, stop in (more_m, 0, old), (rule.to_m, old, track.poses):
+        for begin in range(first, stop, _BLOCK):
+            poses = tracks.read(session, track, first=begin, stop=min(begin + _BLOCK, stop))
+            left.append(_thinned(poses, tolerance_m) if tolerance_m else poses)
+    return None if before_m is None else max(rule.to_m, before_m), join(left)
+
+
+def _thinned(poses: Poses, tolerance_m: float) -> Poses:
+    chosen = simplify_motion(poses.times_s, poses.latlon, height_m=poses.height_m, tolerance_m=tolerance_m)
+    return poses.take(np.flatnonzero(chosen))
