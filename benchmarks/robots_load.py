@@ -1,19 +1,23 @@
 """Lets many robots send where they are at once, while a page follows one of them.
 
-    python -m benchmarks.robots_load [--robots 50] [--seconds 120] [--hertz 10] [--beat 1.0]
+    python -m benchmarks.robots_load [--robots 50] [--seconds 120] [--hertz 10] [--beat 1.0] [--json FILE]
 
 Is each pose there once? Starts the program with a temporary library. Every robot has a mission of its own and
-makes poses in even steps; each beat it sends those since the last one as a batch, and sends a batch again
-that was not acknowledged. Printed are what is lost, stored twice or out of order; seconds from the first
-request to the acknowledgement; the memory of all processes of the server together (proportional set size:
-shared pages count once), before, at its highest and at the end; and how late, in seconds after a pose was
-made, the follower heard of it. A pose waits for half a beat on average before it is even sent.
+makes poses in even steps; each beat it sends all that are not acknowledged as a batch, as the robots' client
+does. Printed are what is lost, stored twice or out of order; seconds from the request that was acknowledged
+to its acknowledgement; what was put off because the server was busy; the memory of all processes of the
+server together (proportional set size: shared pages count once), before, at its highest and at the end; the
+processor time of the server and of the robots themselves, in cores; and how late, in seconds after a pose
+was made, the follower heard of it. A pose waits for half a beat on average before it is even sent.
 """
 
 from __future__ import annotations
 
 import argparse
+import http.client
 import json
+import os
+import random
 import sys
 import tempfile
 import threading
@@ -21,11 +25,12 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import requests
 
-from benchmarks.memory import as_text, memory_mb
+from benchmarks.memory import as_text, family, memory_mb
 from tests.browser.app import App
 from webapp.missions.store import missions, tracks
 from webapp.store.accounts import accounts
@@ -35,6 +40,8 @@ from webapp.store.maps import maps
 _MEMORY_EVERY_S = 2.0
 _PATIENCE_S = 60.0
 _STEP_DEGREES = 1e-6
+_BATCH = 1000
+"""Records in one request at most, as of the robots' client."""
 
 
 @dataclass
@@ -47,40 +54,55 @@ class Robot:
     made: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     refused: int = 0
+    cuts: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
 
     def work(self, begin: float, arguments: argparse.Namespace) -> None:
-        """Make poses and send them, from a Unix time on."""
-        session = requests.Session()
-        session.headers["Authorization"] = f"Bearer {self.token}"
-        total, sent = int(arguments.seconds * arguments.hertz), 0
-        beat = max(1, round(arguments.beat * arguments.hertz))
-        while sent < total:
-            sent = min(sent + beat, total)
-            due = begin + sent / arguments.hertz
+        """Make poses from a Unix time on, and send all that are not acknowledged."""
+        server = http.client.HTTPConnection(urlsplit(self.url).netloc, timeout=_PATIENCE_S)
+        total, known, since = int(arguments.seconds * arguments.hertz), 0, time.monotonic()
+        due, pause_s = begin, 0.0
+        while known < total and time.monotonic() < since + _PATIENCE_S:
+            due = max(due + arguments.beat, time.time() + pause_s)
             time.sleep(max(0.0, due - time.time()))
-            first = len(self.made)
-            self.made += [begin + n / arguments.hertz for n in range(first, sent)]
-            self._send(session, first)
+            count = min(total, int((time.time() - begin) * arguments.hertz))
+            self.made += [begin + n / arguments.hertz for n in range(len(self.made), count)]
+            last = min(count, known + _BATCH)
+            if last == known:
+                continue
+            pause_s = self._send(server, known, last)
+            if not pause_s:
+                known, since = last, time.monotonic()
+            if self.errors:
+                return
+        if known < total:
+            self.errors.append(f"nothing was acknowledged for {_PATIENCE_S:.0f} s")
 
-    def _send(self, session: requests.Session, first: int) -> None:
+    def _send(self, server: http.client.HTTPConnection, first: int, last: int) -> float:
+        """Send some poses; gives the seconds to wait before they are sent again, 0 when they are stored."""
         records = [
             {"type": "pose", "time": time_s, "lat": 50 + n * _STEP_DEGREES, "lon": 14.0, "heading_deg": 0.0}
-            for n, time_s in enumerate(self.made[first:], first)
+            for n, time_s in enumerate(self.made[first:last], first)
         ]
-        given = {"sender": "robot", "first": first, "records": records}
-        address = f"{self.url}/api/v1/missions/{self.mission}/batches"
+        given = json.dumps({"sender": "robot", "first": first, "records": records})
+        headers = {"Authorization": f"Bearer {self.token}", "Content-Type": "application/json"}
         started = time.perf_counter()
-        while time.perf_counter() - started < _PATIENCE_S:
-            answer = session.post(address, json=given, timeout=_PATIENCE_S)
-            if answer.ok:
-                self.seconds.append(time.perf_counter() - started)
-                return
-            if answer.status_code not in (429, 503):
-                break
+        try:
+            server.request("POST", f"/api/v1/missions/{self.mission}/batches", given, headers)
+            answer = server.getresponse()
+            text = answer.read()
+        except (OSError, http.client.HTTPException) as error:
+            self.cuts.append(repr(error))  # the same poses again, on another connection
+            server.close()
+            return 1.0
+        if answer.status == 200:
+            self.seconds.append(time.perf_counter() - started)
+            return 0.0
+        if answer.status in (429, 503):
             self.refused += 1
-            time.sleep(float(answer.headers.get("Retry-After", 1)))
-        self.errors.append(f"{answer.status_code} {answer.text[:200]}")
+            return float(answer.headers.get("Retry-After", 1)) * random.uniform(1.0, 1.5)
+        self.errors.append(f"{answer.status} {text[:200]!r}")
+        return 1.0
 
 
 @dataclass
@@ -125,14 +147,17 @@ def main() -> None:
         with App(Path(folder) / "maps") as app:
             robots = [Robot(app.url, token, id) for id in ids]
             follower = Follower(app.url, token, ids[0])
-            memory = _work(robots, follower, arguments, pid=app.pid)
+            used = _work(robots, follower, arguments, pid=app.pid)
         library = open_library(Path(folder) / "maps")
         problems = [problem for robot in robots for problem in _problems(library, robot)]
         library.database.close()
     missed = len(robots[0].made) - len(follower.heard)
     if missed:
         problems.append(f"the follower has not heard of {missed} poses")
-    print(json.dumps({**_figures(robots, follower), **memory, "problems": problems}, indent=2))
+    figures = {**_figures(robots, follower), **used, "problems": problems}
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    print(json.dumps(figures, indent=2))
     raise SystemExit(1 if problems else 0)
 
 
@@ -142,6 +167,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=120)
     parser.add_argument("--hertz", type=float, default=10, help="poses a second of each robot")
     parser.add_argument("--beat", type=float, default=1.0, help="seconds between two batches of a robot")
+    parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     return parser.parse_args()
 
 
@@ -159,9 +185,10 @@ def _make_library(folder: Path, robots: int) -> tuple[str, list[int]]:
 
 def _work(
     robots: list[Robot], follower: Follower, arguments: argparse.Namespace, *, pid: int
-) -> dict[str, float]:
-    """Let all work at once; gives the memory of the server, megabytes."""
+) -> dict[str, Any]:
+    """Let all work at once; gives what the server takes: megabytes, and cores."""
     before = highest = memory_mb(pid)["all"]["Pss"]
+    busy_s, own_s, clock_s = _processor_s(pid), time.process_time(), time.monotonic()
     over = threading.Event()
     following = threading.Thread(target=follower.work, args=(over,))
     begin = time.time() + 1.0
@@ -175,6 +202,8 @@ def _work(
     while any(thread.is_alive() for thread in threads):
         highest = max(highest, memory_mb(pid)["all"]["Pss"])
         time.sleep(_MEMORY_EVERY_S)
+    worked_s = time.monotonic() - clock_s
+    busy_s, own_s = _processor_s(pid) - busy_s, time.process_time() - own_s
     time.sleep(_MEMORY_EVERY_S)
     end = memory_mb(pid)
     over.set()
@@ -184,7 +213,24 @@ def _work(
         "pss_before_mb": round(before),
         "pss_highest_mb": round(highest),
         "pss_end_mb": round(end["all"]["Pss"]),
+        "seconds": round(worked_s, 1),
+        "server_cores": round(busy_s / worked_s, 3),
+        "robots_cores": round(own_s / worked_s, 3),
+        "cores": os.cpu_count(),
+        "load": round(os.getloadavg()[0], 1),
     }
+
+
+def _processor_s(pid: int) -> float:
+    """Sum up the processor time of a process and of all below it."""
+    ticks = 0
+    for process in family(pid):
+        try:
+            stat = Path(f"/proc/{process}/stat").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        ticks += sum(map(int, stat.rpartition(")")[2].split()[11:13]))
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def _problems(library: Library, robot: Robot) -> list[str]:
@@ -208,6 +254,7 @@ def _figures(robots: list[Robot], follower: Follower) -> dict[str, Any]:
         "poses": sum(len(robot.made) for robot in robots),
         "batches": len(acknowledged),
         "batches_put_off": sum(robot.refused for robot in robots),
+        "connections_lost": sum(len(robot.cuts) for robot in robots),
         "acknowledged_s": _quantiles(acknowledged),
         "follower_late_s": _quantiles(late),
         "follower_streams": follower.streams,

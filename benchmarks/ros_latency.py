@@ -1,9 +1,12 @@
 """Measures the ROS 2 node `pose_estimator`: images at an even rate on one map.
 
-    .venv-ros/bin/python -m benchmarks.ros_latency MAP.cfg PHOTOS --hz 5 --minutes 5
+    .venv-ros/bin/python -m benchmarks.ros_latency MAP.cfg PHOTOS --hz 5 --minutes 30
 
 Run it after `make ros-test`, which makes `.venv-ros`. The node runs as a process of its own. Latency is from
-the stamp of an image to its answer.
+the stamp of an image to its answer; what an image waited is that less the time of its localization, and an
+image that was the newest has waited no longer than the time between two. The memory is the resident set of
+the node: after the warm-up, at each full minute, and its trend over the second half. Printed is one JSON
+object; the figures so far go to standard error every minute.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -28,6 +32,10 @@ _PAGE = os.sysconf("SC_PAGE_SIZE")
 _START_S = 3600.0
 """The first start may build the index."""
 
+_MINUTE_S = 60.0
+_TRANSFER_S = 0.1
+"""What an image and its answer are on their way, besides."""
+
 
 class Camera(Node):
     """Publishes photos in turn, and times the answers."""
@@ -38,6 +46,7 @@ class Camera(Node):
         self.sent = 0
         self.latencies_s: list[float] = []
         self.seconds: list[float] = []
+        self.stamps_s: list[float] = []
         self._camera = self.create_publisher(CompressedImage, "/gscam/image_raw/compressed", 1)
         self.create_subscription(String, "/pose_estimator/answer", self._hear, 10)
 
@@ -48,9 +57,15 @@ class Camera(Node):
         self._camera.publish(CompressedImage(header=header, format="jpeg", data=data))
         self.sent += 1
 
+    def forget(self) -> None:
+        """Begin the figures anew."""
+        self.sent = 0
+        del self.stamps_s[:], self.latencies_s[:], self.seconds[:]
+
     def _hear(self, message: String) -> None:
         answer = json.loads(message.data)
         stamp = answer["stamp"]["sec"] + answer["stamp"]["nanosec"] * 1e-9
+        self.stamps_s.append(stamp)
         self.latencies_s.append(time.time() - stamp)
         self.seconds.append(answer["seconds"]["total"])
 
@@ -64,6 +79,7 @@ def main() -> None:
     parser.add_argument("photos", type=Path, help="folder of photos that are asked about, in turn")
     parser.add_argument("--hz", type=float, default=5.0)
     parser.add_argument("--minutes", type=float, default=5.0)
+    parser.add_argument("--warm-up", type=float, default=2.0, help="minutes before the figures begin")
     parser.add_argument("--fov", type=float, default=0.0)
     chosen = parser.parse_args()
     photos = sorted(p for p in chosen.photos.iterdir() if p.suffix.lower() in (".jpg", ".jpeg", ".png"))
@@ -73,13 +89,19 @@ def main() -> None:
     environ = {**os.environ, "PYTHONPATH": f"{_ROOT / 'ros' / 'expmap_ros'}{os.pathsep}{_ROOT}"}
     node = subprocess.Popen([*command, *(part for w in words for part in ("-p", w))], env=environ)
     try:
-        _measure(node.pid, photos, hz=chosen.hz, seconds=60 * chosen.minutes)
+        _measure(
+            node.pid,
+            photos,
+            hz=chosen.hz,
+            warm_up_s=_MINUTE_S * chosen.warm_up,
+            seconds=_MINUTE_S * chosen.minutes,
+        )
     finally:
         node.terminate()
         node.wait()
 
 
-def _measure(pid: int, photos: list[Path], *, hz: float, seconds: float) -> None:
+def _measure(pid: int, photos: list[Path], *, hz: float, warm_up_s: float, seconds: float) -> None:
     rclpy.init()
     camera = Camera(photos)
     executor = SingleThreadedExecutor()
@@ -90,23 +112,48 @@ def _measure(pid: int, photos: list[Path], *, hz: float, seconds: float) -> None
             raise SystemExit("the node has not answered")
         camera.publish()
         _spin(executor, time.monotonic() + 1.0)
-    del camera.latencies_s[:], camera.seconds[:]
-    camera.sent, memory = 0, []
-    start = time.monotonic()
-    while (now := time.monotonic()) < start + seconds:
-        camera.publish()
-        memory.append(_resident_mb(pid))
-        _spin(executor, now + 1.0 / hz)
+    _run(camera, executor, hz=hz, seconds=warm_up_s)
+    camera.forget()
+    memory_mb = [_resident_mb(pid)]
+    whole = int(seconds // _MINUTE_S)
+    for length in [_MINUTE_S] * whole + [seconds - whole * _MINUTE_S] * (seconds > whole * _MINUTE_S):
+        _run(camera, executor, hz=hz, seconds=length)
+        memory_mb.append(_resident_mb(pid))
+        print(json.dumps(_figures(camera, memory_mb, hz=hz)), file=sys.stderr, flush=True)
     rclpy.shutdown()
-    p50, p95 = np.percentile(camera.latencies_s, [50, 95])
-    warm = memory[len(memory) // 5 :]
-    slope = np.polyfit(np.arange(len(warm)) / hz / 60.0, warm, 1)[0]
-    sys.stdout.write(
-        f"{len(photos)} photos, {camera.sent} images in {seconds:.0f} s, {len(camera.latencies_s)} answered\n"
-        f"latency p50 {p50:.2f} s, p95 {p95:.2f} s; of localization p50 {np.median(camera.seconds):.2f} s\n"
-        f"memory {memory[0]:.0f} MB at the start, {memory[-1]:.0f} MB at the end, "
-        f"{slope:+.1f} MB a minute after the first fifth\n"
-    )
+    print(json.dumps({"photos": len(photos), **_figures(camera, memory_mb, hz=hz)}, indent=2))
+
+
+def _run(camera: Camera, executor: SingleThreadedExecutor, *, hz: float, seconds: float) -> None:
+    """Publish at an even rate: an image that is due late does not delay those after it."""
+    start = time.monotonic()
+    for number in range(round(seconds * hz)):
+        _spin(executor, start + number / hz)
+        camera.publish()
+    _spin(executor, start + seconds)
+
+
+def _figures(camera: Camera, memory_mb: list[float], *, hz: float) -> dict[str, Any]:
+    waited_s = np.subtract(camera.latencies_s, camera.seconds)
+    later = memory_mb[len(memory_mb) // 2 :]
+    slope = np.polyfit(np.arange(len(later)), later, 1)[0] if len(later) > 1 else np.nan
+    return {
+        "hz": hz,
+        "sent": camera.sent,
+        "answered": len(camera.latencies_s),
+        "latency_s": _quantiles(camera.latencies_s),
+        "localization_s": _quantiles(camera.seconds),
+        "waited_s": _quantiles(waited_s),
+        "newest": round(float(np.mean(waited_s <= 1.0 / hz + _TRANSFER_S)), 4),
+        "stamps_ascend": bool(np.all(np.diff(camera.stamps_s) > 0)),
+        "memory_mb": [round(one, 1) for one in memory_mb],
+        "memory_mb_per_minute": round(float(slope), 3),
+    }
+
+
+def _quantiles(values: Any) -> dict[str, float]:
+    p50, p95 = np.quantile(values, [0.5, 0.95])
+    return {"p50": round(float(p50), 3), "p95": round(float(p95), 3), "most": round(float(np.max(values)), 3)}
 
 
 def _spin(executor: SingleThreadedExecutor, until: float) -> None:

@@ -1,0 +1,131 @@
+"""Measures how fast the list of missions answers when there are very many.
+
+    python -m benchmarks.mission_list [--missions 5000] [--repeat 20]
+
+Fills a temporary library with missions of three tracks, five objects and a photo each, one in ten of them in
+the bin, and asks for its pages as the browser does, without a network in between. Printed is one JSON object:
+for the page itself, a first and a middle part of the list, the bin, and the whole list, the median, the 95th
+percentile and the processor time of an answer, milliseconds, and its size.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+from sqlalchemy import insert
+
+from webapp.app.web import create_app
+from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, Track
+from webapp.settings import Settings
+from webapp.store.accounts import accounts
+from webapp.store.library import Library, open_library
+
+_BEGIN = datetime(2026, 1, 1, tzinfo=UTC)
+_PAGE = 50
+
+
+def main() -> None:
+    """Run it and print a line for each address."""
+    arguments = _arguments()
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Settings(library=Path(folder) / "maps")
+        library = open_library(settings.library)
+        _fill(library, arguments.missions)
+        get = _reader(library, settings)
+        list_ = "/api/v1/missions"
+        middle = get(f"{list_}?limit={arguments.missions // 2}").json["next"]
+        addresses = {
+            "page": "/missions",
+            f"first_{_PAGE}": f"{list_}?limit={_PAGE}",
+            f"middle_{_PAGE}": f"{list_}?limit={_PAGE}&after={middle}",
+            f"bin_{_PAGE}": f"{list_}?bin=true&limit={_PAGE}",
+            "all": list_,
+        }
+        figures = {name: _measure(get, address, arguments.repeat) for name, address in addresses.items()}
+        library.database.close()
+    print(json.dumps({"missions": arguments.missions, **figures}, indent=2))
+
+
+def _fill(library: Library, count: int) -> None:
+    ids = range(1, count + 1)
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session).id
+        session.execute(insert(Mission), [_mission(id, owner) for id in ids])
+        names = [(id, source) for id in ids for source in ("gps", "odometry", "fused")]
+        more = {"poses": 6000, "distance_m": 900.0, "first_time_s": 1.7e9, "last_time_s": 1.7e9 + 600}
+        session.execute(insert(Track), [{"mission_id": id, "source": source, **more} for id, source in names])
+        place = {"lat": 50.0, "lon": 14.0, "first_time_s": 1.7e9, "last_time_s": 1.7e9}
+        objects = [
+            {"mission_id": id, "object_id": f"o{n}", "kind": "car", **place} for id in ids for n in range(5)
+        ]
+        session.execute(insert(MissionObject), objects)
+        photo = {"name": "a.jpg", "path": "a.jpg", "width": 1, "height": 1, "size_bytes": 1}
+        session.execute(
+            insert(MissionPhoto), [{"mission_id": id, "sha256": f"{id:064x}", **photo} for id in ids]
+        )
+
+
+def _mission(id: int, owner: int) -> dict[str, object]:
+    at = _BEGIN + timedelta(minutes=id * 7919 % 100_000)
+    return {
+        "id": id,
+        "name": f"Patrol {id}",
+        "account_id": owner,
+        "changed_at": at,
+        "binned_at": at if id % 10 == 0 else None,
+    }
+
+
+def _reader(library: Library, settings: Settings) -> Callable[[str], Any]:
+    """Return what fetches an address as the owner."""
+    client = create_app(settings, library=library).test_client()
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session)
+    with client.session_transaction() as session:
+        session["_user_id"] = f"{owner.id}.{owner.epoch}"
+        session["session_id"] = uuid4().hex
+
+    def get(address: str) -> Any:
+        answer = client.get(address)
+        assert answer.status_code == 200, answer.get_data(as_text=True)
+        return answer
+
+    return get
+
+
+def _measure(get: Callable[[str], Any], address: str, repeat: int) -> dict[str, float]:
+    seconds, processor_s = [], []
+    for _ in range(repeat):
+        begin, worked = time.perf_counter(), time.process_time()
+        answer = get(address)
+        seconds.append(time.perf_counter() - begin)
+        processor_s.append(time.process_time() - worked)
+    p50, p95 = np.quantile(seconds, [0.5, 0.95]) * 1000
+    return {
+        "p50_ms": round(p50, 1),
+        "p95_ms": round(p95, 1),
+        "processor_ms": round(float(np.median(processor_s)) * 1000, 1),
+        "kb": round(len(answer.data) / 1000, 1),
+    }
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--missions", type=int, default=5000)
+    parser.add_argument("--repeat", type=int, default=20)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
