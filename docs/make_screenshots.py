@@ -42,6 +42,9 @@ PAGES = {
     "maps": ("/", ("",)),
     "edit": ("/maps/sample/edit", ("", "-phone")),
     "image": ("/maps/sample/image", ("",)),
+    "place-rest": ("/maps/sample/edit", ("",)),
+    "landmarks": ("/maps/sample/landmarks", ("",)),
+    "landmarks-above": ("/maps/sample/landmarks", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
     "localize-areas": (f"/maps/{AREAS}/localize", ("",)),
     "missions": ("/missions", ("",)),
@@ -87,6 +90,7 @@ def main() -> None:
         api = sign_in(context, app)
         make_missions(api, app)
         fill_tray(api)
+        suggest_places(api)
         import_areas(api, app.library / "sample", scratch=Path(folder) / "areas")
         time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
@@ -130,6 +134,14 @@ def fill_tray(api: Api) -> None:
     """Take a few photos off the image."""
     changes = [{"id": id, "x_px": None, "y_px": None} for id in IN_TRAY]
     api.ask("PATCH", "/maps/sample/experiences", data={"kind": "unplace", "changes": changes})
+    api.wait_for_jobs("sample")
+
+
+def suggest_places(api: Api) -> None:
+    """Have places suggested for the photos in the tray, which makes the landmarks, too."""
+    api.ask("POST", "/maps/sample/place-rest")
+    api.wait_for_jobs("sample")
+    api.ask("GET", "/maps/sample/landmarks")  # lays them on the map by a job
     api.wait_for_jobs("sample")
 
 
@@ -194,12 +206,30 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
     if path.endswith("/localize"):
         page.get_by_test_id("query-input").set_input_files(app.library / "sample" / QUERY)
         page.get_by_test_id("hypothesis").first.wait_for()
+    if path.endswith("/landmarks"):
+        look_at_landmarks(page, from_above=name.endswith("-above"))
+    if name == "place-rest":
+        page.locator("#place-menu summary").click()
+        page.locator("#place-the-rest").click()
+        page.get_by_test_id("suggested-photo").first.wait_for()
     if name == "mission-import":
         preview_import(page)
     settle(page)
     PICTURES.mkdir(exist_ok=True)
     page.screenshot(path=PICTURES / f"{name}.jpg", type="jpeg", quality=80, scale="css")
     context.close()
+
+
+def look_at_landmarks(page: Page, *, from_above: bool) -> None:
+    """Choose a camera in space, or look at the heights from above."""
+    page.locator("[data-testid=scene][data-points]").wait_for()
+    if from_above:
+        page.get_by_role("button", name="From above").click()
+        page.get_by_label("Display", exact=True).click()
+        page.locator("#colour").select_option("height")
+        page.keyboard.press("Escape")
+    else:
+        page.locator("#photo").select_option(index=25)
 
 
 def preview_import(page: Page) -> None:

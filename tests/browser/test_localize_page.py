@@ -324,6 +324,29 @@ def test_an_unsure_answer_can_be_looked_at_thoroughly(page, sample_map, api, que
     assert len(asked) == 1 and b"thorough" in asked[0]
 
 
+def test_a_camera_that_was_solved_is_shown_with_its_height_and_tilt(page, sample_map, api, queries):
+    camera = {
+        "height_px": 1.5,
+        "height_m": 0.18,
+        "pitch_deg": -2.04,
+        "roll_deg": 0.52,
+        "covariance": [[0.25 * (row == column) for column in range(6)] for row in range(6)],
+        "landmarks": 321,
+    }
+    open_page(page, sample_map, api)
+    assert page.locator("#option-method option[value=landmarks]").count() == 0, "the sample has none"
+    photo = {"name": QUERY, "mimeType": "image/jpeg", "buffer": (queries / QUERY).read_bytes()}
+    answer = api.ask("POST", f"/maps/{sample_map}/localize", multipart={"file": photo})
+    answer["hypotheses"][0] |= {"camera": camera, "radius_px": 10.0, "radius_m": 1.2, "heading_deg": 90.0}
+    page.route("**/api/v1/maps/*/localize", lambda route: route.fulfill(json=answer))
+    choose(page, queries / QUERY)
+    facts = page.locator("#coordinates")
+    expect(facts).to_contain_text("0.2 m ± 0.1 m, over the nearest placed camera")
+    expect(facts).to_contain_text("90° ± 0.5°")
+    expect(facts).to_contain_text("-2° ± 0.5°")
+    expect(facts).to_contain_text("321 agree")
+
+
 def test_several_photos_are_a_table_and_marks_on_the_map(page, api, sample_map, queries, truth):
     open_page(page, sample_map, api)
     names = ["query_01.jpg", QUERY]

@@ -1,4 +1,4 @@
-"""Photos place themselves: three are placed by hand, the others are suggested and accepted."""
+"""Photos place themselves: of sixty, six are placed by clicks and the others are suggested and accepted."""
 
 import math
 import re
@@ -9,59 +9,76 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.edit_page import EditPage
-from tests.tasks.landmarks.rendered import make_court
+from webapp.files.maps.folder import read_map
 
-BY_HAND = (0, 4, 8)
-JOINED_WITHIN_MS = 240_000
+BY_HAND = (3, 12, 21, 30, 40, 55)
+"""Spread along the way."""
+
+LEAST_SUGGESTED = 30
+MEDIAN_PX = 40.0
+"""Of the sample's image, on which neighbours are 40 pixels apart. About 50 are suggested, with a median of 3;
+but structure from motion on several threads differs a little each time."""
+JOINED_WITHIN_MS = 900_000
 
 
-def test_the_rest_is_suggested_and_accepted(page, api, tmp_path):
-    cfg, at, _ = make_court(tmp_path / "court", photos=9, placed=BY_HAND)
-    photos = sorted((cfg.parent / "photos").iterdir())
-    slug = api.make_map("Court", satellite=cfg.with_name("plan.png"), photos=photos)
+def test_sixty_photos_are_placed_by_six_clicks(page, api, sample_folder):
+    made = read_map(sample_folder / "map.cfg")
+    truth = {Path(one.photo).name: one.position for one in made.experiences}
+    photos = [sample_folder / one.photo for one in made.experiences]
+    assert len(photos) == 60
+    slug = api.make_map("Clicked", satellite=sample_folder / "satellite.png", photos=photos)
     edit = EditPage(page, slug).open()
     for number in BY_HAND:
-        page.locator(f'[data-testid="tray-photo"][data-id="{number}"]').click()
-        edit.click(*at[number])
+        page.goto(f"/maps/{slug}/edit?photo={number}")
+        expect(edit.current).to_contain_text(photos[number].name)
+        edit.click(*truth[photos[number].name])
         edit.saved()
-    expect(edit.unplaced).to_have_text("6")
+    expect(edit.unplaced).to_have_text("54")
+    api.cancel_jobs(slug)  # nobody needs the index of this map
     page.locator("#place-menu summary").click()
     page.locator("#place-the-rest").click()
     page.get_by_test_id("rest-find").click()
     suggested = page.get_by_test_id("suggested-photo")
-    expect(suggested).to_have_count(6, timeout=JOINED_WITHIN_MS)
-    assert len(api.positions(slug)) == 3, "so far it is only suggested"
+    expect(suggested.first).to_be_visible(timeout=JOINED_WITHIN_MS)
+    count = suggested.count()
+    assert count >= LEAST_SUGGESTED
+    assert len(api.positions(slug)) == 6, "so far it is only suggested"
     suggested.first.get_by_role("button", name="Place ").click()
-    expect(suggested).to_have_count(5)
-    expect(edit.unplaced).to_have_text("5")
+    expect(suggested).to_have_count(count - 1)
+    expect(edit.unplaced).to_have_text("53")
     place = page.get_by_test_id("rest-place")
-    expect(place).to_have_text("Place 5 photos")
+    expect(place).to_have_text(f"Place {count - 1} photos")
     place.click()
-    expect(edit.unplaced).to_have_text("0")
+    expect(edit.unplaced).to_have_text(str(54 - count))
     placed = api.positions(slug)
-    for number, position in enumerate(at):
-        assert math.dist(placed[f"{number:02}.png"], position) < 15.0
-    edit.undo.click()
-    expect(edit.unplaced).to_have_text("5")
+    off = [math.dist(placed[name], truth[name]) for name in placed]
+    assert np.median(off) < MEDIAN_PX, sorted(off)
+    api.cancel_jobs(slug)
     look_at_the_landmarks(page, api, slug)
+    page.goto(f"/maps/{slug}/localize")
+    assert "landmarks" in page.locator("#option-method option").evaluate_all("all => all.map((o) => o.value)")
+    edit.open()
+    edit.undo.click()
+    expect(edit.unplaced).to_have_text("53")
+    api.cancel_jobs(slug)
 
 
 def look_at_the_landmarks(page, api, slug):
     """The points that the photos share, and the cameras: a click on one leads to its photo."""
     page.goto(f"/maps/{slug}/landmarks")
     scene = page.get_by_test_id("scene")
-    expect(scene).to_have_attribute("data-points", re.compile(r"\d{3,}"))
-    assert page.locator("#status").text_content().endswith("9 of 9 photos")
-    page.get_by_role("button", name="From above").click()
+    expect(scene).to_have_attribute("data-points", re.compile(r"\d{4,}"), timeout=JOINED_WITHIN_MS)
     cameras = api.ask("GET", f"/maps/{slug}/landmarks")["cameras"]
+    assert page.locator("#status").text_content().endswith(f"{len(cameras)} of 60 photos")
+    page.get_by_role("button", name="From above").click()
     camera = max(cameras, key=lambda one: one["at"][0])
-    assert (camera["name"], camera["placed"]) == ("00.png", True)
     scene.click(position=spot_from_above(camera["at"], [one["at"] for one in cameras], scene.bounding_box()))
     card = page.get_by_test_id("camera-card")
-    expect(card.get_by_role("heading")).to_have_text("00.png")
+    expect(card.get_by_role("heading")).to_have_text(camera["name"])
     assert axe.findings(page, "main") == []
+    following = cameras[(cameras.index(camera) + 1) % len(cameras)]["name"]
     scene.press("n")
-    expect(card.get_by_role("heading")).to_have_text("01.png")
+    expect(card.get_by_role("heading")).to_have_text(following)
     card.get_by_role("button", name="Look from here").click()
     expect(page.get_by_role("button", name="3D")).to_have_attribute("aria-pressed", "true")
     with page.expect_download() as download:
@@ -69,7 +86,7 @@ def look_at_the_landmarks(page, api, slug):
         page.get_by_test_id("export-ply").click()
     assert Path(download.value.path()).read_bytes().startswith(b"ply\n")
     card.get_by_test_id("open-in-editor").click()
-    expect(page.locator("#current-name, [data-testid=current-photo]").first).to_contain_text("01.png")
+    expect(page.get_by_test_id("current-photo")).to_contain_text(following)
 
 
 def spot_from_above(at, everyone, box):

@@ -2,6 +2,13 @@
 
 import { byId, h, icon } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
+import { creditLine } from "../shared/photo-credit.js";
+
+/** A length in metres or map pixels, without its unit. @param {number} length @param {string} unit */
+export function lengthText(length, unit) {
+  const digits = unit === "m" ? 1 : 0;
+  return (Number(length.toFixed(digits)) || 0).toFixed(digits); // never "-0"
+}
 
 /** Shows one photo at a time. */
 export class CameraCard {
@@ -9,12 +16,11 @@ export class CameraCard {
    * @param {Object} page
    * @param {string} page.slug
    * @param {string} page.unit
-   * @param {function(number, string): string} page.address of a picture of a photo
    * @param {{step: function(number): void, look: function(): void, close: function(): void}} on
    */
-  constructor({ slug, unit, address }, on) {
+  constructor({ slug, unit }, on) {
     this.box = byId("camera-card");
-    this.page = { slug, unit, address };
+    this.page = { slug, unit };
     this.on = on;
   }
 
@@ -22,23 +28,24 @@ export class CameraCard {
   show(camera) {
     this.box.hidden = !camera;
     if (!camera) return;
-    const { slug, unit, address } = this.page;
+    const { slug, unit } = this.page;
     const button = (symbol, label, run) => h("button", { class: "icon-button", type: "button", "aria-label": label, title: label, onclick: run }, icon(symbol));
     const facts = [
       camera.placed ? t("Placed") : t("In the tray"),
-      t("{n} {unit} over the placed cameras", { n: camera.at[2].toFixed(unit === "m" ? 1 : 0), unit }),
+      t("{n} {unit} over the placed cameras", { n: lengthText(camera.at[2], unit), unit }),
     ];
-    this.box.replaceChildren(
+    this.box.replaceChildren(...[
       h("div", { class: "lm-card__head" },
         h("h2", { class: "lm-card__name" }, camera.name),
         button("chevron-left", t("Previous photo"), () => this.on.step(-1)),
         button("chevron-right", t("Next photo"), () => this.on.step(1)),
         button("close", t("Close"), this.on.close)),
-      h("img", { class: "lm-card__photo", src: address(camera.id, "preview"), alt: camera.name }),
+      h("img", { class: "lm-card__photo", src: camera.preview, alt: camera.name }),
       h("p", { class: "small soft" }, facts.join(" · ")),
-      h("div", { class: "row" },
+      camera.source && h("p", { class: "small soft" }, creditLine(camera.source)),
+      h("div", { class: "lm-card__actions" },
         h("a", { class: "button button--primary", href: `/maps/${encodeURIComponent(slug)}/edit?photo=${camera.id}`, "data-testid": "open-in-editor" }, icon("pin"), t("Open in the editor")),
         h("button", { class: "button", type: "button", onclick: this.on.look }, icon("camera"), t("Look from here"))),
-    );
+    ].filter(Boolean));
   }
 }

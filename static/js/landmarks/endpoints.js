@@ -13,6 +13,5 @@ export function landmarksOf(slug) {
     build: () => post(path, {}),
     job: (id) => get(`/jobs/${id}`),
     block: async (key, number) => (await file(`${path}/points/${key}/${number}`)).arrayBuffer(),
-    photo: (id, kind) => `/api/v1/maps/${encodeURIComponent(slug)}/photos/${id}/${kind}`,
   };
 }

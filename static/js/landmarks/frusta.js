@@ -61,22 +61,23 @@ export class Frusta {
   /**
    * Show a photo in its frustum.
    * @param {?Object} camera
-   * @param {string} address of the photo
    * @param {function(): void} changed called when it has come
    */
-  choose(camera, address, changed) {
+  choose(camera, changed) {
     this.chosen?.removeFromParent();
     this.chosen = null;
     if (!camera) return;
-    const at = corners(camera, 2.5 * this.depth);
+    const at = corners(camera, 3 * this.depth);
     const lines = new LineSegments(geometryOf(EDGES.flat().flatMap((end) => at[end].toArray())), new LineBasicMaterial({ color: this._chosenColour }));
     const sheet = new BufferGeometry();
     sheet.setAttribute("position", new BufferAttribute(new Float32Array(at.slice(1, 5).flatMap((one) => one.toArray())), 3));
     sheet.setAttribute("uv", new BufferAttribute(new Float32Array([0, 1, 1, 1, 1, 0, 0, 0]), 2));
     sheet.setIndex([0, 1, 2, 0, 2, 3]);
-    const texture = new TextureLoader().load(address, changed);
+    const texture = new TextureLoader().load(camera.preview, changed);
     texture.colorSpace = SRGBColorSpace;
-    this.chosen = new Group().add(lines, new Mesh(sheet, new MeshBasicMaterial({ map: texture, side: DoubleSide })));
+    const picture = new MeshBasicMaterial({ map: texture, side: DoubleSide, transparent: true, opacity: 0.8, depthWrite: false });
+    const dot = new PointsMaterial({ color: this._chosenColour, size: 3 * DOT_PX, sizeAttenuation: false, depthTest: false });
+    this.chosen = new Group().add(new Mesh(sheet, picture), lines, new Points(geometryOf(camera.at), dot));
     this.object.add(this.chosen);
   }
 }

@@ -5,8 +5,9 @@ import { busy, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
 import { duration, locale, t, tn } from "../shared/i18n.js";
 import { roundLength } from "../shared/map/coords.js";
+import { mapCredit } from "../shared/photo-credit.js";
 import { toastError } from "../shared/toast.js";
-import { CameraCard } from "./camera-card.js";
+import { CameraCard, lengthText } from "./camera-card.js";
 import { landmarksOf } from "./endpoints.js";
 import { Frusta } from "./frusta.js";
 import { groundOf } from "./ground.js";
@@ -74,12 +75,13 @@ function show(cloud) {
   stage.fit(box);
   const colours = { placed: "#4c9bff", tray: "#00d2a8", chosen: "#ff8a33" };
   const frusta = new Frusta(cloud.cameras, colours, FRUSTUM * stage.extent);
-  if (ground) stage.scene.add(ground);
-  stage.scene.add(layer.object, frusta.object);
+  if (ground) stage.backdrop.add(ground);
+  stage.backdrop.add(frusta.object);
+  stage.scene.add(layer.object);
   Object.assign(stage, { points: layer, frusta });
 
   let current = null;
-  const card = new CameraCard({ slug: page.slug, unit: cloud.unit, address: server.photo }, {
+  const card = new CameraCard({ slug: page.slug, unit: cloud.unit }, {
     step: (by) => step(by),
     look: () => {
       setView("space");
@@ -93,8 +95,9 @@ function show(cloud) {
   const choose = (camera) => {
     current = camera;
     chooser.value = camera ? String(camera.id) : "";
-    frusta.choose(camera, camera && server.photo(camera.id, "thumb"), () => stage.invalidate());
+    frusta.choose(camera, () => stage.invalidate());
     card.show(camera);
+    if (camera) stage.reveal(camera.at);
     stage.invalidate();
   };
   const step = (by) => {
@@ -156,7 +159,7 @@ async function load(cloud, layer, stage) {
       const [low, high] = usualHeights(part.steps, cloud.offset[2], cloud.scale[2]);
       layer.set("low", low);
       layer.set("high", high);
-      const words = (height) => `${height.toFixed(cloud.unit === "m" ? 1 : 0)} ${cloud.unit}`;
+      const words = (height) => `${lengthText(height, cloud.unit)} ${cloud.unit}`;
       byId("legend-low").textContent = words(low);
       byId("legend-high").textContent = words(high);
     }
@@ -187,14 +190,18 @@ function prepareTools(cloud, ground) {
     colour.querySelector('[value="photos"]').toggleAttribute("disabled", true);
   }
   byId("image-check").hidden = !ground;
+  byId("credit").textContent = [page.satellite?.attribution, mapCredit(cloud.cameras)].filter(Boolean).join(" · ");
   byId("frame").textContent = cloud.unit === "m"
     ? t("Metres to the east, to the north and up; 0 is the height of the placed cameras.")
     : t("Map pixels to the right, towards the top of the image and up; 0 is the height of the placed cameras.");
   chooser.append(...cloud.cameras.map(({ id, name }) => h("option", { value: id }, name)));
   byId("new-photos").hidden = !cloud.new_photos || !page.can_edit;
   byId("new-photos-words").textContent = tn("{n} photo was added since.", "{n} photos were added since.", cloud.new_photos);
-  byId("left-out").replaceChildren(...cloud.left_out.map(({ photos, reason }) =>
-    h("li", {}, tn("{n} photo is not on the map: {reason}", "{n} photos are not on the map: {reason}", photos.length, { reason }))));
+  const out = cloud.left_out.reduce((sum, { photos }) => sum + photos.length, 0);
+  byId("left-out").hidden = !out;
+  byId("left-out-words").textContent = tn("{n} photo is joined, but not on the map", "{n} photos are joined, but not on the map", out);
+  byId("left-out-reasons").replaceChildren(...cloud.left_out.map(({ photos, reason }) => h("li", {}, `${photos.length}: ${reason}`)));
+  byId("legend-tray").hidden = cloud.cameras.every(({ placed }) => placed);
 }
 
 function scaleBar(stage, cloud) {

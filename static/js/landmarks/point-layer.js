@@ -81,9 +81,11 @@ export class PointLayer {
     this.total += count;
   }
 
-  /** Draw at most this many, of everywhere. @param {number} most */
-  limit(most) {
-    const share = Math.min(1, most / Math.max(1, this.total));
-    for (const { geometry, userData } of this.object.children) geometry.setDrawRange(0, Math.ceil(share * userData.count));
+  /** Draw a part of them, which has points of everywhere. @param {number} first @param {number} end */
+  show(first, end) {
+    const at = (number, count) => Math.round((number / Math.max(1, this.total)) * count);
+    for (const { geometry, userData: { count } } of this.object.children) {
+      geometry.setDrawRange(at(first, count), at(end, count) - at(first, count));
+    }
   }
 }

@@ -1,14 +1,14 @@
 /** The canvas: two cameras, one from above and one in space; draws only when something has changed. */
 
-import { MOUSE, OrthographicCamera, PerspectiveCamera, Scene, TOUCH, Vector3, WebGLRenderer } from "three";
+import { Group, MOUSE, OrthographicCamera, PerspectiveCamera, Scene, TOUCH, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/orbit-controls";
 import { HeldKeys } from "./keys.js";
 
 const UP = new Vector3(0, 0, 1);
 const SLOW_MS = 45;
 const QUICK_MS = 22;
-const LEAST_POINTS = 60_000;
-const STILL_MS = 180;
+const FIRST_POINTS = 100_000;
+const LEAST_POINTS = 20_000;
 const CLICK_PX = 5;
 const PICK_PX = { mouse: 14, touch: 26, pen: 18 };
 const LONGEST_STEP_S = 0.1;
@@ -22,12 +22,15 @@ export class Stage {
   constructor(canvas, on) {
     this.canvas = canvas;
     this.on = on;
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.scene = new Scene();
+    this.backdrop = new Group();
+    this.scene.add(this.backdrop);
     this.points = null;
     this.frusta = null;
     this.pointSize = 2;
-    this._budget = Infinity;
+    this._budget = FIRST_POINTS;
+    this._drawn = 0;
     this._last = 0;
     this._frame = 0;
     const above = new OrthographicCamera();
@@ -94,6 +97,17 @@ export class Stage {
     this.invalidate();
   }
 
+  /** Move until a point can be seen; nothing moves where it can. @param {number[]} point */
+  reveal(point) {
+    const at = new Vector3().fromArray(point);
+    const seen = at.clone().project(this.camera);
+    if (Math.max(Math.abs(seen.x), Math.abs(seen.y)) < 0.9 && Math.abs(seen.z) < 1) return;
+    const { object, target } = this.controls;
+    object.position.add(at.clone().sub(target));
+    target.copy(at);
+    this.invalidate();
+  }
+
   /** Look from where a photo was taken. @param {Object} camera @param {number} ahead to what is looked at */
   lookFrom({ at, rotation }, ahead) {
     const { object, target } = this.views.space;
@@ -102,8 +116,13 @@ export class Stage {
     this.invalidate();
   }
 
-  /** Draw soon. */
+  /** Draw anew soon. */
   invalidate() {
+    this._changed = true;
+    this._schedule();
+  }
+
+  _schedule() {
     if (!this._frame) this._frame = requestAnimationFrame((now) => this._draw(now));
   }
 
@@ -160,29 +179,35 @@ export class Stage {
     const since = Math.min((now - this._last) / 1000, LONGEST_STEP_S);
     if (wanted) this._step(wanted, since);
     const moving = this.controls.update() || wanted !== null;
-    if (moving && now - this._last < 1000) this._adapt(now - this._last);
+    if (this._running) this._adapt(now - this._last);
     this._last = now;
-    this._render(moving ? this._budget : Infinity);
-    this.on.moved();
-    clearTimeout(this._still);
+    this._render();
+    this._running = moving || this._drawn < (this.points?.total ?? 0);
     if (moving) this.invalidate();
-    if (moving && this._budget < Infinity) this._still = setTimeout(() => this.invalidate(), STILL_MS);
+    else if (this._running) this._schedule();
   }
 
-  _render(most) {
-    this.points?.limit(most);
+  /** Draw some of the points; while nothing changes, each frame adds some more to what is there. */
+  _render() {
+    const anew = this._changed;
+    this._changed = false;
+    if (anew) this._drawn = 0;
+    const next = Math.min(this.points?.total ?? 0, this._drawn + this._budget);
+    this.points?.show(this._drawn, next);
+    this._drawn = next;
+    this.backdrop.visible = anew;
+    this.renderer.autoClear = anew;
     const ratio = this.renderer.getPixelRatio();
     this.points?.set("reach", this.name === "space" ? this.camera.position.distanceTo(this.controls.target) : 0);
     this.points?.set("pointSize", this.pointSize * ratio);
     this.renderer.render(this.scene, this.camera);
+    if (anew) this.on.moved();
   }
 
-  /** Draw fewer points while moving where that is slow, and more where it is quick. */
+  /** Draw fewer points a frame where that is slow, and more where it is quick. */
   _adapt(took) {
-    const total = this.points?.total ?? 0;
-    if (took > SLOW_MS) this._budget = Math.max(LEAST_POINTS, 0.8 * Math.min(this._budget, total));
-    else if (took < QUICK_MS && this._budget < total) this._budget *= 1.15;
-    if (this._budget >= total) this._budget = Infinity;
+    if (took > SLOW_MS) this._budget = Math.max(LEAST_POINTS, 0.7 * this._budget);
+    else if (took < QUICK_MS) this._budget = Math.min(1.25 * this._budget, Math.max(FIRST_POINTS, this.points?.total ?? 0));
   }
 
   /** Move as the keys want, for some seconds. */

@@ -1,6 +1,6 @@
 /** The place that is looked at: coordinates to copy, and the buttons that take the photo over into the map. */
 
-import { numberText } from "../shared/answer/answer-format.js";
+import { lengthText, numberText } from "../shared/answer/answer-format.js";
 import { copy } from "../shared/clipboard.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
@@ -46,10 +46,28 @@ async function showCoordinates({ session, server }) {
     if (abort.signal.aborted) return;
     const known = [[t("Decimal"), received.decimal], [t("Degrees"), received.dms], ["UTM", received.utm], ["MGRS", received.mgrs]];
     const rows = known.filter(([, text]) => text).flatMap(([name, text]) => row(name, text));
-    byId("coordinates").replaceChildren(...(rows.length ? rows : pixels));
+    byId("coordinates").replaceChildren(...(rows.length ? rows : pixels), ...poseRows(session));
   } catch (error) {
-    if (error.name !== "AbortError") byId("coordinates").replaceChildren(...pixels);
+    if (error.name !== "AbortError") byId("coordinates").replaceChildren(...pixels, ...poseRows(session));
   }
+}
+
+/** How the camera was held, where it was solved from landmarks, with standard deviations. */
+function poseRows({ spot, hypothesis }) {
+  const camera = spot ? null : hypothesis?.camera;
+  if (!camera) return [];
+  const sigma = (axis) => Math.sqrt(camera.covariance[axis][axis]);
+  const metres = hypothesis.radius_m === null ? null : hypothesis.radius_m / hypothesis.radius_px;
+  const angle = (degrees, axis) => `${numberText(degrees, 1)}° ± ${numberText(sigma(axis), 1)}°`;
+  const height = `${lengthText(camera.height_m, camera.height_px)} ± ${lengthText(metres && metres * sigma(2), sigma(2))}`;
+  const facts = [
+    [t("Height"), t("{height}, over the nearest placed camera", { height })],
+    [t("Heading"), angle(hypothesis.heading_deg, 3)],
+    [t("Pitch"), angle(camera.pitch_deg, 4)],
+    [t("Roll"), angle(camera.roll_deg, 5)],
+    [t("Landmarks"), t("{n} agree", { n: numberText(camera.landmarks) })],
+  ];
+  return facts.flatMap(([name, text]) => [h("dt", {}, name), h("dd", {}, text)]);
 }
 
 function row(name, text) {

@@ -189,3 +189,10 @@ def test_the_page_opens_with_and_without_landmarks(client, laid, new_map, owner)
     assert "sha256-" not in client.get("/").headers["Content-Security-Policy"]
     empty = client.get(f"/maps/{new_map(owner, name='Bare')}/landmarks")
     assert b"Add photos first" in empty.data
+
+
+def test_the_page_that_localizes_offers_them_where_they_are(client, joined, new_map, owner):
+    with_them = client.get(joined[0].removeprefix("/api/v1").replace("/landmarks", "/localize"))
+    assert b'<option value="landmarks">' in with_them.data
+    without = client.get(f"/maps/{new_map(owner, name='Bare')}/localize")
+    assert b'<option value="landmarks">' not in without.data

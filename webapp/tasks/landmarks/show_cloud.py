@@ -70,9 +70,13 @@ class ShownCloud:
 
 def shown_cloud(library: Library, record: MapRecord) -> ShownCloud:
     """Read the landmarks of a map as they were laid on it last."""
-    folder = landmarks_folder(library.cfg(record.slug))
     task = _task(library, record)
-    return ShownCloud(read_points(folder / POINTS_FILE), True) if task is None else task.shown()
+    return ShownCloud(stored_points(library, record), True) if task is None else task.shown()
+
+
+def stored_points(library: Library, record: MapRecord) -> MapPoints | None:
+    """Read the points alone, as they were laid last."""
+    return read_points(landmarks_folder(library.cfg(record.slug)) / POINTS_FILE)
 
 
 def lay_in_library(library: Library, record: MapRecord) -> None:

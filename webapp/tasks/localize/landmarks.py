@@ -70,6 +70,11 @@ def with_stored_geometry(opened: OpenMap) -> OpenMap:
     return orient_map.with_orientations(opened, orient_map.newest(opened))
 
 
+def has_landmarks(cfg: Path) -> bool:
+    """Return whether a map has a cloud that method `landmarks` can ask."""
+    return (landmarks_folder(cfg) / CLOUD_FILE).exists()
+
+
 def paths(opened: OpenMap) -> list[Path]:
     """List the files of the landmarks, where the method asks for them."""
     return [landmarks_folder(opened.cfg) / CLOUD_FILE] if opened.method == "landmarks" else []

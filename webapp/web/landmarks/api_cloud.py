@@ -19,14 +19,17 @@ from webapp.files.landmarks.points import MapPoints, as_ply
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
-from webapp.store.schema import Job, MapRecord
+from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks.export_models import export_models
 from webapp.tasks.landmarks.mapping import model_folders
-from webapp.tasks.landmarks.show_cloud import BLOCK_POINTS, block, scaling, shown_cloud
+from webapp.tasks.landmarks.show_cloud import BLOCK_POINTS, block, scaling, shown_cloud, stored_points
 from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.web.compression import accepts_gzip, gzipped
 from webapp.web.context import account, library, open_map
 from webapp.web.fields import Boolean
+from webapp.web.maps.schemas import SourceOut
+from webapp.web.maps.state import source_of_photo
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint("api_cloud", __name__, url_prefix="/api/v1/maps/<slug>/landmarks", tag="Landmarks")
@@ -53,6 +56,10 @@ class ShownCameraOut(Schema):
     height = Integer()
     focal_px = Float(metadata={"description": "Focal length as the reconstruction has it."})
     placed = Boolean(metadata={"description": "Whether it is placed on the map."})
+    source = Nested(
+        SourceOut, allow_none=True, metadata={"description": "Of a photo from a street-level service."}
+    )
+    preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
 
 
 class LeftOutOut(Schema):
@@ -171,6 +178,11 @@ def colmap(slug: str, query: dict[str, str]) -> Response:
     return _to_save(send_file(spool, mimetype="application/zip"), f"{record.slug}-colmap.zip")
 
 
+def _preview(record: MapRecord, photo: Photo) -> str:
+    look = f"?look={look_of_photo(photo)}" if photo.blurred else ""
+    return f"/api/v1/maps/{record.slug}/photos/{photo.id}/preview{look}"
+
+
 def _to_save(response: Response, name: str) -> Response:
     response.headers.set("Content-Disposition", "attachment", filename=name)
     response.headers["Cache-Control"] = "private, no-store"
@@ -178,7 +190,7 @@ def _to_save(response: Response, name: str) -> Response:
 
 
 def _points(record: MapRecord) -> MapPoints:
-    found = shown_cloud(library(), record).points
+    found = stored_points(library(), record)
     if found is None:
         raise NotFound(_NONE, hint=_HINT)
     return found
@@ -214,6 +226,8 @@ def _cloud(record: MapRecord) -> dict[str, Any]:
             "width": photo.width,
             "height": photo.height,
             "placed": photo.x_px is not None,
+            "source": source_of_photo(photo),
+            "preview": _preview(record, photo),
         }
         for camera in about.pop("cameras")
         if (photo := photos.get(camera["id"])) is not None
