@@ -265,19 +265,8 @@ def test_who_is_not_signed_in_sends_to_half_of_the_threads(app, client, stranger
         assert stranger.post("/sign-in", data={"name": "jana", "password": "guess"}).status_code == 401
 
 
-def test_requests_that_are_counted_at_the_same_time_start_no_timer_twice(monkeypatch):
-    class Timer(threading.Timer):
-        """One that has just ended, each time somebody looks."""
-
-        def is_alive(self):
-            return False
-
-        def start(self):
-            if getattr(self, "begun", False):
-                raise RuntimeError("threads can only be started once")
-            self.begun = True
-
-    monkeypatch.setattr("limits.storage.memory.threading.Timer", Timer)
+def test_requests_are_counted_one_by_one_and_without_a_thread(monkeypatch):
+    monkeypatch.setattr(threading.Timer, "start", lambda _: pytest.fail("a thread"))
     storage = CountingStorage()
     usual = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
@@ -287,3 +276,18 @@ def test_requests_that_are_counted_at_the_same_time_start_no_timer_twice(monkeyp
     finally:
         sys.setswitchinterval(usual)
     assert sorted(counted) == list(range(1, 8001))
+
+
+def test_a_clock_that_is_set_back_does_not_keep_a_limit_reached(monkeypatch):
+    clock = [1000.0]
+    monkeypatch.setattr("webapp.web.counting.time.monotonic", lambda: clock[0])
+    storage = CountingStorage()
+    assert [storage.incr("eva", 60.0) for _ in range(3)] == [1, 2, 3]
+    monkeypatch.setattr("webapp.web.counting.time.time", lambda: 1.0)
+    assert (storage.get("eva"), storage.get_expiry("eva")) == (3, 61.0)
+    clock[0] += 61.0
+    assert storage.get("eva") == 0
+    assert storage.incr("eva", 60.0) == 1
+    storage.incr("ben", 60.0)
+    storage.clear("ben")
+    assert (storage.get("ben"), storage.reset(), storage.get("eva")) == (0, 1, 0)
