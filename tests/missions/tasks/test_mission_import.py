@@ -10,6 +10,7 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.robotframe import Start
 from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import NotFound, TrackError
+from webapp.files.exchange.gpx import NAMESPACE
 from webapp.missions.store import batches, missions, objects, tracks
 from webapp.missions.store.objects import Page
 from webapp.missions.store.schema import Mission, Track
@@ -166,6 +167,20 @@ def test_waypoints_of_two_files_stay_apart(library, mission, tmp_path):
         path.write_text(f'<gpx><wpt lat="{lat}" lon="14"><name>001</name></wpt></gpx>')
         imported(library, mission, order_for(path))
     assert set(content(library, mission)[1]) == {"a: waypoint 1 001", "b: waypoint 1 001"}
+
+
+def test_objects_come_with_the_state_of_our_files_and_no_other(library, mission, tmp_path):
+    path = tmp_path / "tasks.gpx"
+    ours = "".join(
+        f'<wpt lat="50.{n}" lon="14"><name>o</name><extensions><e:state>{state}</e:state></extensions></wpt>'
+        for n, state in enumerate(("cleared", "Texas", ""))
+    )
+    path.write_text(f'<gpx xmlns:e="{NAMESPACE}">{ours}<wpt lat="51" lon="14"/></gpx>')
+    imported(library, mission, order_for(path))
+    with library.database.read() as session:
+        found, _ = objects.page(session, mission, Page())
+    assert [one.state for one in found] == ["cleared", "found", "found", "found"]
+    assert {one.state_by for one in found} == {None}
 
 
 def test_the_start_is_that_of_the_mission(library, mission, tmp_path):

@@ -70,6 +70,8 @@ class Sighting:
         Of the position: variance east, variance north, covariance of the two.
     size_m : tuple of float, or None
         Along the object's own axes, the last one up.
+    state : str
+        How far people are with the object, by a file that this program wrote; empty where nothing says.
     """
 
     object_id: str | None
@@ -81,6 +83,7 @@ class Sighting:
     photo: str | None = None
     covariance_m2: tuple[float, float, float] | None = None
     size_m: tuple[float, float, float] | None = None
+    state: str = ""
 
 
 def make_poses(

@@ -22,7 +22,7 @@ MAX_FIXES = 200_000
 
 NAMESPACE = "urn:experience-map:gpx"
 """Of our extensions of points: `heading`, degrees clockwise from north, and `covariance`, square metres; and
-of the `source` of tracks."""
+of the `source` of tracks and the `state` of waypoints."""
 
 _COVARIANCE = 3
 _POINTS = {"trkpt", "rtept", "wpt"}
@@ -75,12 +75,13 @@ class GpxPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class GpxWaypoint:
-    """A waypoint: its `type`, or else `sym`, is its kind."""
+    """A waypoint: its `type`, or else `sym`, is its kind; the state is ours, and else empty."""
 
     number: int
     name: str
     kind: str
     point: GpxPoint
+    state: str = ""
 
 
 def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
@@ -183,18 +184,27 @@ def _extensions(element: Element) -> tuple[float, tuple[float, ...]]:
     """Read our heading, and our covariance if it is whole."""
     heading: float = math.nan
     covariance: tuple[float, ...] = ()
+    for name, text in _own_extensions(element):
+        if name == "heading":
+            heading = number(text)
+        elif name == "covariance":
+            covariance = tuple(map(number, text.split()))
+    return heading, covariance if len(covariance) == _COVARIANCE else ()
+
+
+def _own_extensions(element: Element) -> Iterator[tuple[str, str]]:
+    """Yield the names and the texts of our extensions."""
+    ours = f"{{{NAMESPACE}}}"
     for outer in element:
         for inner in outer if local_name(outer) == "extensions" else ():
-            if inner.tag == f"{{{NAMESPACE}}}heading":
-                heading = number(inner.text)
-            elif inner.tag == f"{{{NAMESPACE}}}covariance":
-                covariance = tuple(map(number, (inner.text or "").split()))
-    return heading, covariance if len(covariance) == _COVARIANCE else ()
+            if inner.tag.startswith(ours):
+                yield inner.tag.removeprefix(ours), inner.text or ""
 
 
 def _waypoint(element: Element, count: int) -> GpxWaypoint:
     kind = child_text(element, "type") or child_text(element, "sym") or "waypoint"
-    return GpxWaypoint(count, _one_line(child_text(element, "name")), kind, _point(element))
+    state = next((text.strip() for name, text in _own_extensions(element) if name == "state"), "")
+    return GpxWaypoint(count, _one_line(child_text(element, "name")), kind, _point(element), state)
 
 
 def _one_line(text: str) -> str:

@@ -174,6 +174,7 @@ class _Features:
             confidence=None if math.isnan(sure) else sure,
             covariance_m2=object_field("covariance", own.get("covariance_m2")),
             size_m=object_field("size_m", own.get("size_m")),
+            state=_text(own.get("state")),
         )
 
     def id_of_point(self, feature: Mapping[str, Any]) -> str:

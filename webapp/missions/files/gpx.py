@@ -90,7 +90,8 @@ def _object(waypoint: GpxWaypoint, *, findings: Findings) -> WorldObjects:
         time_s = 0.0
     name = f"waypoint {waypoint.number} {waypoint.name}".strip()
     height = None if math.isnan(point.height_m) else point.height_m
-    return WorldObjects((Sighting(name, waypoint.kind, time_s, LatLon(point.lat, point.lon), height),))
+    at = LatLon(point.lat, point.lon)
+    return WorldObjects((Sighting(name, waypoint.kind, time_s, at, height, state=waypoint.state),))
 
 
 def format_mission_gpx(mission: MissionOut) -> Iterator[bytes]:
@@ -99,7 +100,7 @@ def format_mission_gpx(mission: MissionOut) -> Iterator[bytes]:
     Yields
     ------
     bytes
-        UTF-8. A track's source is its `src`, an object's class is its `type`.
+        UTF-8. A track's source is its `src`, an object's class is its `type`; its state is an extension.
     """
     for text in _pieces(mission):
         yield text.encode("utf-8", "replace")
@@ -124,7 +125,8 @@ def _waypoint(found: ExportObject) -> str:
     return (
         f'<wpt lat="{found.latlon.lat:.9f}" lon="{found.latlon.lon:.9f}">{height}'
         f"<time>{utc([found.last_time_s])[0]}</time>"
-        f"{element('name', found.id)}{element('type', found.kind)}</wpt>\n"
+        f"{element('name', found.id)}{element('type', found.kind)}"
+        f"<extensions>{element('e:state', found.state)}</extensions></wpt>\n"
     )
 
 

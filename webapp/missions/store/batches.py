@@ -18,6 +18,7 @@ from webapp.core.trajectory.batch import Batch
 from webapp.core.trajectory.records import Sighting
 from webapp.errors import Conflict
 from webapp.missions.store import association, missions, tracks
+from webapp.missions.store.object_states import STATES
 from webapp.missions.store.schema import Mission, MissionBatch, MissionObject, MissionSender, ObjectSighting
 from webapp.store.clock import now
 
@@ -168,6 +169,7 @@ def _new(mission: Mission, id: str, seen: Sighting) -> MissionObject:
         last_time_s=seen.time_s,
         lat=seen.latlon.lat,
         lon=seen.latlon.lon,
+        state=seen.state if seen.state in STATES else "found",
         sightings=0,
     )
 

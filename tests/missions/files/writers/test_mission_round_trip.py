@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,6 +44,19 @@ def test_objects_of_our_geojson_keep_their_ids(mission):
         assert (one.covariance_m2, one.size_m) == (found.covariance_m2, found.size_m)
         assert one.time_s == pytest.approx(found.last_time_s, abs=1e-6)
     assert (seen[0].object_id, seen[0].kind) == ("car-1", "car")
+
+
+@pytest.mark.parametrize(
+    ("write", "read"),
+    [(gpx.format_mission_gpx, gpx.read), (format_mission_geojson, geojson_reader.read)],
+)
+def test_states_of_objects_read_back(mission, write, read):
+    states = ("found", "confirmed", "cleared")
+    objects = [replace(found, state=state) for found, state in zip(mission.objects(), states, strict=True)]
+    data = b"".join(write(replace(mission, objects=lambda: iter(objects))))
+    pieces = list(read(io.BytesIO(data), findings=Findings()))
+    seen = [one for piece in pieces if not isinstance(piece, WorldPiece) for one in piece.sightings]
+    assert tuple(one.state for one in seen) == states
 
 
 def test_a_track_over_the_180th_meridian_reads_back(track):
