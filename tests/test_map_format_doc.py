@@ -11,6 +11,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.findings import WARNINGS, Code
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage, UnplacedPhoto
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.files.maps.cfg import format_cfg, parse_cfg
 from webapp.files.maps.map_json import format_map_json, parse_map_json
 
@@ -29,6 +30,7 @@ FULL = Map(
             "A.JPG",
             (BlurBox(0, 0, 0.5, 0.5),),
             PhotoSource("Panoramax", "9f79a75d", "CC-BY-SA-4.0", "Ana"),
+            Panorama((BlurBox(0, 0.75, 1.0, 0.25),)),
         ),
     ),
     Georeference("EPSG:4326", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "corners"),

@@ -29,6 +29,7 @@ _SHOWN = {"error": 20, "warning": 5}
 """Findings of one kind in one file that are printed; --json has all."""
 
 _FILE = click.Path(path_type=Path)
+_ELEVATION = click.FloatRange(0.0, 90.0)
 
 _BESIDE = Path()
 
@@ -177,6 +178,22 @@ def _copy_line(one: PhotoCopy) -> str:
     "--positions", type=_FILE, metavar="FILE",
     help="Positions by file name instead of EXIF: a .cfg, a table, GeoJSON, KML, or GPX with waypoints.",
 )  # fmt: skip
+@click.option(
+    "--panoramas", "assume", is_flag=True,
+    help="Photos twice as wide as high are panoramas, also those that do not say so.",
+)  # fmt: skip
+@click.option(
+    "--mask", type=_FILE, metavar="IMAGE",
+    help="Of the panoramas: black where the robot is, so that nothing is recognised there.",
+)  # fmt: skip
+@click.option(
+    "--lowest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
+    help="Mask what is farther below the horizon of panoramas.",
+)  # fmt: skip
+@click.option(
+    "--highest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
+    help="Mask what is farther above it: the sky.",
+)  # fmt: skip
 @click.option("--copy", is_flag=True, help="Copy photos and image from elsewhere into the map's folder.")
 @click.option("--force", is_flag=True, help="Replace a map that exists; its photos keep their ids.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object.")
@@ -194,6 +211,10 @@ def from_photos(
     model: Model | None,
     blank: bool,
     positions: Path | None,
+    assume: bool,
+    mask: Path | None,
+    lowest: float,
+    highest: float,
     copy: bool,
     force: bool,
     as_json: bool,
@@ -220,8 +241,15 @@ def from_photos(
         raise UsageError(f"{names} exclude each other", hint="choose one of them")
     if not kinds and (crs or model):
         raise UsageError("--crs and --model go with a source of the georeference", hint="add one of them")
+    around = map_from_photos.PanoramaOptions(assume, mask, lowest, highest)
     options = map_from_photos.PlaceOptions(
-        cfg, satellite, next(iter(kinds), None), positions=positions, copy=copy, force=force
+        cfg,
+        satellite,
+        next(iter(kinds), None),
+        positions=positions,
+        copy=copy,
+        force=force,
+        panoramas=around,
     )
     with terminal_progress("photos") as progress:
         report = map_from_photos.map_from_photos(

@@ -145,7 +145,7 @@ class MapRecord(Base):
     satellite_revision: Mapped[int] = mapped_column(default=0)
     """Revision that last changed the image or its georeference."""
     photos_revision: Mapped[int] = mapped_column(default=0)
-    """Revision that last changed which photos are placed on the map, or one of their files."""
+    """Revision that last changed which photos are placed on the map, one of their files, or a panorama."""
 
     exported_revision: Mapped[int] = mapped_column(default=-1)
     """That `map.cfg` and `map.json` on disk hold."""
@@ -204,6 +204,8 @@ class Photo(Base):
     """Boxes that are blurred in every picture of it: `x`, `y`, `width`, `height`, shares of its size."""
     source: Mapped[dict[str, Any] | None]
     """Of a photo that is from a service: `service`, `id`, `licence`, `author`, `url`, as in `map.json`."""
+    panorama: Mapped[dict[str, Any] | None]
+    """Of a photo that shows the whole sphere: the boxes that are `masked`, as in `map.json`."""
     removed: Mapped[bool] = mapped_column(default=False)
     """Taken out of the map; kept, so that it can be undone."""
     revision: Mapped[int] = mapped_column(default=0)

@@ -5,7 +5,7 @@ import pytest
 
 from webapp.core.hypotheses.places import describe_places
 
-SIZE = {"width": 2000, "height": 1000}
+SIZE = {"size": (2000, 1000)}
 STANDS = np.repeat([[100.0 * n, 50.0] for n in range(20)], 5, axis=0)
 """A panorama of five photos at each of 20 places."""
 

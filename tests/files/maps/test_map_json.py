@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import MapJsonError
 from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
 
@@ -42,6 +43,7 @@ GOOD: dict[str, Any] = {
                 "licence": "CC BY 4.0",
                 "url": "https://a.example/s",
             },
+            "panorama": {"masked": [{"x": 0.0, "y": 0.75, "width": 1.0, "height": 0.25}]},
         },
         {"id": 1, "photo": "b.jpg", "heading_deg": None},
     ],
@@ -70,6 +72,8 @@ def test_everything_is_read() -> None:
     assert (read.experiences[0].name, read.experiences[0].blurred) == ("IMG 1.JPG", ((0.1, 0.2, 0.3, 0.4),))
     source = PhotoSource("Street", "s-1", "CC BY 4.0", url="https://a.example/s")
     assert read.experiences[0].source == source
+    assert read.experiences[0].panorama == Panorama(((0.0, 0.75, 1.0, 0.25),))
+    assert read.experiences[1].panorama is None
     assert read.experiences[1].heading_deg is None and read.experiences[1].position is None
     assert read.title == "Park"
     assert read.unplaced == {2: MapJsonPhoto("c.jpg", heading_deg=3.0)}
@@ -112,6 +116,8 @@ def test_only_format_and_version_are_needed() -> None:
         (["experiences", 0, "name"], 5, r"experiences\[0\]\.name must be text"),
         (["experiences", 0, "blurred", 0, "width"], 0.95, r"blurred\[0\] is not a box inside the photo"),
         (["experiences", 0, "blurred", 0], [0, 0, 1, 1], r"blurred\[0\] must be an object"),
+        (["experiences", 0, "panorama"], {"views": 6}, r"panorama has an unknown field 'views'"),
+        (["experiences", 0, "panorama", "masked", 0, "y"], 0.9, r"masked\[0\] is not a box inside the photo"),
         (["experiences", 0, "source", "url"], "javascript:alert(1)", r"source\.url is not a web address"),
         (["experiences", 0, "source", "licence"], None, r"source\.licence is missing"),
         (["title"], 5, r"\$\.title must be text"),

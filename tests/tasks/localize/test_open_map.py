@@ -12,6 +12,7 @@ from PIL import Image
 
 from tests.standin_models import brightest, glue
 from webapp.core.retrieval.engines.ivf import InvertedFile
+from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError, StorageError, UsageError
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
@@ -342,8 +343,8 @@ def test_a_folder_for_indexes_serves_several_maps(tmp_path, make_map, opening):
 def test_fields_of_view_come_from_the_option_or_a_guess(tmp_path, make_map, opening):
     cfg = make_map(tmp_path, 3)
     guessed = opening(cfg)[0].indexed.fov_deg
-    assert np.allclose(guessed, open_map.guessed_fov_deg(320, 240))
-    assert open_map.guessed_fov_deg(320, 240) == pytest.approx(65.0)
-    assert open_map.guessed_fov_deg(240, 320) < 65.0
+    assert np.allclose(guessed, guessed_fov_deg(320, 240))
+    assert guessed_fov_deg(320, 240) == pytest.approx(65.0)
+    assert guessed_fov_deg(240, 320) < 65.0
     given = opening(cfg, map_fov_deg=50.0)[0].indexed.fov_deg
     assert given.tolist() == [50.0] * 3

@@ -10,7 +10,7 @@ from tests.tasks.maps.test_cut_panoramas import LIMITS, XMP
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.equirectangular import panorama_pixels, view_size
 from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics
-from webapp.files.photos.panorama import is_panorama
+from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.tasks.localize.open_map import OpenOptions
@@ -128,8 +128,8 @@ def test_views_are_all_around_and_as_small_as_photos(query, quick):
 
 def test_what_does_not_say_that_it_is_a_panorama_is_a_photo(tmp_path, quick):
     wide = save(tmp_path / "wide.jpg", texture(5), xmp=b"")
-    assert not is_panorama(wide, read_facts(wide, limits=LIMITS), limits=LIMITS)
+    assert find_panorama(wide, read_facts(wide, limits=LIMITS), limits=LIMITS) is None
     (photo,) = read_query(wide, settings=quick, fov_deg=None, describe=None)
     assert photo.view is None
     narrow = save(tmp_path / "narrow.jpg", texture(5)[:, : WIDE // 2])
-    assert not is_panorama(narrow, read_facts(narrow, limits=LIMITS), limits=LIMITS)
+    assert find_panorama(narrow, read_facts(narrow, limits=LIMITS), limits=LIMITS) is None

@@ -3,18 +3,22 @@
 from pathlib import Path
 
 import cv2
+import numpy as np
 import piexif
 import pytest
 from PIL import Image
 from pyproj import Geod
 
+from tests.tasks.maps.test_cut_panoramas import panorama
+from webapp.core.blur import BlurBox
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import Cancelled, MapError, UsageError
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.maps import check_map, from_photos
-from webapp.tasks.maps.from_photos import PlaceOptions
+from webapp.tasks.maps.from_photos import PanoramaOptions, PlaceOptions
 from webapp.tasks.maps.place_photos import FileState
 from webapp.tasks.satellite.georeference import GeoSource
 
@@ -355,3 +359,23 @@ def test_progress_and_stopping(folder):
         on_image(folder, progress=counting)
     assert (counting.steps, counting.total) == (3, 8)
     assert not (folder / "map.cfg").exists()
+
+
+def test_panoramas_of_a_folder_are_one_experience_each(tmp_path):
+    panorama(tmp_path / "photos" / "a.jpg")
+    panorama(tmp_path / "photos" / "b.jpg", xmp=b"")
+    robot = np.full((90, 180), 255, np.uint8)
+    robot[60:, :] = 0
+    cv2.imwrite(str(tmp_path / "photos" / "mask.png"), robot)
+    run(tmp_path)
+    said, silent = read_map(tmp_path / "map.cfg").experiences
+    assert (said.panorama, said.heading_deg, said.fov_deg) == (Panorama(), 350.0, 360.0)
+    assert silent.panorama is None
+    around = PanoramaOptions(assume=True, mask=tmp_path / "photos" / "mask.png", highest_deg=45.0)
+    run(tmp_path, panoramas=around, force=True)
+    masked = (BlurBox(0.0, 0.0, 1.0, 0.25), BlurBox(0.0, 60 / 90, 1.0, 30 / 90))
+    found = read_map(tmp_path / "map.cfg").experiences
+    assert [e.photo for e in found] == ["photos/a.jpg", "photos/b.jpg"], "the mask is no photo"
+    for one in found:
+        assert one.panorama is not None
+        assert np.allclose(one.panorama.masked, masked)

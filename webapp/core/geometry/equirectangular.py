@@ -36,6 +36,13 @@ class ViewSize:
         return Camera(self.width, self.height, math.degrees(2.0 * math.atan(self.width / 2.0 / focal_px)))
 
 
+def panorama_size(view_width: int, focal_35mm: int) -> tuple[int, int]:
+    """Compute the width and height of the panorama that a view was cut out of, to two pixels."""
+    quarter = view_width / 4.0
+    width = 2 * round(math.pi * quarter * 5.0 / _DIAGONAL_35MM * focal_35mm)
+    return width, width // 2
+
+
 def view_size(panorama_width: int, focal_35mm: int) -> ViewSize:
     """Choose the size at which a view has as many pixels a degree in its middle as the panorama.
 
@@ -107,12 +114,12 @@ def cut_view(
 
     Parameters
     ----------
-    pixels : (H, W, 3) uint8
+    pixels : (H, W) or (H, W, 3) uint8
         The whole sphere.
 
     Returns
     -------
-    view : (h, w, 3) uint8
+    view : (h, w) or (h, w, 3) uint8
     elevation_deg : (h, w) float64
         As from `view_pixels`.
     """

@@ -70,10 +70,10 @@ def describe_places(
     position: NDArray[np.float64],
     *,
     trust: NDArray[np.float64] | None,
-    width: int,
-    height: int,
+    size: tuple[int, int],
     kind: MapKind | None = None,
     partner: NDArray[np.int64] | None = None,
+    experience: NDArray[np.int64] | None = None,
 ) -> MapPlaces:
     """Find out what kind of map it is.
 
@@ -88,16 +88,21 @@ def describe_places(
         Of the map's photos, map pixels.
     trust : (p,) float64 or None
         As `MapExtrinsics` has it; None while relative poses are not known.
-    width, height : int
-        Of the satellite image.
+    size : (int, int)
+        Width and height of the satellite image.
     kind : MapKind, optional
         What the user says it is.
     partner : (p,) int64, optional
         As `MapExtrinsics` has it: where positions are noisy, as by GPS, photos of one view are far apart.
+    experience : (p,) int64, optional
+        Of which experience each photo is: views of one panorama are one; by default each is its own.
     """
-    area = (
-        _areas(position, trust, partner) if kind in (None, "mixed") else _all_areas(position, kind == "areas")
-    )
+    own = np.arange(len(position)) if experience is None else experience
+    width, height = size
+    if kind in (None, "mixed"):
+        area = _areas(position, trust, partner, experience=own)
+    else:
+        area = _all_areas(position, kind == "areas")
     share = float((area >= 0).mean()) if len(area) else 0.0
     if share <= _FEW:
         area = np.full(len(position), -1, np.int64)
@@ -123,14 +128,19 @@ def _all_areas(position: NDArray[np.float64], areas: bool) -> NDArray[np.int64]:
 
 
 def _areas(
-    position: NDArray[np.float64], trust: NDArray[np.float64] | None, partner: NDArray[np.int64] | None
+    position: NDArray[np.float64],
+    trust: NDArray[np.float64] | None,
+    partner: NDArray[np.int64] | None,
+    *,
+    experience: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Number the areas; (p,), -1 for photos in none."""
     none = np.full(len(position), -1, np.int64)
     if not len(position):
         return none
-    _, number, count = np.unique(position, axis=0, return_inverse=True, return_counts=True)
-    number = number.ravel().astype(np.int64)
+    number = np.unique(position, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    one_each = np.unique(experience, return_index=True)[1]
+    count = np.bincount(number[one_each], minlength=number.max() + 1)
     large, shared = count[number] > _PANORAMA, count[number] >= _SHARED
     stands = shared & ~large
     # On a map of areas small ones are areas, too, also where photos of neighbouring ones show the same.

@@ -15,6 +15,7 @@ from webapp.core.features.types import Features
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Evidence, Hypothesis, MatchStatistics
+from webapp.core.mapmodel.panorama import experiences_of
 from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
 
 
@@ -31,8 +32,8 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
     Returns
     -------
     Answer
-        One hypothesis a photo; no radius, and no probability of being off the map, which the method does
-        not know. Without any match `no_pose` has the reason.
+        One hypothesis an experience; no radius, and no probability of being off the map, which the method
+        does not know. Without any match `no_pose` has the reason.
     """
     found = candidates(indexed, query.descriptors, k=1, hide=hide)
     distance, photo = found.distance[:, 0], found.photo[:, 0]
@@ -42,8 +43,10 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
     statistics = match_statistics(len(query), distance[matched], pruned=int(kept.sum()))
     if not kept.any():
         return Answer((), None, 0.0, NoPose(_why_none(len(query))), statistics)
-    votes = np.bincount(photo[kept], minlength=len(indexed.ids))
-    order = np.argsort(-votes, kind="stable")[: min(top, int((votes > 0).sum()))]
+    of_photo = np.bincount(photo[kept], minlength=len(indexed.ids))
+    votes, best = _of_experiences(indexed, of_photo)
+    order = best[np.argsort(-votes[best], kind="stable")]
+    order = order[: min(top, int((votes[best] > 0).sum()))]
     total = int(votes.sum())
     hypotheses = tuple(
         Hypothesis(
@@ -62,6 +65,25 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
     other = float(1.0 - votes[order].sum() / total)
     evidence = tuple(_evidence(indexed, query, found=found, kept=kept, photo=int(p)) for p in order[:1])
     return Answer(hypotheses, None, max(0.0, other), None, statistics, evidence)
+
+
+def _of_experiences(
+    indexed: IndexedMap, votes: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Add up the votes of the views of each panorama.
+
+    Returns
+    -------
+    votes : (p,) int64
+        Of the experience of each photo.
+    best : (e,) int64
+        Of each experience the photo with most votes, in the map's order.
+    """
+    ids, mine = np.unique(experiences_of(indexed.ids), return_inverse=True)
+    together = np.bincount(mine, weights=votes, minlength=len(ids)).astype(np.int64)
+    falling = np.lexsort((-votes, mine))
+    best = falling[np.unique(mine[falling], return_index=True)[1]]
+    return together[mine], np.sort(best).astype(np.int64)
 
 
 def match_statistics(keypoints: int, distance: NDArray[np.float32], *, pruned: int) -> MatchStatistics:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.panorama import LevelView, Panorama, view_id
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,10 @@ class Experience:
         What every picture of the photo hides.
     source : PhotoSource or None
         Of a photo that is from a service.
+    panorama : Panorama or None
+        Of a photo that shows the whole sphere.
+    view : LevelView or None
+        Of a panorama, where `level_views` has put it in the panorama's place.
     """
 
     id: int
@@ -94,6 +100,13 @@ class Experience:
     name: str | None = None
     blurred: tuple[BlurBox, ...] = ()
     source: PhotoSource | None = None
+    panorama: Panorama | None = None
+    view: LevelView | None = None
+
+    @property
+    def picture(self) -> str:
+        """The photo, and which view of it."""
+        return self.photo if self.view is None else f"{self.photo}#{self.view.key}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +122,32 @@ class UnplacedPhoto:
     name: str | None = None
     blurred: tuple[BlurBox, ...] = ()
     source: PhotoSource | None = None
+    panorama: Panorama | None = None
+    view: LevelView | None = None
+
+    @property
+    def picture(self) -> str:
+        """The photo, and which view of it."""
+        return self.photo if self.view is None else f"{self.photo}#{self.view.key}"
+
+
+AnyPhoto = TypeVar("AnyPhoto", Experience, UnplacedPhoto)
+
+
+def level_views(photos: Iterable[AnyPhoto]) -> tuple[AnyPhoto, ...]:
+    """Put the level views of panoramas in their places, with ids and headings of their own."""
+    return tuple(one for photo in photos for one in _views(photo))
+
+
+def _views(photo: AnyPhoto) -> Iterable[AnyPhoto]:
+    if photo.panorama is None:
+        yield photo
+        return
+    middle = photo.heading_deg
+    for number, view in enumerate(photo.panorama.views()):
+        heading = None if middle is None else (middle + view.turn_deg) % 360.0
+        id = view_id(photo.id, number)
+        yield replace(photo, id=id, heading_deg=heading, fov_deg=None, panorama=None, view=view)
 
 
 @dataclass(frozen=True, slots=True)

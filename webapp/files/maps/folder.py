@@ -183,6 +183,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         name=known.name,
         blurred=known.blurred,
         source=known.source,
+        panorama=known.panorama,
     )
 
 
@@ -200,6 +201,7 @@ def _unplaced(base: Map, extras: MapJson) -> tuple[UnplacedPhoto, ...]:
             known.name,
             known.blurred,
             known.source,
+            known.panorama,
         )
         for id, known in sorted(extras.unplaced.items())
         if id not in ids and known.photo not in photos

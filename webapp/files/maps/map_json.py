@@ -12,13 +12,14 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, UnplacedPhoto
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
 
 FORMAT = "experience-map"
 VERSION = 1
 
-_FACTS = ("heading_deg", "fov_deg", "gps_accuracy_m", "taken_at", "name", "blurred", "source")
+_FACTS = ("heading_deg", "fov_deg", "gps_accuracy_m", "taken_at", "name", "blurred", "source", "panorama")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,7 @@ class MapJsonPhoto:
     name: str | None = None
     blurred: tuple[BlurBox, ...] = ()
     source: PhotoSource | None = None
+    panorama: Panorama | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +210,7 @@ def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
 
 
 def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJsonPhoto:
-    heading, fov, accuracy, taken_at, name, blurred, source = (fields[name] for name in _FACTS)
+    heading, fov, accuracy, taken_at, name, blurred, source, panorama = (fields[name] for name in _FACTS)
     if not taken_at.missing:
         _check_time(taken_at)
     return MapJsonPhoto(
@@ -221,6 +223,7 @@ def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJso
         name=None if name.missing else name.text(),
         blurred=tuple(_box(box) for box in blurred.items()),
         source=None if source.missing else _source(source),
+        panorama=None if panorama.missing else _panorama(panorama),
     )
 
 
@@ -240,6 +243,26 @@ def _source(item: JsonField) -> PhotoSource:
     if not known.get("url", "https://").startswith(("https://", "http://")):
         raise fields["url"].error("is not a web address", hint="it begins with https://")
     return PhotoSource(**known)
+
+
+def _panorama(item: JsonField) -> Panorama:
+    fields = item.record(required=(), optional=("masked",))
+    return Panorama(tuple(_box(box) for box in fields["masked"].items()))
+
+
+def panorama_fields(panorama: Panorama | None) -> dict[str, list[dict[str, float]]] | None:
+    """Return what is said of a panorama as `map.json` has it; None stays None."""
+    return None if panorama is None else {"masked": [box._asdict() for box in panorama.masked]}
+
+
+def parse_panorama(value: object, *, where: str = "panorama") -> Panorama | None:
+    """Read what is said of a panorama as `map.json` has it; None stays None.
+
+    Raises
+    ------
+    MapJsonError
+    """
+    return None if value is None else _panorama(JsonField(value, where, "$"))
 
 
 def source_fields(source: PhotoSource | None) -> dict[str, str] | None:
@@ -294,6 +317,7 @@ def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
         "name": photo.name,
         "blurred": [box._asdict() for box in photo.blurred] or None,
         "source": source_fields(photo.source),
+        "panorama": panorama_fields(photo.panorama),
     }
     present = {name: value for name, value in known.items() if value is not None}
     position = _position_fields(photo.position) if isinstance(photo, Experience) else {}

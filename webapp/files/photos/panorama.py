@@ -13,18 +13,28 @@ import numpy as np
 import piexif
 from numpy.typing import NDArray
 
+from webapp.core.blur import BlurBox
+from webapp.core.geometry.equirectangular import cut_view, view_pixels, view_size
+from webapp.core.mapmodel.panorama import FOCAL_35MM, LevelView, boxes_of_mask
+from webapp.errors import PhotoError
 from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.photos.exif_write import CameraTags, exif_bytes
-from webapp.files.photos.photo import PhotoFacts, read_file
+from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_file, read_gray, scaled_gray
 from webapp.settings import PhotoLimits
 
 _GPANO = re.compile(rb'GPano:(\w+)\s*(?:=\s*["\']|>)\s*([^"\'<]+)')
 _ASPECT, _TOLERANCE = 2.0, 0.01
 _QUALITY = 92
 
+MOST_MASKED = 2000
+"""Boxes of a mask."""
+
+GREY = 128
+"""What is masked has no texture, and so no keypoints."""
+
 
 @dataclass(frozen=True, slots=True)
-class Panorama:
+class PanoramaTags:
     """What a photo says of itself as a panorama.
 
     Attributes
@@ -42,7 +52,7 @@ class Panorama:
     heading_deg: float | None
 
 
-def read_panorama(content: bytes, size: tuple[int, int]) -> Panorama:
+def read_panorama(content: bytes, size: tuple[int, int]) -> PanoramaTags:
     """Read what a photo says of itself as a panorama.
 
     Parameters
@@ -53,17 +63,30 @@ def read_panorama(content: bytes, size: tuple[int, int]) -> Panorama:
     tags = {
         name.decode(): value.decode("utf-8", "replace").strip() for name, value in _GPANO.findall(content)
     }
-    width, height = size
-    is_whole = abs(width / height - _ASPECT) <= _TOLERANCE * _ASPECT
+    is_whole = is_whole_sphere(*size)
     full, shown = tags.get("FullPanoWidthPixels"), tags.get("CroppedAreaImageWidthPixels")
     if full is not None and shown is not None and full != shown:
         is_whole = False
     marked = tags.get("ProjectionType", "").lower() == "equirectangular"
-    return Panorama(marked, is_whole, _number(tags.get("PoseHeadingDegrees")))
+    return PanoramaTags(marked, is_whole, _number(tags.get("PoseHeadingDegrees")))
 
 
-def is_panorama(path: Path, facts: PhotoFacts, *, limits: PhotoLimits) -> bool:
-    """Check whether a photo says that it is a panorama, and is a whole one.
+def is_whole_sphere(width: int, height: int) -> bool:
+    """Check whether a photo has the shape of an equirectangular panorama of the whole sphere."""
+    return height > 0 and abs(width / height - _ASPECT) <= _TOLERANCE * _ASPECT
+
+
+def find_panorama(
+    source: Path | bytes, facts: PhotoFacts, *, limits: PhotoLimits, assume: bool = False
+) -> PanoramaTags | None:
+    """Look whether a photo shows the whole sphere, and read what it says of that.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        A file, or its content.
+    assume : bool
+        Also take a photo that is twice as wide as high and does not say that it is a panorama.
 
     Raises
     ------
@@ -71,10 +94,72 @@ def is_panorama(path: Path, facts: PhotoFacts, *, limits: PhotoLimits) -> bool:
         It cannot be read.
     """
     size = facts.width, facts.height
-    if abs(size[0] / size[1] - _ASPECT) > _TOLERANCE * _ASPECT:  # most photos need not be read for this
-        return False
-    found = read_panorama(read_file(path, limits=limits), size)
-    return found.is_marked and found.is_whole
+    if not is_whole_sphere(*size):  # most photos need not be read for this
+        return None
+    content = source if isinstance(source, bytes) else read_file(source, limits=limits)
+    found = read_panorama(content, size)
+    return found if found.is_whole and (found.is_marked or assume) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutView:
+    """A level view, grey, its horizontal field of view, and which of its pixels are not masked."""
+
+    photo: GrayPhoto
+    fov_deg: float
+    used: NDArray[np.bool_]
+
+
+def read_level_view(
+    source: bytes, view: LevelView, *, limits: PhotoLimits, max_side: int | None = None
+) -> CutView:
+    """Cut a level view out of a panorama; what is masked is grey.
+
+    Parameters
+    ----------
+    source : bytes
+        Of the panorama's file.
+    max_side : int, optional
+        As for `read_gray`, of the view.
+
+    Raises
+    ------
+    PhotoError
+    """
+    pixels = read_gray(source, limits=limits).pixels
+    cut, used = cut_level_view(pixels, view)
+    gray = scaled_gray(cut, max_side)
+    size = gray.pixels.shape[1], gray.pixels.shape[0]
+    small = cv2.resize(used.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    fov_deg = view_size(pixels.shape[1], FOCAL_35MM).camera.fov_deg
+    return CutView(gray, fov_deg, np.asarray(small, np.bool_))
+
+
+def cut_level_view(pixels: NDArray[np.uint8], view: LevelView) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Cut a level view out of a panorama.
+
+    Parameters
+    ----------
+    pixels : (H, W) or (H, W, 3) uint8
+        The whole sphere.
+
+    Returns
+    -------
+    view : (h, w) or (h, w, 3) uint8
+        What is masked is grey.
+    used : (h, w) bool
+        What is not.
+    """
+    size = view_size(pixels.shape[1], FOCAL_35MM)
+    cut, _ = cut_view(pixels, size, turn_deg=view.turn_deg)
+    x, y, _ = view_pixels(size, panorama=(pixels.shape[1], pixels.shape[0]), turn_deg=view.turn_deg)
+    across, down = ((x + 0.5) / pixels.shape[1]) % 1.0, (y + 0.5) / pixels.shape[0]
+    used = np.ones(cut.shape[:2], np.bool_)
+    for box in view.masked:
+        inside = (across >= box.x) & (across <= box.x + box.width)
+        used &= ~(inside & (down >= box.y) & (down <= box.y + box.height))
+    cut[~used] = GREY
+    return cut, used
 
 
 def _number(text: str | None) -> float | None:
@@ -83,6 +168,25 @@ def _number(text: str | None) -> float | None:
     except ValueError:
         return None
     return value % 360.0 if math.isfinite(value) else None
+
+
+def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
+    """Read a mask of panoramas: an image twice as wide as high, black where nothing is to be recognised.
+
+    Raises
+    ------
+    PhotoError
+        It is no image, of another shape, or too ragged.
+    """
+    pixels = read_gray(source, limits=limits).pixels
+    if not is_whole_sphere(pixels.shape[1], pixels.shape[0]):
+        raise PhotoError("a mask is twice as wide as high, as the panoramas are", where=str(source))
+    boxes = boxes_of_mask(pixels >= GREY)
+    if len(boxes) > MOST_MASKED:
+        raise PhotoError(
+            "the mask is too ragged", where=str(source), hint="draw what is masked as a few black areas"
+        )
+    return boxes
 
 
 def write_view(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:

@@ -22,7 +22,7 @@ from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 
 Fields = dict[str, Any]
 
-PHOTO_FIELDS = frozenset({"x_px", "y_px", "heading_deg", "taken_at", "removed"})
+PHOTO_FIELDS = frozenset({"x_px", "y_px", "heading_deg", "taken_at", "removed", "panorama", "fov_deg"})
 MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
 
 
@@ -275,10 +275,10 @@ def _set(rows: _Rows, *, target: str, fields: Fields | None) -> None:
             record.satellite_revision = record.revision
         case ["photo", number]:
             photo = rows.photo(number)
-            placed = photo.is_placed
+            before = photo.is_placed, photo.panorama
             _assign(photo, fields)
             photo.revision = record.revision
-            if photo.is_placed != placed:
+            if before != (photo.is_placed, photo.panorama):
                 record.photos_revision = record.revision
         case [_, placement, number]:
             there = rows.elsewhere(placement, number)

@@ -101,6 +101,7 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
             name=photo.name,
             blurred=photo.blurred,
             source=photo.source,
+            panorama=photo.panorama,
         )
         for photo in the_map.unplaced
         if photo.id in places

@@ -18,6 +18,7 @@ from webapp.core.landmarks.matching import choose_pairs, match_mutually
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.retrieval.engines.segment import PhotoEntry
+from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, read_models, write_cloud
 from webapp.files.landmarks.colmap import (
@@ -39,7 +40,6 @@ from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.mapping import MappingJob, adjusted_folders, model_folders, run_mapper
 from webapp.tasks.localize.build_index import BuildRequest, describe_all
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.tasks.localize.open_map import guessed_fov_deg
 from webapp.tasks.maps.photo_files import sha256_of
 from webapp.threads import cores, in_threads
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.core.features.table import FeatureChoice
-from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.model import Experience, Map, level_views
 from webapp.errors import IndexDamaged, ProcessLost
 from webapp.files.localize.index_store import IndexFolder, Manifest, PhotoRecord, remove_outdated
 from webapp.files.lock import writer_lock
@@ -168,24 +168,25 @@ def _photos(
 ) -> tuple[dict[int, PhotoRecord], int]:
     """Describe what is new or changed; returns records in the map's order, and how many were described."""
     folder = request.cfg.parent
-    changed = [e for e in request.map.experiences if not is_current(e, old, map_folder=folder)]
-    path_of = {e.id: e.photo for e in changed}
+    pictures = level_views(request.map.experiences)
+    changed = [e for e in pictures if not is_current(e, old, map_folder=folder)]
+    name_of = {e.id: e.picture for e in changed}
     described: dict[int, PhotoRecord] = {}
     extracted = 0
     progress.size(len(changed))
     for done in describe_all(changed, old, request=request, settings=settings, progress=progress):
         described[done.id] = PhotoRecord(
-            path_of[done.id], done.bytes, done.mtime_ns, done.content, done.error
+            name_of[done.id], done.bytes, done.mtime_ns, done.content, done.error
         )
         extracted += done.extracted
         progress.advance()
-    return {e.id: described.get(e.id) or old.photos[e.id] for e in request.map.experiences}, extracted
+    return {e.id: described.get(e.id) or old.photos[e.id] for e in pictures}, extracted
 
 
 def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether the index holds the photo as it is on disk now, judged by path, size and time."""
     record = manifest.photos.get(experience.id)
-    if record is None or record.photo != experience.photo or record.error:
+    if record is None or record.photo != experience.picture or record.error:
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 
@@ -222,7 +223,7 @@ def _tasks(
         same = of_size.get(size, [])
         # Where all have one size, as without compression, size identifies nothing.
         indexed = tuple(same) if len(same) <= _MOST_OF_ONE_SIZE else ()
-        yield PhotoJob(e.id, request.cfg, e.photo, request.folder, request.choice, settings, indexed)
+        yield PhotoJob(e.id, request.cfg, e.photo, request.folder, request.choice, settings, indexed, e.view)
 
 
 def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> Iterator[PhotoDone]:

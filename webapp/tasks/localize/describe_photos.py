@@ -6,7 +6,6 @@ described is kept when the work is killed.
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,15 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.global_descriptor import GlobalDescriptor
+from webapp.core.mapmodel.panorama import LevelView
 from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.errors import InputError, MissingPart, PhotoError
 from webapp.files.localize import global_vectors
 from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.global_vectors import StoredVectors
 from webapp.files.maps.folder import photo_path
+from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_file, read_upright
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.localize.extract_photo import picture_sha256
 from webapp.tasks.localize.open_map import OpenMap
 
 _SAVED_EVERY_S = 20.0
@@ -77,7 +79,7 @@ def paths(opened: OpenMap, network: GlobalDescriptor) -> tuple[Path, Path]:
 def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, progress: Progress) -> None:
     """Describe the photos that are new, and store their vectors."""
     known = _known(opened, network)
-    photos = zip(opened.contents, opened.map.experiences, strict=True)
+    photos = zip(opened.contents, opened.pictures, strict=True)
     todo = {content: e for content, e in photos if content and content not in known}
     progress.size(len(todo))
     if not todo:
@@ -88,7 +90,7 @@ def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, p
         for content, experience in todo.items():
             progress.check()
             path = photo_path(opened.cfg, experience.photo)
-            vector = _describe(path, content, network=network, settings=settings)
+            vector = _describe(path, content, view=experience.view, network=network, settings=settings)
             if vector is not None:
                 known[content] = vector.astype(np.float16)
             progress.advance()
@@ -101,14 +103,20 @@ def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, p
 
 
 def _describe(
-    path: Path, content: str, *, network: GlobalDescriptor, settings: Settings
+    path: Path,
+    content: str,
+    *,
+    view: LevelView | None,
+    network: GlobalDescriptor,
+    settings: Settings,
 ) -> NDArray[np.float32] | None:
     """Describe a photo; None where the file is no longer the one that was indexed."""
     try:
         data = read_file(path, limits=settings.photo)
-        if hashlib.sha256(data).hexdigest() != content:
+        if picture_sha256(data, view) != content:
             return None
-        return network.describe(read_upright(data, limits=settings.photo))
+        pixels = read_upright(data, limits=settings.photo)
+        return network.describe(pixels if view is None else cut_level_view(pixels, view)[0])
     except PhotoError:
         return None
 

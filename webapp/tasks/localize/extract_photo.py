@@ -13,17 +13,25 @@ from multiprocessing.connection import wait
 from pathlib import Path
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from webapp.core.features.extract import extract
 from webapp.core.features.table import FeatureChoice
+from webapp.core.features.types import Features
+from webapp.core.mapmodel.panorama import LevelView
 from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.errors import IndexDamaged, MapError, PhotoError
 from webapp.files.localize.features import read_segment, write_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import photo_path
+from webapp.files.photos.panorama import CutView, read_level_view
 from webapp.files.photos.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings, keep_freed_memory
+
+_BORDER_PX = 15
+"""Width of the patches around keypoints in which there is to be nothing masked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +50,8 @@ class PhotoJob:
         Of the index.
     indexed : tuple of str
         SHA-256 of photos that the index holds already and that may be this one.
+    view : LevelView or None
+        Of the photo, which is a panorama.
     """
 
     id: int
@@ -51,6 +61,7 @@ class PhotoJob:
     choice: FeatureChoice
     settings: Settings
     indexed: tuple[str, ...] = ()
+    view: LevelView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +115,7 @@ def extract_photo(job: PhotoJob) -> PhotoDone:
     seen = PhotoDone(job.id, *size_and_time(job.cfg.parent / job.photo))
     try:
         data = read_file(photo_path(job.cfg, job.photo), limits=job.settings.photo)
-        content = hashlib.sha256(data).hexdigest()
+        content = picture_sha256(data, job.view)
         target = IndexFolder(job.folder).spool_path(content)
         there = content in job.indexed or _finished(target)
         if not there:
@@ -123,10 +134,20 @@ def size_and_time(path: Path) -> tuple[int, int]:
     return stat.st_size, stat.st_mtime_ns
 
 
+def picture_sha256(data: bytes, view: LevelView | None) -> str:
+    """Hash a photo's file, for a view of a panorama also which view it is."""
+    content = hashlib.sha256(data).hexdigest()
+    return content if view is None else view.content(content)
+
+
 def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
-    settings = job.settings
-    gray = read_gray(data, limits=settings.photo, max_side=settings.extract.max_side_px)
-    fov = read_facts(data, limits=settings.photo).fov_deg
+    settings, cut = job.settings, None
+    if job.view is None:
+        gray = read_gray(data, limits=settings.photo, max_side=settings.extract.max_side_px)
+        fov = read_facts(data, limits=settings.photo).fov_deg
+    else:
+        cut = read_level_view(data, job.view, limits=settings.photo, max_side=settings.extract.max_side_px)
+        gray, fov = cut.photo, cut.fov_deg
     features = extract(
         gray.pixels,
         job.choice,
@@ -135,7 +156,17 @@ def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
         photo_size=gray.full_size,
         network=network(job.choice.model, settings.models, weights=job.choice.weights),
     )
+    if cut is not None:
+        features = features.subset(_away_from_mask(features, cut))
     return PhotoEntry(content, math.nan if fov is None else fov, features)
+
+
+def _away_from_mask(features: Features, cut: CutView) -> NDArray[np.int64]:
+    """Number the keypoints that are not at a border of what is masked, which is no border in the world."""
+    used = cv2.erode(cut.used.astype(np.uint8), np.ones((_BORDER_PX, _BORDER_PX), np.uint8), borderValue=1)
+    height, width = used.shape
+    x, y = np.rint((features.xy + 0.5) * cut.photo.scale - 0.5).astype(np.int64).T
+    return np.flatnonzero(used[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)])
 
 
 def _finished(path: Path) -> bool:

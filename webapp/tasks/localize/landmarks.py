@@ -104,7 +104,7 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
         progress.note(
             f"{missing} photos of the map show no landmarks; where they are new, run expmap landmarks build"
         )
-    photos = [opened.map.experiences[n] if n >= 0 else None for n in map_photo.tolist()]
+    photos = [opened.pictures[n] if n >= 0 else None for n in map_photo.tolist()]
     known = known_positions(photos, opened.map)
     laid = tuple(lay_piece(piece, known) for piece in pieces.pieces)
     return replace(opened, landmarks=LaidCloud(stored.cloud, stored.key, map_photo, pieces.pieces, laid))

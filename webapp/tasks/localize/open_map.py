@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from webapp.core.features.table import EXTRACTORS, FeatureChoice, Method, choose
 from webapp.core.hypotheses.places import MapKind, describe_places
 from webapp.core.landmarks.cloud import LaidCloud
-from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.model import Experience, Map, level_views
+from webapp.core.mapmodel.panorama import LevelView, experience_of, experiences_of
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.flann import Flann
 from webapp.core.retrieval.engines.ivf import InvertedFile
@@ -23,6 +22,7 @@ from webapp.core.retrieval.engines.segment import Segment
 from webapp.core.retrieval.engines.tiers import tier_for
 from webapp.core.retrieval.engines.twostage import TwoStage
 from webapp.core.retrieval.engines.types import DescriptorSearch
+from webapp.core.retrieval.fields_of_view import fields_of_view
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.tuning import DEFAULT, RetrievalTuning
 from webapp.errors import IndexDamaged, MapError, NotReady
@@ -36,9 +36,6 @@ from webapp.tasks.localize import build_index
 from webapp.tasks.localize.build_index import BuildReport, BuildRequest
 from webapp.tasks.localize.extract_photo import size_and_time
 from webapp.tasks.localize.index_location import index_bases, index_folder, newest_choice
-
-GUESSED_FOV_DEG = 65.0
-"""Of the longer side, where nothing is known: between a webcam (60) and a telephone (70)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +91,10 @@ class OpenMap:
         When the index had to be built or brought up to date.
     landmarks : LaidCloud or None
         For method `landmarks`.
+    pictures : tuple of Experience
+        What the index has of the map's experiences: their photos, and of panoramas their level views.
+    views : mapping of int to LevelView
+        Those among them that are views, by id.
     """
 
     cfg: Path
@@ -107,6 +108,13 @@ class OpenMap:
     built: BuildReport | None
     options: OpenOptions
     landmarks: LaidCloud | None = None
+    pictures: tuple[Experience, ...] = field(init=False)
+    views: Mapping[int, LevelView] = field(init=False)
+
+    def __post_init__(self) -> None:
+        pictures = level_views(self.map.experiences)
+        object.__setattr__(self, "pictures", pictures)
+        object.__setattr__(self, "views", {e.id: e.view for e in pictures if e.view is not None})
 
     def artifact_paths(self, name: str) -> tuple[Path, Path]:
         """Paths of a file computed from the index: where it is looked for first, and where it is written."""
@@ -114,18 +122,18 @@ class OpenMap:
 
     @property
     def contents(self) -> list[str]:
-        """SHA-256 of each experience's photo, in the map's order; empty where the index has none of it."""
-        return _contents(self.map, self.manifest)
+        """SHA-256 of each picture, in the map's order; empty where the index has none of it."""
+        return _contents(self.pictures, self.manifest)
 
     @property
     def not_indexed(self) -> int:
         """How many photos of the map the index has not seen yet."""
-        return sum(e.id not in self.manifest.photos for e in self.map.experiences)
+        return len({experience_of(e.id) for e in self.pictures if e.id not in self.manifest.photos})
 
     @property
     def map_hash(self) -> str:
         """Stands for the map's photos and positions, 16 hexadecimal characters."""
-        photos = [[e.id, c, *e.position] for e, c in zip(self.map.experiences, self.contents, strict=True)]
+        photos = [[e.id, c, *e.position] for e, c in zip(self.pictures, self.contents, strict=True)]
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
 
 
@@ -198,7 +206,7 @@ def within_memory(
     """
     if options.matcher is not None or choice.engine is None:
         return choice
-    rows = len(the_map.experiences) * settings.extract.keypoints
+    rows = len(level_views(the_map.experiences)) * settings.extract.keypoints
     memory_mb = settings.retrieval.memory_mb
     return replace(choice, matcher=tier_for(rows, width=choice.width, kind=choice.kind, memory_mb=memory_mb))
 
@@ -273,19 +281,20 @@ def _is_up_to_date(folder: IndexFolder, the_map: Map, cfg: Path, *, choice: Feat
 
 
 def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
-    if manifest.photos.keys() != {e.id for e in the_map.experiences}:
+    pictures = level_views(the_map.experiences)
+    if manifest.photos.keys() != {e.id for e in pictures}:
         return False
     return all(
         build_index.is_current(e, manifest, map_folder=map_folder)
         or _still_failing(e, manifest, map_folder=map_folder)
-        for e in the_map.experiences
+        for e in pictures
     )
 
 
 def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether a photo that could not be used is still the same file, or still missing."""
     record = manifest.photos[experience.id]
-    if not record.error or record.photo != experience.photo:
+    if not record.error or record.photo != experience.picture:
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 
@@ -309,11 +318,10 @@ def _load_latest(
     raise MapError(message, where=str(cfg), hint="run expmap map check on it")
 
 
-def _contents(the_map: Map, manifest: Manifest) -> list[str]:
-    """Look up the content of each experience's photo; empty where the index has none of it."""
-    records = [manifest.photos.get(e.id) for e in the_map.experiences]
-    same = zip(records, the_map.experiences, strict=True)
-    return [r.content if r is not None and r.photo == e.photo else "" for r, e in same]
+def _contents(pictures: Sequence[Experience], manifest: Manifest) -> list[str]:
+    """Look up the content of each picture; empty where the index has none of it."""
+    same = ((manifest.photos.get(e.id), e) for e in pictures)
+    return [r.content if r is not None and r.photo == e.picture else "" for r, e in same]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -337,18 +345,26 @@ def _load(
 def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: OpenOptions) -> IndexedMap:
     segments = loaded.segments
     contents = [c for s in segments for c in s.content]
+    pictures = level_views(the_map.experiences)
     # Of several experiences with one photo the first speaks for it.
-    number = {c: i for i, c in reversed([*enumerate(_contents(the_map, manifest))])}
-    position = np.array([e.position for e in the_map.experiences], np.float64).reshape(-1, 2)
+    number = {c: i for i, c in reversed([*enumerate(_contents(pictures, manifest))])}
+    ids = np.array([e.id for e in pictures], np.int64)
+    position = np.array([e.position for e in pictures], np.float64).reshape(-1, 2)
     photo_of_entry = np.array([number.get(c, -1) for c in contents], np.int64)
     size = the_map.satellite
     places = describe_places(
-        position, trust=None, width=size.width, height=size.height, kind=options.map_kind
+        position,
+        trust=None,
+        size=(size.width, size.height),
+        kind=options.map_kind,
+        experience=experiences_of(ids),
     )
     return IndexedMap(
-        ids=np.array([e.id for e in the_map.experiences], np.int64),
+        ids=ids,
         position=position,
-        fov_deg=_fields_of_view(the_map, segments, photo_of_entry, given=options.map_fov_deg),
+        fov_deg=fields_of_view(
+            [e.fov_deg for e in pictures], segments, photo_of_entry, given=options.map_fov_deg
+        ),
         segments=segments,
         photo_of_entry=photo_of_entry,
         search=loaded.search,
@@ -374,24 +390,3 @@ def _search(
     if choice.matcher == "flann":
         return Flann(descriptors, choice.kind)
     return BruteForce(descriptors, choice.matcher)
-
-
-def _fields_of_view(
-    the_map: Map, segments: Sequence[Segment], photo_of_entry: NDArray[np.int64], *, given: float | None
-) -> NDArray[np.float64]:
-    """Field of view of each photo: from the map, from its EXIF, as given, or guessed."""
-    fov = np.array([math.nan if e.fov_deg is None else e.fov_deg for e in the_map.experiences])
-    exif = np.concatenate([s.fov_deg for s in segments])
-    size = np.concatenate([s.photo_size for s in segments])
-    for entry, photo in enumerate(photo_of_entry):
-        if photo >= 0 and math.isnan(fov[photo]):
-            width, height = size[entry]
-            guess = given or guessed_fov_deg(int(width), int(height))
-            fov[photo] = guess if math.isnan(exif[entry]) else exif[entry]
-    return fov
-
-
-def guessed_fov_deg(width: int, height: int) -> float:
-    """Guess the horizontal field of view of a photo from its shape alone."""
-    focal = max(width, height) / 2.0 / math.tan(math.radians(GUESSED_FOV_DEG) / 2.0)
-    return math.degrees(2.0 * math.atan(width / 2.0 / focal))

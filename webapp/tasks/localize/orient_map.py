@@ -15,6 +15,7 @@ from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import PAIR_MATCHERS
 from webapp.core.geometry.extrinsics import MapExtrinsics
 from webapp.core.hypotheses.places import MapPlaces, describe_places
+from webapp.core.mapmodel.panorama import experiences_of
 from webapp.core.reconstruction.depths import DepthObservations, triangulate_depths
 from webapp.core.reconstruction.orientation import estimate_extrinsics
 from webapp.core.reconstruction.pairs import (
@@ -251,10 +252,10 @@ def _describe(opened: OpenMap, *, trust: NDArray[np.float64] | None, partner: ND
     places = describe_places(
         opened.indexed.position,
         trust=trust,
-        width=size.width,
-        height=size.height,
+        size=(size.width, size.height),
         kind=options.map_kind,
         partner=partner,
+        experience=experiences_of(opened.indexed.ids),
     )
     return replace(places, radius_px=options.right_within_px or places.radius_px)
 

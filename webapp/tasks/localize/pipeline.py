@@ -55,7 +55,7 @@ from webapp.tasks.localize import (
     orient_map,
 )
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.query_photo import QueryPhoto, read_query
+from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_query, to_experiences
 
 _ALL = 100
 """More hypotheses than a look has."""
@@ -147,6 +147,7 @@ class LocalizationPipeline:
         PhotoError
         """
         photos = self._read(photo_path)
+        hide, include = (pictures_of(ids, self.opened) for ids in (hide, include))
         first = self._look_at_all(photos, hide=hide, include=include)
         if self.second is None or looks.is_sure(first):
             return truncate(first, top)
@@ -174,6 +175,7 @@ class LocalizationPipeline:
         if self.method == "vote":
             with watch.stage("retrieve"):
                 answer = vote.localize(indexed, features, top=_ALL, hide=hide)
+            answer = to_experiences(answer, self.opened)
             if photo.view is not None:
                 answer = photo.view.to_panorama(answer)
             return replace(answer, seconds=watch.total(), looks=(self.features,))
@@ -187,7 +189,7 @@ class LocalizationPipeline:
         )
         calibration = self.calibration.calibration if self.calibration else DEFAULT
         answer = with_probabilities(indexed, found, calibration=calibration, top=_ALL)
-        answer = replace(answer, fov=fov)
+        answer = replace(to_experiences(answer, self.opened), fov=fov)
         if photo.view is not None:
             answer = photo.view.to_panorama(answer)
         answer = relative_to_north(answer, self.map.georeference)

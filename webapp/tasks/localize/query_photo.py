@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.global_descriptor import GlobalDescriptor
-from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pixels, view_size
+from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pixels, panorama_size, view_size
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis
-from webapp.files.photos.panorama import is_panorama
+from webapp.core.mapmodel.panorama import FOCAL_35MM, experience_of
+from webapp.core.retrieval.fields_of_view import guessed_fov_deg
+from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_facts, read_gray, read_upright, scaled_gray
 from webapp.settings import Settings
-from webapp.tasks.localize.open_map import guessed_fov_deg
+from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.maps.cut_panoramas import CutOptions
 
 _CUT = CutOptions()
@@ -57,6 +59,41 @@ class PanoramaView:
         xy = evidence.query_xy.astype(np.float64)
         at, _ = panorama_pixels(xy, self.size, panorama=self.panorama, turn_deg=self.turn_deg)
         return replace(evidence, query_xy=at.astype(np.float32))
+
+
+def to_experiences(answer: Answer, opened: OpenMap) -> Answer:
+    """Give an answer about views of the map's panoramas to these: matches are in their pixels."""
+    if not opened.views:
+        return answer
+    hypotheses = tuple(
+        replace(h, experiences=tuple(dict.fromkeys(experience_of(id) for id in h.experiences)))
+        for h in answer.hypotheses
+    )
+    best: dict[int, Evidence] = {}
+    for one in answer.evidence:  # the best first
+        best.setdefault(experience_of(one.experience), one)
+    evidence = tuple(_of_experience(one, opened) for one in best.values())
+    return replace(answer, hypotheses=hypotheses, evidence=evidence)
+
+
+def _of_experience(evidence: Evidence, opened: OpenMap) -> Evidence:
+    view = opened.views.get(evidence.experience)
+    if view is None:
+        return evidence
+    number = np.flatnonzero(opened.indexed.ids == evidence.experience)[0]
+    size = ViewSize(*opened.indexed.photo_size(int(number)), FOCAL_35MM)
+    whole = panorama_size(size.width, FOCAL_35MM)
+    xy = evidence.photo_xy.astype(np.float64)
+    at, _ = panorama_pixels(xy, size, panorama=whole, turn_deg=view.turn_deg)
+    return replace(evidence, experience=experience_of(evidence.experience), photo_xy=at.astype(np.float32))
+
+
+def pictures_of(experiences: Collection[int], opened: OpenMap) -> frozenset[int]:
+    """Return the ids of what the index has of some experiences; of panoramas those of their views."""
+    wanted = {experience_of(id) for id in experiences}
+    if not opened.views:
+        return frozenset(wanted)
+    return frozenset(e.id for e in opened.pictures if experience_of(e.id) in wanted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +162,7 @@ def read_query(
     started = time.perf_counter()
     limits = settings.photo
     facts = read_facts(path, limits=limits)
-    if is_panorama(path, facts, limits=limits):
+    if find_panorama(path, facts, limits=limits) is not None:
         return [*_views(path, settings=settings, describe=describe)]
     gray = read_gray(path, limits=limits, max_side=settings.extract.max_side_px)
     vector = None if describe is None else describe.describe(read_upright(path, limits=limits))

@@ -98,11 +98,16 @@ def combine_without_prior(
 
 
 def photo_headings(pipeline: LocalizationPipeline) -> dict[int, float]:
-    """Where photos of the map looked: as they say themselves, else as was worked out from what they see."""
+    """Where photos of the map looked: as they say themselves, else as was worked out from what they see.
+
+    A panorama looks everywhere, and is not among them.
+    """
     indexed = pipeline.opened.indexed
     computed = zip(indexed.ids.tolist(), _from_north(pipeline).tolist(), strict=True)
-    own = {e.id: e.heading_deg for e in pipeline.map.experiences if e.heading_deg is not None}
-    return {id: deg for id, deg in computed if not math.isnan(deg)} | own
+    photos = [e for e in pipeline.map.experiences if e.panorama is None]
+    own = {e.id: e.heading_deg for e in photos if e.heading_deg is not None}
+    seen = {e.id for e in photos}
+    return {id: deg for id, deg in computed if id in seen and not math.isnan(deg)} | own
 
 
 def _from_north(pipeline: LocalizationPipeline) -> NDArray[np.float64]:

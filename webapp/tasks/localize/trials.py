@@ -19,6 +19,7 @@ from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
 from webapp.core.hypotheses.places import spacing_px
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.localize.verified import PlaceSearch, find_places
+from webapp.core.mapmodel.panorama import experiences_of
 from webapp.core.reconstruction.depths import DepthObservations, DepthsExcluding
 from webapp.core.retrieval.indexed import IndexedMap, candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, weighted_votes
@@ -202,7 +203,8 @@ def _hide(
     indexed: IndexedMap, photo: int, features: Features, *, hidden: Hidden, same_place_px: float
 ) -> NDArray[np.bool_]:
     """Choose the photos that are hidden with one that plays a query; (p,)."""
-    itself: NDArray[np.bool_] = np.arange(len(indexed.ids)) == photo
+    mine = experiences_of(indexed.ids)
+    itself: NDArray[np.bool_] = mine == mine[photo]
     area = int(indexed.area[photo])
     apart: NDArray[np.float64] = np.hypot(*(indexed.position - indexed.position[photo]).T)
     if hidden == "photo":

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
+from webapp.core.blur import BlurBox
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import PhotoSource
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
-from webapp.files.maps.map_json import source_fields
+from webapp.files.maps.map_json import panorama_fields, source_fields
 from webapp.files.part_file import show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
+from webapp.files.photos.panorama import PanoramaTags, find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -150,6 +153,7 @@ def add_photo(
     name, source = tidy_name(photo.name), photo.file
     with show_file_as(name, source):
         facts = read_facts(source, limits=settings.photo)
+        around = find_panorama(source, facts, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
     sha256 = sha256_of(source)
     with (changing or library.changing)(map_id) as change:
@@ -158,6 +162,8 @@ def add_photo(
             raise NotFound("the map is gone, or in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
+        if around is not None:
+            mark_panorama(row, around)
         if photo.known is not None:
             _say(row, photo.known)
         if photo.id is not None:
@@ -226,6 +232,12 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
         gps_problem=why_no_gps(facts),
         heading_deg=facts.heading_deg,
     )
+
+
+def mark_panorama(row: Photo, tags: PanoramaTags, *, masked: Sequence[BlurBox] = ()) -> None:
+    """Make a record that of a panorama."""
+    row.panorama, row.fov_deg = panorama_fields(Panorama(tuple(masked))), 360.0
+    row.heading_deg = row.heading_deg if tags.heading_deg is None else tags.heading_deg
 
 
 def _say(row: Photo, known: KnownOfPhoto) -> None:

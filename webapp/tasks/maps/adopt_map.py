@@ -15,7 +15,7 @@ from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
 from webapp.files.maps.folder import MapFolder, read_map
-from webapp.files.maps.map_json import georeference_fields, source_fields
+from webapp.files.maps.map_json import georeference_fields, panorama_fields, source_fields
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_file
 from webapp.progress import Progress
@@ -215,6 +215,7 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
         heading_deg=e.heading_deg,
         blurred=[box._asdict() for box in e.blurred] or None,
         source=source_fields(e.source),
+        panorama=panorama_fields(e.panorama),
     )
     try:
         _look(row, files.path(e.photo), limits=limits)
@@ -245,6 +246,7 @@ def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLim
         row.gps_accuracy_m, row.heading_deg = known.gps_accuracy_m, known.heading_deg
         row.blurred = [box._asdict() for box in known.blurred] or None
         row.source = source_fields(known.source)
+        row.panorama = panorama_fields(known.panorama)
     _look(row, path, limits=limits)
     return row
 

@@ -204,9 +204,7 @@ def _places(pieces: Scan) -> MapPlaces | None:
     positions = [(line.x, line.y) for line in pieces.photos if None not in (line.x, line.y)]
     if image is None or image.width is None or image.height is None or not positions:
         return None
-    return describe_places(
-        np.array(positions, np.float64), trust=None, width=image.width, height=image.height
-    )
+    return describe_places(np.array(positions, np.float64), trust=None, size=(image.width, image.height))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,17 +9,15 @@ from pathlib import Path
 
 from webapp.core.geo.types import LatLon
 from webapp.core.geometry.equirectangular import ViewSize, cut_view, view_size
+from webapp.core.mapmodel.panorama import FOCAL_35MM, VIEWS
 from webapp.errors import PhotoError, UsageError
 from webapp.files.listing import list_photos
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.exif_write import CameraTags
-from webapp.files.photos.panorama import Panorama, read_panorama, write_view
+from webapp.files.photos.panorama import GREY, PanoramaTags, read_panorama, write_view
 from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-
-_GREY = 128
-"""What is masked has no texture, and so no keypoints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +38,8 @@ class CutOptions:
         Also take photos for panoramas that are twice as wide as high and do not say so.
     """
 
-    views: int = 6
-    focal_35mm: int = 17
+    views: int = VIEWS
+    focal_35mm: int = FOCAL_35MM
     lowest_deg: float = 90.0
     highest_deg: float = 90.0
     assume: bool = False
@@ -136,13 +134,13 @@ def cut_panorama(
     for number in range(options.views):
         turn = 360.0 * number / options.views
         cut, elevation = cut_view(pixels, view, turn_deg=turn)
-        cut[(elevation < -options.lowest_deg) | (elevation > options.highest_deg)] = _GREY
+        cut[(elevation < -options.lowest_deg) | (elevation > options.highest_deg)] = GREY
         file = out.with_name(f"{out.stem}_{round(turn):03}.jpg")
         write_view(file, cut, tags=_tags(known, view, turn_deg=turn))
         yield file.name
 
 
-def _pose_in_file(facts: PhotoFacts, panorama: Panorama) -> PanoramaPose:
+def _pose_in_file(facts: PhotoFacts, panorama: PanoramaTags) -> PanoramaPose:
     middle = panorama.heading_deg
     if middle is None and facts.heading is not None and facts.heading.reference != "M":
         middle = facts.heading.deg

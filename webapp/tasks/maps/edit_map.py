@@ -9,13 +9,15 @@ from datetime import datetime
 from typing import Any, Literal
 
 from webapp.errors import UsageError
+from webapp.files.maps.map_json import panorama_fields, parse_panorama
+from webapp.files.photos.panorama import is_whole_sphere
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.maps.edits import UndoResult
-from webapp.store.schema import MapRecord
+from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import placements
 
-KINDS = ("place", "move", "turn", "unplace", "retime", "remove")
+KINDS = ("place", "move", "turn", "unplace", "retime", "panorama", "remove")
 """Words for a step."""
 
 
@@ -28,8 +30,8 @@ class RequestedEdit:
     kind : str
         One of `KINDS`.
     changes : mapping of int to mapping
-        New values of `x_px`, `y_px`, `heading_deg`, `taken_at` or `removed` by photo. x and y come together;
-        None for both puts the photo back into the tray.
+        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama` or `removed` by photo. x and y
+        come together; None for both puts the photo back into the tray.
     placement : str or None
         Whose positions change; None for the main one.
     seen : int or None
@@ -67,7 +69,8 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
         there = maps.present_photos(session, record, edit.changes)  # kept: the session forgets unused rows
         changes: dict[str, Mapping[str, Any] | None] = {}
         for id in there:
-            changes |= _targets(record, id, fields=edit.changes[id], placement=edit.placement)
+            fields = _with_panorama(there[id], edit.changes[id])
+            changes |= _targets(record, id, fields=fields, placement=edit.placement)
         done = edits.apply(
             session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
         )
@@ -103,6 +106,20 @@ def _targets(
         return {f"photo/{id}": {**at, **known}}
     target = f"placed/{placement}/{id}"
     return {target: None if at["x_px"] is None else at, **({f"photo/{id}": known} if known else {})}
+
+
+def _with_panorama(photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Check what is said of a panorama; one has a field of view of a whole turn."""
+    if "panorama" not in fields:
+        return fields
+    panorama = parse_panorama(fields["panorama"], where=f"photo/{photo.id}")
+    if panorama is None:
+        return {**fields, "fov_deg": None if photo.panorama is not None else photo.fov_deg}
+    if not is_whole_sphere(photo.width, photo.height):
+        raise UsageError(
+            f"{photo.name} is no whole panorama, twice as wide as high", where=f"photo/{photo.id}"
+        )
+    return {**fields, "panorama": panorama_fields(panorama), "fov_deg": 360.0}
 
 
 def _heading(value: float, id: int) -> float:

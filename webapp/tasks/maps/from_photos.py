@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 
+from webapp.core.blur import BlurBox
 from webapp.core.geo.blank import BlankPlan, draw, plan_around
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Map, SatelliteImage
+from webapp.core.mapmodel.panorama import Panorama, band
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import StorageError, UsageError
 from webapp.files.atomic import write_bytes
@@ -19,6 +21,7 @@ from webapp.files.decode import image_size
 from webapp.files.listing import DERIVED, list_files
 from webapp.files.maps.folder import read_map, write_map
 from webapp.files.maps.positions import Positions, read_positions
+from webapp.files.photos.panorama import read_mask
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.maps.place_photos import (
@@ -40,6 +43,26 @@ _PHOTOS = "photos"
 
 
 @dataclass(frozen=True, slots=True)
+class PanoramaOptions:
+    """How panoramas are taken.
+
+    Attributes
+    ----------
+    assume : bool
+        Photos twice as wide as high are panoramas, also where they do not say so.
+    mask : Path or None
+        Image that is black where nothing is to be recognised in any of them.
+    lowest_deg, highest_deg : float
+        What is farther below or above the horizon is masked.
+    """
+
+    assume: bool = False
+    mask: Path | None = None
+    lowest_deg: float = 90.0
+    highest_deg: float = 90.0
+
+
+@dataclass(frozen=True, slots=True)
 class PlaceOptions:
     """What the user asks for.
 
@@ -57,6 +80,7 @@ class PlaceOptions:
         Copy what lies outside the map's folder into it.
     force : bool
         Replace a map that is there already; photos that it has keep their ids.
+    panoramas : PanoramaOptions
     """
 
     cfg: Path
@@ -65,6 +89,7 @@ class PlaceOptions:
     positions: Path | None = None
     copy: bool = False
     force: bool = False
+    panoramas: PanoramaOptions = PanoramaOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +155,19 @@ def map_from_photos(
     image = _georeferenced(options.satellite, options.source) if options.satellite else None
     _check_same_image(positions, image)
     names = list_files(folder, leave_out=[options.cfg.parent / DERIVED])
+    around = options.panoramas
     own = [options.satellite] if options.satellite else [target.plan_path]
-    seen = survey(folder, names, positions=positions, limits=settings.photo, progress=progress)
+    own += [around.mask] if around.mask else []
+    masked = band(lowest_deg=around.lowest_deg, highest_deg=around.highest_deg)
+    masked += () if around.mask is None else read_mask(around.mask, limits=settings.photo)
+    seen = survey(
+        folder,
+        names,
+        positions=positions,
+        limits=settings.photo,
+        progress=progress,
+        assume_panoramas=around.assume,
+    )
     seen = [_own_file(s) if target.same(folder / s.name, own) else s for s in seen]
     plan = None
     if image is None:
@@ -140,7 +176,7 @@ def map_from_photos(
             return PlaceReport(options.cfg, False, None, tuple(unplaced(s) for s in seen))
         plan = plan_around(latlon)
         image = MapImage(plan.width, plan.height, plan.georeference, warnings=_far_apart(plan))
-    placed = [place(s, image, photo=target.photo_name(s.name)) for s in seen]
+    placed = [_masked(place(s, image, photo=target.photo_name(s.name)), masked) for s in seen]
     files, next_id = with_ids(placed, before)
     experiences = tuple(f.experience for f in files if f.experience is not None)
     satellite = SatelliteImage(target.image_name(options.satellite), image.width, image.height)
@@ -151,6 +187,13 @@ def map_from_photos(
         target.write(map_, originals=originals, satellite=options.satellite, plan=plan)
     written = bool(experiences)
     return PlaceReport(options.cfg, written, satellite, tuple(files), image.residuals_m, image.warnings)
+
+
+def _masked(file: FileResult, masked: tuple[BlurBox, ...]) -> FileResult:
+    """Mask a panorama."""
+    if file.experience is None or file.experience.panorama is None:
+        return file
+    return replace(file, experience=replace(file.experience, panorama=Panorama(masked)))
 
 
 def _check_sources(options: PlaceOptions, positions: Positions | None) -> None:

@@ -20,7 +20,7 @@ from webapp.core.mapmodel.model import (
     SatelliteImage,
     UnplacedPhoto,
 )
-from webapp.files.maps.map_json import parse_georeference
+from webapp.files.maps.map_json import parse_georeference, parse_panorama
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 
@@ -75,6 +75,7 @@ def _facts(photo: Photo) -> dict[str, Any]:
         "name": photo.name if photo.name != PurePosixPath(photo.path).name else None,
         "blurred": tuple(BlurBox(**box) for box in photo.blurred or ()),
         "source": None if photo.source is None else PhotoSource(**photo.source),
+        "panorama": parse_panorama(photo.panorama, where=photo.path),
     }
 
 

@@ -13,11 +13,13 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import PhotoError
 from webapp.files.decode import PHOTO_SUFFIXES, check_decodes
 from webapp.files.maps.positions import Positions
 from webapp.files.photos.exif_gps import Gps, Heading
+from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
@@ -54,6 +56,7 @@ class SurveyedFile:
     position: LatLon | MapPixel | None = None
     state: FileState | None = None
     reason: str | None = None
+    is_panorama: bool = False
 
     @property
     def gps(self) -> Gps | None:
@@ -69,6 +72,7 @@ def survey(
     positions: Positions | None,
     limits: PhotoLimits,
     progress: Progress,
+    assume_panoramas: bool = False,
 ) -> list[SurveyedFile]:
     """Read each file; a bad one is a result, not an exception.
 
@@ -78,6 +82,8 @@ def survey(
         Relative to it.
     positions : Positions or None
         Positions by file name, instead of those in EXIF.
+    assume_panoramas : bool
+        Photos twice as wide as high are panoramas, also where they do not say so.
 
     Returns
     -------
@@ -92,7 +98,8 @@ def survey(
             reason = "it is a link that leads out of the folder; replace it by a copy"
             found.append(SurveyedFile(name, state=FileState.UNREADABLE, reason=reason))
         else:
-            found.append(_look(folder / name, name, positions=positions, limits=limits))
+            one = _look(folder / name, name, positions=positions, limits=limits, assume=assume_panoramas)
+            found.append(one)
         progress.advance()
     return found
 
@@ -101,28 +108,34 @@ def _leads_out(path: Path, folder: Path) -> bool:
     return path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(folder.resolve())
 
 
-def _look(path: Path, name: str, *, positions: Positions | None, limits: PhotoLimits) -> SurveyedFile:
+def _look(
+    path: Path, name: str, *, positions: Positions | None, limits: PhotoLimits, assume: bool
+) -> SurveyedFile:
     try:
         facts = read_facts(path, limits=limits)
         check_decodes(path, limits=limits)
+        around = find_panorama(path, facts, limits=limits, assume=assume)
     except PhotoError as error:
         photo_like = path.suffix.lower() in PHOTO_SUFFIXES
         return SurveyedFile(
             name, state=FileState.UNREADABLE if photo_like else FileState.NOT_A_PHOTO, reason=error.message
         )
+    if around is not None and around.heading_deg is not None:
+        facts = replace(facts, heading=Heading(around.heading_deg, "T"))
     if positions is None:
         if not isinstance(facts.gps, Gps):
             return SurveyedFile(name, facts, state=FileState.NO_POSITION, reason=facts.gps.reason)
-        return SurveyedFile(name, facts, LatLon(facts.gps.lat, facts.gps.lon))
-    position = positions.find(name)
-    if position is None:
+        position: LatLon | MapPixel = LatLon(facts.gps.lat, facts.gps.lon)
+        return SurveyedFile(name, facts, position, is_panorama=around is not None)
+    listed = positions.find(name)
+    if listed is None:
         return SurveyedFile(
             name, facts, state=FileState.NO_POSITION, reason="the list of positions does not name it"
         )
     heading = positions.heading_of(name)
     if heading is not None:
         facts = replace(facts, heading=Heading(heading, "T"))
-    return SurveyedFile(name, facts, position)
+    return SurveyedFile(name, facts, listed, is_panorama=around is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,9 +231,10 @@ def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
         photo=photo,
         position=pixel,
         heading_deg=heading.deg if heading else None,
-        fov_deg=s.facts.fov_deg,
+        fov_deg=360.0 if s.is_panorama else s.facts.fov_deg,
         gps_accuracy_m=s.gps.accuracy_m if s.gps else None,
         taken_at=s.facts.taken_at,
+        panorama=Panorama() if s.is_panorama else None,
     )
     return FileResult(s.name, FileState.PLACED, experience=experience, latlon=latlon, notes=notes)
 

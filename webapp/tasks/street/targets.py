@@ -11,11 +11,13 @@ from typing import Protocol
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import UsageError
 from webapp.files.decode import check_decodes
 from webapp.files.listing import DERIVED
 from webapp.files.maps.folder import MapFolder, read_map, write_map
 from webapp.files.part_file import discard, move_in
+from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import read_facts
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -137,6 +139,7 @@ class FolderTarget:
         if digest in self._digests.get(len(content), ()):
             discard(photo.file)
             return False
+        around = find_panorama(content, facts, limits=self._settings.photo)
         name = f"{PHOTOS}/{Path(photo.name).stem}.{suffix_of(facts)}"
         move_in(photo.file, self._cfg.parent / name)
         known = photo.known
@@ -147,10 +150,11 @@ class FolderTarget:
             photo=name,
             position=photo.pixel,
             heading_deg=facts.heading_deg if known.heading_deg is None else known.heading_deg,
-            fov_deg=facts.fov_deg if known.fov_deg is None else known.fov_deg,
+            fov_deg=known.fov_deg or (facts.fov_deg if around is None else 360.0),
             gps_accuracy_m=known.accuracy_m,
             taken_at=known.taken_at or facts.taken_at,
             source=known.source,
+            panorama=None if around is None else Panorama(),
         )
         changed = replace(
             the_map,

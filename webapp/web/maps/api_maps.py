@@ -17,13 +17,15 @@ from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
 from webapp.web.context import account, library, open_map
 from webapp.web.fields import Boolean
 from webapp.web.maps import state
-from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState
+from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PanoramaOut
 from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps")
 
 _MOST = 10_000
 """Photos in one edit."""
+
+_KIND_OF = {"x_px": "move", "taken_at": "retime", "panorama": "panorama"}
 
 _EDITED = json_answer("What the edit changed.", EditAnswer)
 
@@ -78,6 +80,12 @@ class PhotoChange(Schema):
             "description": "Local time, where the camera's clock was wrong.",
             "example": "2026-05-31T14:05:00",
         },
+    )
+
+    panorama = Nested(
+        PanoramaOut,
+        allow_none=True,
+        metadata={"description": "It shows the whole sphere, and is twice as wide as high; null: not."},
     )
 
 
@@ -211,7 +219,7 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn one photo; `If-Match` has the revision that you know."""
-    kind = "move" if "x_px" in data else "retime" if "taken_at" in data else "turn"
+    kind = next((kind for field, kind in _KIND_OF.items() if field in data), "turn")
     return _edited(slug, RequestedEdit(kind, {id: data}, seen=_if_match()))
 
 

@@ -19,7 +19,17 @@ from werkzeug.datastructures import FileStorage
 
 from webapp.core.blur import BlurBox
 from webapp.errors import DiskFull, ExpMapError, InputError, PhotoError, UsageError
-from webapp.files.part_file import WrongOffset, append, arrived, check_space, discard, one_at_a_time, receive
+from webapp.files.part_file import (
+    WrongOffset,
+    append,
+    arrived,
+    check_space,
+    discard,
+    one_at_a_time,
+    receive,
+    show_file_as,
+)
+from webapp.files.photos import panorama
 from webapp.files.photos.preview import Kind
 from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
@@ -29,7 +39,7 @@ from webapp.web import pieces
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
-from webapp.web.maps.schemas import BoxOut, EditAnswer, PageQuery, PhotoPage
+from webapp.web.maps.schemas import BoxOut, EditAnswer, PageQuery, PanoramaOut, PhotoPage
 from webapp.web.openapi import file_answer, json_answer
 from webapp.web.sending import as_attachment, send_immutable
 
@@ -185,6 +195,30 @@ def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[st
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         return state.edited(session, row, account=account(), revision=revision)
+
+
+class MaskIn(Schema):
+    """A mask of panoramas."""
+
+    file = File(  # type: ignore[no-untyped-call]
+        required=True, metadata={"description": "an image twice as wide as high, black where it masks"}
+    )
+
+
+@blur_api.post("/mask")
+@blur_api.input(MaskIn, location="files", arg_name="given")
+@blur_api.output(PanoramaOut)
+def read_mask(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
+    """Turn a mask that is an image into boxes, for the `panorama` of photos; nothing is changed."""
+    open_map(slug, "editor")
+    part = library().uploads / f"{secrets.token_hex(16)}.part"
+    try:
+        receive(part, given["file"].stream, max_bytes=int(settings().photo.max_mb * 1e6))
+        with show_file_as(add_photo.tidy_name(given["file"].filename or ""), part):
+            boxes = panorama.read_mask(part, limits=settings().photo)
+    finally:
+        discard(part)
+    return {"masked": [box._asdict() for box in boxes]}
 
 
 class UploadIn(Schema):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from apiflask import Schema
 from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Range
+from apiflask.validators import Length, Range
+
+from webapp.files.photos.panorama import MOST_MASKED
 
 _ROLES = ("owner", "editor", "viewer")
 
@@ -40,6 +42,17 @@ class SourceOut(Schema):
     credit = String(metadata={"description": "The line that has to be shown with the photo."})
 
 
+class PanoramaOut(Schema):
+    """What is said of a photo that shows the whole sphere, equirectangular."""
+
+    masked = List(
+        Nested(BoxOut),
+        load_default=list,
+        validate=Length(max=MOST_MASKED),
+        metadata={"description": "Parts in which nothing is recognised: the robot, the sky."},
+    )
+
+
 class PhotoOut(Schema):
     """A photo of a map; one that was taken out has `id`, `removed` and `revision` alone."""
 
@@ -62,6 +75,11 @@ class PhotoOut(Schema):
     blurred = List(Nested(BoxOut), metadata={"description": "What is blurred in pictures of it."})
     source = Nested(
         SourceOut, allow_none=True, metadata={"description": "Of a photo from a street-level service."}
+    )
+    panorama = Nested(
+        PanoramaOut,
+        allow_none=True,
+        metadata={"description": "Of a panorama: `heading_deg` is where its middle looks, `fov_deg` is 360."},
     )
     preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})

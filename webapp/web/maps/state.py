@@ -202,6 +202,7 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "revision": photo.revision,
         "blurred": photo.blurred or [],
         "source": source_of_photo(photo),
+        "panorama": photo.panorama,
         "preview": f"{address}/preview{look}",
         "thumb": f"{address}/thumb{look}",
     }

@@ -1,0 +1,47 @@
+"""Fields of view of photos, also of those that do not state theirs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.retrieval.engines.segment import Segment
+
+GUESSED_FOV_DEG = 65.0
+"""Of the longer side, where nothing is known: between a webcam (60) and a telephone (70)."""
+
+
+def fields_of_view(
+    known: Sequence[float | None],
+    segments: Sequence[Segment],
+    photo_of_entry: NDArray[np.int64],
+    *,
+    given: float | None,
+) -> NDArray[np.float64]:
+    """Field of view of each photo: from the map, from its EXIF, as given, or guessed.
+
+    Parameters
+    ----------
+    known : sequence of float or None
+        As the map states them.
+    photo_of_entry : (e,) int64
+        As `IndexedMap` has it.
+    """
+    fov = np.array([math.nan if one is None else one for one in known])
+    exif = np.concatenate([s.fov_deg for s in segments])
+    size = np.concatenate([s.photo_size for s in segments])
+    for entry, photo in enumerate(photo_of_entry):
+        if photo >= 0 and math.isnan(fov[photo]):
+            width, height = size[entry]
+            guess = given or guessed_fov_deg(int(width), int(height))
+            fov[photo] = guess if math.isnan(exif[entry]) else exif[entry]
+    return fov
+
+
+def guessed_fov_deg(width: int, height: int) -> float:
+    """Guess the horizontal field of view of a photo from its shape alone."""
+    focal = max(width, height) / 2.0 / math.tan(math.radians(GUESSED_FOV_DEG) / 2.0)
+    return math.degrees(2.0 * math.atan(width / 2.0 / focal))

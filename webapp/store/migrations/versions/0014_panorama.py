@@ -1,0 +1,12 @@
+"""Which photos show the whole sphere, and what is masked in them."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0014"
+down_revision = "0013"
+
+
+def upgrade() -> None:
+    """Add the column."""
+    op.add_column("photo", sa.Column("panorama", sa.JSON(), nullable=True))
