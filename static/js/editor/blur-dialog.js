@@ -36,10 +36,16 @@ export function blurDialog(photo, save) {
 }
 
 /** Boxes over a picture, drawn with a pointer, or added and moved with keys. */
-class Boxes {
-  constructor(frame, all) {
+export class Boxes {
+  /**
+   * @param {*} frame
+   * @param {Object[]} all
+   * @param {{many?: function(number): string}} [words] how their number is said
+   */
+  constructor(frame, all, { many = (n) => tn("{n} box", "{n} boxes", n) } = {}) {
     this.frame = frame;
     this.all = all;
+    this._many = many;
     this.count = h("span", { class: "soft small", role: "status" });
     frame.addEventListener("pointerdown", (event) => this._draw(event));
     this._show();
@@ -51,10 +57,16 @@ class Boxes {
     this.frame.querySelector(".blur-box:last-of-type").focus();
   }
 
+  /** Take other boxes. @param {Object[]} all */
+  replace(all) {
+    this.all = all;
+    this._show();
+  }
+
   _show() {
     for (const old of this.frame.querySelectorAll(".blur-box")) old.remove();
     this.frame.append(...this.all.map((box) => this._element(box)));
-    this.count.textContent = tn("{n} box", "{n} boxes", this.all.length);
+    this.count.textContent = this._many(this.all.length);
   }
 
   _element(box) {

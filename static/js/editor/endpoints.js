@@ -41,6 +41,7 @@ export function endpointsOf(slug) {
     countStreet: (wish) => post(`${map}/street-photos/preview`, wish),
     addStreet: (wish) => post(`${map}/street-photos`, wish),
 
+    readMask: (file) => api(`${map}/photos/mask`, { method: "POST", body: form({ file }) }),
     blur: (id, boxes) => put(`${map}/photos/${id}/blur`, { boxes }),
 
     findings: () => get(`${map}/findings`),

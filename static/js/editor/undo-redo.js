@@ -10,6 +10,7 @@ const KINDS = {
   move: (n) => tn("moving {n} photo", "moving {n} photos", n),
   turn: (n) => tn("turning {n} photo", "turning {n} photos", n),
   retime: (n) => tn("correcting the time of {n} photo", "correcting the times of {n} photos", n),
+  panorama: (n) => tn("changing {n} panorama", "changing {n} panoramas", n),
   unplace: (n) => tn("moving {n} photo back to the tray", "moving {n} photos back to the tray", n),
   remove: (n) => tn("removing {n} photo", "removing {n} photos", n),
   "place-gps": (n) => tn("placing {n} photo by GPS", "placing {n} photos by GPS", n),

@@ -3,6 +3,7 @@
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
+import { PanoramaView } from "../shared/panorama-view.js";
 import { creditLine } from "../shared/photo-credit.js";
 import { matchView } from "./match-view.js";
 
@@ -18,6 +19,7 @@ export class MatchPanel {
     this.of = null;
     this.known = [];
     this.select = byId("matches-photo", HTMLSelectElement);
+    this.around = new PanoramaView(byId("matches-inside", HTMLImageElement));
     session.on("answer query", () => this._load());
     session.on("chosen", () => this._choices());
     store.on("photos", () => this._incomplete && this._choices());
@@ -67,6 +69,7 @@ export class MatchPanel {
       query: { src: query.preview, name: query.name, width: query.width, height: query.height },
       photo: { src: photo.preview, name: photo.name, width: photo.width, height: photo.height },
       lines: match,
+      inside: photo.panorama ? { name: photo.name, src: photo.preview, heading: this.store.heading(photo.id) } : null,
       credit: photo.source ? creditLine(photo.source) : null,
     };
   }
@@ -75,6 +78,8 @@ export class MatchPanel {
     const pair = this._pair;
     const view = byId("matches-view");
     view.replaceChildren(...(pair ? [matchView(pair, { all: this._all, shape: ROOM_IN_PANEL })] : []));
+    byId("matches-around").hidden = !pair?.inside;
+    this.around.show(pair?.inside ?? null, pair?.inside ? middleOf(pair.lines, pair.photo.width) : 0);
     byId("matches-count").replaceChildren(...(pair ? [count(pair.lines), ...behind(pair.credit)] : []));
   }
 
@@ -92,6 +97,14 @@ export class MatchPanel {
     ]);
     dialog.classList.add("lo-dialog");
   }
+}
+
+/** Where in a panorama its inliers are, degrees clockwise from its middle. */
+function middleOf({ photo_xy: points, inlier }, width) {
+  const some = inlier.some(Boolean) ? points.filter((_, n) => inlier[n]) : points;
+  const angles = some.map(([x]) => (2 * Math.PI * x) / width);
+  const sum = (part) => angles.reduce((all, angle) => all + part(angle), 0);
+  return (Math.atan2(sum(Math.sin), sum(Math.cos)) * 180) / Math.PI - 180;
 }
 
 const behind = (part) => (part ? [" · ", part] : []);

@@ -4,6 +4,7 @@ import { copy } from "../shared/clipboard.js";
 import { confirmDialog } from "../shared/dialogs.js";
 import { byId } from "../shared/dom.js";
 import { moment, t, tn } from "../shared/i18n.js";
+import { PanoramaView } from "../shared/panorama-view.js";
 import { PhotoZoom } from "../shared/photo-zoom.js";
 import { shareDialog } from "../shared/share-dialog.js";
 import { toastError } from "../shared/toast.js";
@@ -15,6 +16,12 @@ import { toastError } from "../shared/toast.js";
 export function showQuery({ session, server, slug }, on) {
   const [box, image, frame] = [byId("query"), byId("query-image", HTMLImageElement), byId("query-frame")];
   const zoom = new PhotoZoom(frame, image);
+  const around = new PanoramaView(image);
+  session.on("query live answer chosen", () => {
+    const { query, answer, hypothesis, live } = session;
+    const isPanorama = !live && query?.id && answer?.fov_deg === 360;
+    around.show(isPanorama ? { name: query.name, src: query.preview, heading: hypothesis?.heading_deg ?? null } : null);
+  });
   image.addEventListener("error", () => frame.classList.add("is-broken"));
   image.addEventListener("load", () => frame.classList.remove("is-broken"));
   session.on("query live", () => {

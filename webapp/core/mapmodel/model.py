@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.panorama import LevelView, Panorama, view_id
+from webapp.core.mapmodel.panorama import LevelView, Panorama
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +102,6 @@ class Experience:
     panorama: Panorama | None = None
     view: LevelView | None = None
 
-    @property
-    def picture(self) -> str:
-        """The photo, and which view of it."""
-        return self.photo if self.view is None else f"{self.photo}#{self.view.key}"
-
 
 @dataclass(frozen=True, slots=True)
 class UnplacedPhoto:
@@ -124,30 +118,6 @@ class UnplacedPhoto:
     source: PhotoSource | None = None
     panorama: Panorama | None = None
     view: LevelView | None = None
-
-    @property
-    def picture(self) -> str:
-        """The photo, and which view of it."""
-        return self.photo if self.view is None else f"{self.photo}#{self.view.key}"
-
-
-AnyPhoto = TypeVar("AnyPhoto", Experience, UnplacedPhoto)
-
-
-def level_views(photos: Iterable[AnyPhoto]) -> tuple[AnyPhoto, ...]:
-    """Put the level views of panoramas in their places, with ids and headings of their own."""
-    return tuple(one for photo in photos for one in _views(photo))
-
-
-def _views(photo: AnyPhoto) -> Iterable[AnyPhoto]:
-    if photo.panorama is None:
-        yield photo
-        return
-    middle = photo.heading_deg
-    for number, view in enumerate(photo.panorama.views()):
-        heading = None if middle is None else (middle + view.turn_deg) % 360.0
-        id = view_id(photo.id, number)
-        yield replace(photo, id=id, heading_deg=heading, fov_deg=None, panorama=None, view=view)
 
 
 @dataclass(frozen=True, slots=True)

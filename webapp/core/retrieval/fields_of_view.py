@@ -17,8 +17,8 @@ GUESSED_FOV_DEG = 65.0
 def fields_of_view(
     known: Sequence[float | None],
     segments: Sequence[Segment],
-    photo_of_entry: NDArray[np.int64],
     *,
+    photo_of_entry: NDArray[np.int64],
     given: float | None,
 ) -> NDArray[np.float64]:
     """Field of view of each photo: from the map, from its EXIF, as given, or guessed.

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.core.features.table import FeatureChoice
-from webapp.core.mapmodel.model import Experience, Map, level_views
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.views import level_views, picture_of
 from webapp.errors import IndexDamaged, ProcessLost
 from webapp.files.localize.index_store import IndexFolder, Manifest, PhotoRecord, remove_outdated
 from webapp.files.lock import writer_lock
@@ -170,7 +171,7 @@ def _photos(
     folder = request.cfg.parent
     pictures = level_views(request.map.experiences)
     changed = [e for e in pictures if not is_current(e, old, map_folder=folder)]
-    name_of = {e.id: e.picture for e in changed}
+    name_of = {e.id: picture_of(e) for e in changed}
     described: dict[int, PhotoRecord] = {}
     extracted = 0
     progress.size(len(changed))
@@ -186,7 +187,7 @@ def _photos(
 def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether the index holds the photo as it is on disk now, judged by path, size and time."""
     record = manifest.photos.get(experience.id)
-    if record is None or record.photo != experience.picture or record.error:
+    if record is None or record.photo != picture_of(experience) or record.error:
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 

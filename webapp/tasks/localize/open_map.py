@@ -13,8 +13,9 @@ import numpy as np
 from webapp.core.features.table import EXTRACTORS, FeatureChoice, Method, choose
 from webapp.core.hypotheses.places import MapKind, describe_places
 from webapp.core.landmarks.cloud import LaidCloud
-from webapp.core.mapmodel.model import Experience, Map, level_views
+from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import LevelView, experience_of, experiences_of
+from webapp.core.mapmodel.views import level_views, picture_of
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.flann import Flann
 from webapp.core.retrieval.engines.ivf import InvertedFile
@@ -294,7 +295,7 @@ def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
 def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether a photo that could not be used is still the same file, or still missing."""
     record = manifest.photos[experience.id]
-    if not record.error or record.photo != experience.picture:
+    if not record.error or record.photo != picture_of(experience):
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 
@@ -321,7 +322,7 @@ def _load_latest(
 def _contents(pictures: Sequence[Experience], manifest: Manifest) -> list[str]:
     """Look up the content of each picture; empty where the index has none of it."""
     same = ((manifest.photos.get(e.id), e) for e in pictures)
-    return [r.content if r is not None and r.photo == e.picture else "" for r, e in same]
+    return [r.content if r is not None and r.photo == picture_of(e) else "" for r, e in same]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -363,7 +364,10 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
         ids=ids,
         position=position,
         fov_deg=fields_of_view(
-            [e.fov_deg for e in pictures], segments, photo_of_entry, given=options.map_fov_deg
+            [e.fov_deg for e in pictures],
+            segments,
+            photo_of_entry=photo_of_entry,
+            given=options.map_fov_deg,
         ),
         segments=segments,
         photo_of_entry=photo_of_entry,

@@ -5,9 +5,11 @@ import { accuracyText, clockText } from "../../shared/format.js";
 import { t } from "../../shared/i18n.js";
 import { latLonText } from "../../shared/map/coords.js";
 import { creditLine } from "../../shared/photo-credit.js";
+import { PanoramaView } from "../../shared/panorama-view.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
 import { blurDialog } from "../blur-dialog.js";
+import { isWholeSphere, panoramaDialog } from "./panorama-dialog.js";
 import { openViewer } from "./photo-viewer.js";
 
 /** The panel of the current photo. */
@@ -25,6 +27,7 @@ export class CurrentPhoto {
     this.image = byId("current-image", HTMLImageElement);
     this.picture = new ProgressiveImage(byId("current-frame"), this.image);
     this.zoom = new PhotoZoom(byId("current-frame"), this.image);
+    this.around = new PanoramaView(this.image);
     this._listen();
     this.store.on("current", () => {
       this.zoom.reset();
@@ -39,9 +42,11 @@ export class CurrentPhoto {
     const on = (id, run) => byId(id).addEventListener("click", run);
     on("current-previous", () => commands.step(-1));
     on("current-next", () => commands.step(1));
-    on("current-closer", () => this.zoom.step(1));
-    on("current-farther", () => this.zoom.step(-1));
+    on("current-closer", () => (this.around.isShown ? this.around : this.zoom).step(1));
+    on("current-farther", () => (this.around.isShown ? this.around : this.zoom).step(-1));
     on("current-whole", () => openViewer(commands));
+    on("current-panorama", () => panoramaDialog(commands, this.server));
+    this.around.addEventListener("look", () => this._look());
     on("current-show", () => this.view.reveal(store.position(store.currentId), { margin: 120 }));
     on("current-tray", () => commands.toTray([store.currentId]));
     on("current-blur", () => this._blur(store.current));
@@ -52,6 +57,18 @@ export class CurrentPhoto {
 
   _blur(photo) {
     blurDialog(photo, async (boxes) => this.store.merge(await this.server.blur(photo.id, boxes)));
+  }
+
+  /** Show on the dot where one looks in the panorama. */
+  _look() {
+    const { around, store } = this;
+    store.setLook(store.current?.panorama ? { id: store.currentId, turn: around.turn, fov: around.fov } : null);
+  }
+
+  _inside(photo) {
+    const heading = photo ? this.store.heading(photo.id) : null;
+    this.around.show(photo?.panorama && photo.preview ? { name: photo.name, src: photo.preview, heading } : null);
+    if (photo?.id !== this.store.look?.id) this._look();
   }
 
   _heading(input) {
@@ -75,6 +92,7 @@ export class CurrentPhoto {
     byId("current-some").hidden = !photo;
     this._instruction(photo);
     if (this.picture.show(photo)) this._ahead();
+    this._inside(photo);
     if (!photo) return;
     const position = store.position(photo.id);
     byId("current-name").textContent = photo.name;
@@ -121,6 +139,7 @@ export class CurrentPhoto {
     byId("current-show").hidden = !position;
     byId("current-tray").hidden = !store.canEdit || !position;
     byId("current-blur").hidden = !store.canEdit;
+    byId("current-panorama").hidden = !store.canEdit || !isWholeSphere(photo);
     byId("current-remove").hidden = !store.canEdit;
     byId("current-turn").hidden = !store.canEdit;
   }

@@ -27,6 +27,8 @@ export class MapStore extends EventTarget {
     this.history = { undo: state.undo, redo: state.redo };
     this.pending = new Map();
     this.preview = new Map();
+    /** @type {?{id: number, turn: number, fov: number}} where one looks in a panorama: from its middle, degrees */
+    this.look = null;
     this.placement = null;
     this.currentId = null;
     this.selection = new Set();
@@ -136,6 +138,12 @@ export class MapStore extends EventTarget {
     this.preview = preview;
     this._unplaced = null;
     this.emit("preview");
+  }
+
+  /** Show where one looks in a panorama. @param {?{id: number, turn: number, fov: number}} look */
+  setLook(look) {
+    this.look = look;
+    this.emit("look");
   }
 
   /** Take the answer to an edit, or other people's changes. */

@@ -32,7 +32,7 @@ export class PhotoDots extends CanvasLayer {
     this._stamps = new Map();
     /** @type {Map<number, {x: number, y: number}>} where spread dots are, from their spot on the screen */
     this._fan = new Map();
-    store.on("photos preview current selection placement satellite", this._draw);
+    store.on("photos preview look current selection placement satellite", this._draw);
   }
 
   /** @override @param {L.Map} map */
@@ -191,8 +191,12 @@ export class PhotoDots extends CanvasLayer {
   _wedge(spot, id) {
     const heading = this.store.heading(id);
     if (heading === null) return;
+    this._sector(spot, id, { heading, fov: this.store.photos.get(id)?.fov_deg || GUESSED_FOV });
+  }
+
+  _sector(spot, id, { heading, fov }) {
     const middle = this._angle(spot, heading);
-    const half = (((this.store.photos.get(id)?.fov_deg || GUESSED_FOV) / 2) * Math.PI) / 180;
+    const half = ((fov / 2) * Math.PI) / 180;
     const pen = this._pen;
     pen.beginPath();
     pen.moveTo(spot.x, spot.y);
@@ -244,6 +248,9 @@ export class PhotoDots extends CanvasLayer {
 
   _current(spot, id) {
     this._wedge(spot, id);
+    const { look } = this.store;
+    const middle = this.store.heading(id);
+    if (look?.id === id && middle !== null) this._sector(spot, id, { heading: middle + look.turn, fov: look.fov });
     this._ring(spot, RADIUS + 7, this._ink.current);
     this._dot({ ...spot, ids: [id] }, this._ink.current, true);
     if (!this.store.canEdit) return;
