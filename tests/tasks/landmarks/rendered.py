@@ -22,8 +22,23 @@ def render(x, y, heading):
     """A photo from (x, y), metres to the east and south of a corner, at eye level; heading in radians."""
     column, row = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(TALL) + 0.5 - TALL / 2)
     sine, cosine = np.sin(heading), np.cos(heading)
-    east, south, down = (cosine * column + sine * FOCAL, sine * column - cosine * FOCAL, row)
-    nearest, picture = np.full(column.shape, np.inf), np.zeros(column.shape, np.float32)
+    return _trace(x, y, (cosine * column + sine * FOCAL, sine * column - cosine * FOCAL, row))
+
+
+def render_panorama(x, y, heading, *, wide=1440):
+    """An equirectangular panorama from there; its middle looks there."""
+    around, below = np.meshgrid(
+        ((np.arange(wide) + 0.5) / wide - 0.5) * 2.0 * np.pi + heading,
+        ((np.arange(wide // 2) + 0.5) / (wide // 2) - 0.5) * np.pi,
+    )
+    level = np.cos(below)
+    return _trace(x, y, (level * np.sin(around), -level * np.cos(around), np.sin(below)))
+
+
+def _trace(x, y, direction):
+    """What rays show that go from a point to the east, south and down."""
+    east, south, down = direction
+    nearest, picture = np.full(east.shape, np.inf), np.zeros(east.shape, np.float32)
     for number, (along, to, origin) in enumerate(
         [(east, SIDE, x), (east, 0.0, x), (south, SIDE, y), (south, 0.0, y), (down, 1.6, 0.0)]
     ):

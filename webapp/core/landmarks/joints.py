@@ -16,15 +16,21 @@ _LEAST_SHARED = 20
 """Points that both of two photos see, which hold them together."""
 
 
-def rigid_parts(shared: NDArray[np.int32]) -> list[NDArray[np.int64]]:
+def rigid_parts(
+    shared: NDArray[np.int32], *, frame: NDArray[np.int64] | None = None
+) -> list[NDArray[np.int64]]:
     """Split photos into parts that are held together, the largest first; those in none are left out.
 
     Parameters
     ----------
     shared : (n, n) int32
         Points that two photos both see.
+    frame : (n,) int64, optional
+        Photos of one frame hold together: views of a panorama, which count as one photo. By default each is
+        one of its own.
     """
-    strong = shared >= _LEAST_SHARED
+    own = np.arange(len(shared)) if frame is None else frame
+    strong = (shared >= _LEAST_SHARED) | (own[:, None] == own)
     part = np.full(len(shared), -1, np.int64)
     for seed in range(len(shared)):
         if part[seed] >= 0:
@@ -37,4 +43,5 @@ def rigid_parts(shared: NDArray[np.int32]) -> list[NDArray[np.int64]]:
             inside |= border
         part[inside] = seed
     parts = [np.flatnonzero(part == seed) for seed in np.unique(part)]
-    return sorted((p for p in parts if len(p) >= LEAST_PHOTOS), key=len, reverse=True)
+    enough = (p for p in parts if len(np.unique(own[p])) >= LEAST_PHOTOS)
+    return sorted(enough, key=len, reverse=True)

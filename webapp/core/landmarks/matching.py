@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,39 @@ Pairs = NDArray[np.int64]
 """(k, 2), the lower number first, each pair once, in rising order."""
 
 
-def choose_pairs(descriptors: Sequence[NDArray[np.uint8]], *, at: NDArray[np.complex128]) -> Pairs:
-    """Choose the pairs to compare.
+@dataclass(frozen=True, slots=True, eq=False)
+class Views:
+    """Of which photo each of p pictures is, and which view of a panorama.
+
+    Attributes
+    ----------
+    photo : (p,) int64
+        Rising, without gaps.
+    turn_deg : (p,) int64
+        By how much a view is turned from the middle of its panorama; -1 for a photo that is none.
+    """
+
+    photo: NDArray[np.int64]
+    turn_deg: NDArray[np.int64]
+
+    @classmethod
+    def none(cls, count: int) -> Views:
+        """Make those of pictures that are a photo each."""
+        return cls(np.arange(count), np.full(count, -1))
+
+    def between(self, one: int, other: int) -> Iterator[tuple[int, int]]:
+        """Pair the pictures of two photos; of two panoramas those that are turned alike."""
+        for first in np.flatnonzero(self.photo == one).tolist():
+            for second in np.flatnonzero(self.photo == other).tolist():
+                turns = self.turn_deg[first], self.turn_deg[second]
+                if min(turns) < 0 or turns[0] == turns[1]:
+                    yield first, second
+
+
+def choose_pairs(
+    descriptors: Sequence[NDArray[np.uint8]], *, at: NDArray[np.complex128], views: Views | None = None
+) -> Pairs:
+    """Choose the pairs to compare; never two views of one panorama, which differ by a rotation that is known.
 
     Parameters
     ----------
@@ -34,13 +66,19 @@ def choose_pairs(descriptors: Sequence[NDArray[np.uint8]], *, at: NDArray[np.com
         Of each photo, the strongest first; the photos in the order in which they were taken.
     at : (p,) complex128
         Where they are, map pixels; NaN where unknown.
+    views : Views, optional
+        By default each is a photo of its own.
     """
     count = len(descriptors)
     if count < 2:
         return np.zeros((0, 2), np.int64)
+    of = views or Views.none(count)
     some = np.array([len(one) > 0 for one in descriptors], np.bool_)
-    ahead = [(i, i + step) for step in range(1, _AHEAD + 1) for i in range(count - step)]
-    chosen = np.array([*ahead, *_nearest(at), *_voted(descriptors)], np.int64).reshape(-1, 2)
+    photos = int(of.photo[-1]) + 1
+    ahead = [(i, i + step) for step in range(1, _AHEAD + 1) for i in range(photos - step)]
+    near = _nearest(at[np.unique(of.photo, return_index=True)[1]])
+    in_order = [pair for one, other in dict.fromkeys([*ahead, *near]) for pair in of.between(one, other)]
+    chosen = np.array([*in_order, *_voted(descriptors, of.photo)], np.int64).reshape(-1, 2)
     chosen = chosen[some[chosen].all(1)]
     return np.unique(np.sort(chosen, axis=1), axis=0)
 
@@ -56,7 +94,7 @@ def _nearest(at: NDArray[np.complex128]) -> list[tuple[int, int]]:
     return [(one, other) for one, other in found if one != other]
 
 
-def _voted(descriptors: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int]]:
+def _voted(descriptors: Sequence[NDArray[np.uint8]], of_photo: NDArray[np.int64]) -> list[tuple[int, int]]:
     """List the photos that each one's descriptors vote for: by the distance that a neighbour is nearer by."""
     voting = [np.ascontiguousarray(one[:_VOTING]) for one in descriptors]
     owner = np.repeat(np.arange(len(voting)), [len(one) for one in voting])
@@ -71,7 +109,7 @@ def _voted(descriptors: Sequence[NDArray[np.uint8]]) -> list[tuple[int, int]]:
         reach = np.where(np.isfinite(near.distance), near.distance, 0.0)
         weight = np.maximum(reach.max(1, keepdims=True, initial=0.0) - near.distance, 0.0)
         photo = owner[near.row]
-        elsewhere = (near.row >= 0) & (photo != number)
+        elsewhere = (near.row >= 0) & (of_photo[photo] != of_photo[number])
         votes = np.bincount(photo[elsewhere], weights=weight[elsewhere], minlength=len(voting))
         best = np.argsort(-votes, kind="stable")[:_VOTED]
         found += [(number, int(other)) for other in best if votes[other] > 0.0]

@@ -48,6 +48,27 @@ class RigidPiece:
         return len(self.photo)
 
 
+def turn_of_view(turn_deg: float) -> Array:
+    """Compute the (3, 3) rotation from the middle of a panorama to a level view turned clockwise from it."""
+    sine, cosine = np.sin(np.radians(turn_deg)), np.cos(np.radians(turn_deg))
+    return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+
+
+def of_photos(piece: RigidPiece, *, photo: NDArray[np.int64], turn_deg: NDArray[np.int64]) -> RigidPiece:
+    """Give a piece of pictures the photos instead: for a panorama one camera that looks as its middle does.
+
+    Parameters
+    ----------
+    photo : (n,) int64
+        Of each picture of the piece.
+    turn_deg : (n,) int64
+        By how much each is turned clockwise from the middle of its panorama; 0 for a photo that is none.
+    """
+    first = np.sort(np.unique(photo, return_index=True)[1])
+    middle = np.array([turn_of_view(turn_deg[row]).T @ piece.rotation[row] for row in first])
+    return RigidPiece(photo[first], piece.centre[first], middle.reshape(-1, 3, 3), piece.error_rate)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanView:
     """A piece seen from above; positions are complex numbers, x to the right and y down as in an image.

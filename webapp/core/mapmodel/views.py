@@ -9,7 +9,7 @@ from typing import TypeVar
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.core.mapmodel.panorama import view_id
 
-OnePhoto = TypeVar("OnePhoto", Experience, UnplacedPhoto)
+OnePhoto = TypeVar("OnePhoto", bound=Experience | UnplacedPhoto)
 
 
 def level_views(photos: Iterable[OnePhoto]) -> tuple[OnePhoto, ...]:
@@ -20,6 +20,11 @@ def level_views(photos: Iterable[OnePhoto]) -> tuple[OnePhoto, ...]:
 def picture_of(photo: Experience | UnplacedPhoto) -> str:
     """Return the name of a photo's file, and which view of it this is."""
     return photo.photo if photo.view is None else f"{photo.photo}#{photo.view.key}"
+
+
+def content_of(photo: Experience | UnplacedPhoto, sha256: str) -> str:
+    """Return what stands for the pixels of a photo, or of a view, whose file has that SHA-256."""
+    return sha256 if photo.view is None else photo.view.content(sha256)
 
 
 def _views(photo: OnePhoto) -> Iterator[OnePhoto]:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.cloud import LandmarkCloud, observed_twice
-from webapp.core.landmarks.joints import rigid_parts
 from webapp.errors import IndexDamaged
 from webapp.files.landmarks.colmap import StoredPieces, as_model, pycolmap
 from webapp.files.localize.arrays import read_arrays, write_arrays
@@ -59,7 +58,7 @@ def read_models(
     for folder in folders:
         reconstruction = pycolmap().Reconstruction(folder)
         model = as_model(reconstruction)
-        for part in rigid_parts(model.shared):
+        for part in model.parts():
             photos = {
                 model.contents[i]: number[model.contents[i]] for i in part if model.contents[i] in number
             }

@@ -6,9 +6,6 @@ by their content in it. pycolmap is the extra `sfm`.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,19 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.types import Features
 from webapp.core.landmarks.joints import rigid_parts
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.errors import IndexDamaged
 from webapp.extras import extra
 from webapp.files.atomic import storage_error
 from webapp.files.localize.arrays import read_arrays, write_arrays
-
-LEAST_INLIERS = 15
-"""Matches that agree with one relative pose, below which two photos are not taken to see the same."""
-
-_TRIALS = 2000
-"""Of the random sampling of a relative pose."""
 
 PIECES_FILE = "pieces.arrays"
 _FORMAT = 2
@@ -51,139 +41,6 @@ def pycolmap() -> ModuleType:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StoredPhoto:
-    """A photo in the database.
-
-    Attributes
-    ----------
-    xy : (n, 2) float64
-        Its keypoints, pixels from the outer corner of the top-left one, as COLMAP counts them.
-    descriptors : (n, d) uint8
-    """
-
-    id: int
-    camera: Any
-    xy: NDArray[np.float64]
-    descriptors: NDArray[np.uint8]
-
-
-class MatchDatabase:
-    """Keypoints of photos, and which pairs were compared, with what they have in common.
-
-    Parameters
-    ----------
-    path : Path
-        Is made where there is none. One that is damaged is made anew.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._colmap = pycolmap()
-        try:
-            self._read()
-        except RuntimeError:
-            for file in (path, *path.parent.glob(f"{path.name}-*")):
-                file.unlink(missing_ok=True)
-            self._read()
-
-    def _read(self) -> None:
-        self._database = self._colmap.Database.open(self.path)
-        self._ids = {image.name: image.image_id for image in self._database.read_all_images()}
-        keys, counts = self._database.read_two_view_geometry_num_inliers()
-        self._inliers = {
-            tuple(sorted(self._colmap.pair_id_to_image_pair(key))): count
-            for key, count in zip(keys, counts, strict=True)
-        }
-        self._cameras = {_camera_key(c): c for c in self._database.read_all_cameras()}
-
-    def close(self) -> None:
-        """Close the file."""
-        self._database.close()
-
-    def add(self, content: str, features: Features, *, fov_deg: float, is_guessed: bool) -> StoredPhoto:
-        """Add a photo, unless it is there; photos of one size and field of view have one camera.
-
-        Parameters
-        ----------
-        fov_deg : float
-            Horizontal, of the upright photo.
-        is_guessed : bool
-            Whether it is a guess; otherwise the reconstruction trusts it more.
-        """
-        width, height = features.photo_size
-        focal = width / 2.0 / math.tan(math.radians(fov_deg) / 2.0)
-        key = (width, height, round(focal, 3))
-        if key not in self._cameras:
-            camera = self._colmap.Camera(
-                model="SIMPLE_RADIAL",
-                width=width,
-                height=height,
-                params=[round(focal, 3), width / 2.0, height / 2.0, 0.0],
-            )
-            camera.has_prior_focal_length = not is_guessed
-            camera.camera_id = self._database.write_camera(camera)
-            rig = self._colmap.Rig(rig_id=camera.camera_id)
-            rig.add_ref_sensor(camera.sensor_id)
-            self._database.write_rig(rig, use_rig_id=True)
-            self._cameras[key] = camera
-        camera, xy = self._cameras[key], features.xy.astype(np.float64) + 0.5
-        if content not in self._ids:
-            image = self._colmap.Image(name=content, camera_id=camera.camera_id)
-            image.image_id = self._database.write_image(image)
-            frame = self._colmap.Frame(frame_id=image.image_id, rig_id=camera.camera_id)
-            frame.add_data_id(image.data_id)
-            self._database.write_frame(frame, use_frame_id=True)
-            self._ids[content] = image.image_id
-        if not self._database.exists_keypoints(self._ids[content]):
-            self._database.write_keypoints(self._ids[content], xy.astype(np.float32))
-        return StoredPhoto(self._ids[content], camera, xy, features.descriptors)
-
-    def is_compared(self, one: StoredPhoto, other: StoredPhoto) -> bool:
-        """Return whether two photos were compared, now or earlier."""
-        return bool(self._database.exists_two_view_geometry(one.id, other.id))
-
-    def verify(self, one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32]) -> Any:
-        """Find the relative pose that most matches agree with; safe in several threads at once."""
-        options = self._colmap.TwoViewGeometryOptions()
-        options.min_num_inliers = LEAST_INLIERS
-        options.ransac.random_seed = 1
-        options.ransac.max_num_trials = _TRIALS
-        if len(matches) < LEAST_INLIERS:
-            return self._colmap.TwoViewGeometry()
-        estimate = self._colmap.estimate_calibrated_two_view_geometry
-        return estimate(one.camera, one.xy, other.camera, other.xy, matches, options)
-
-    def keep(self, one: StoredPhoto, other: StoredPhoto, *, geometry: Any) -> None:
-        """Keep what two photos have in common, or that they have nothing in common."""
-        count = len(geometry.inlier_matches)
-        found = geometry if count >= LEAST_INLIERS else self._colmap.TwoViewGeometry()
-        self._database.write_two_view_geometry(one.id, other.id, found)
-        if count >= LEAST_INLIERS:
-            self._database.write_matches(one.id, other.id, geometry.inlier_matches)
-            self._inliers[tuple(sorted((one.id, other.id)))] = count
-
-    def joined(self, contents: Iterable[str]) -> list[str]:
-        """List those of the photos that see the same as another one in the database."""
-        seen = {id for pair, count in self._inliers.items() if count >= LEAST_INLIERS for id in pair}
-        return [content for content in contents if self._ids.get(content) in seen]
-
-    def signature(self, contents: Iterable[str]) -> str:
-        """Stand for these photos and what they have in common; 64 hexadecimal characters."""
-        name_of = {id: name for name, id in self._ids.items()}
-        chosen = set(contents)
-        pairs = [
-            (name_of[one], name_of[other], count)
-            for (one, other), count in self._inliers.items()
-            if {name_of[one], name_of[other]} <= chosen and count >= LEAST_INLIERS
-        ]
-        return hashlib.sha256(json.dumps([sorted(chosen), sorted(pairs)]).encode()).hexdigest()
-
-
-def _camera_key(camera: Any) -> tuple[int, int, float]:
-    return camera.width, camera.height, round(float(camera.params[0]), 3)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Model:
     """A model that the mapper made; n photos.
 
@@ -196,12 +53,19 @@ class Model:
         Camera from world.
     shared : (n, n) int32
         Points of the model that two photos both see.
+    frame : (n,) int64
+        The same number for the views of a panorama.
     """
 
     contents: list[str]
     centre: NDArray[np.float64]
     rotation: NDArray[np.float64]
     shared: NDArray[np.int32]
+    frame: NDArray[np.int64]
+
+    def parts(self) -> list[NDArray[np.int64]]:
+        """Split its photos into parts that are held together; see `rigid_parts`."""
+        return rigid_parts(self.shared, frame=self.frame)
 
 
 def as_model(reconstruction: Any) -> Model:
@@ -218,6 +82,7 @@ def as_model(reconstruction: Any) -> Model:
         np.array([image.projection_center() for image in images]).reshape(-1, 3),
         np.array([image.cam_from_world().rotation.matrix() for image in images]).reshape(-1, 3, 3),
         shared,
+        np.array([image.frame_id for image in images], np.int64),
     )
 
 
@@ -291,7 +156,7 @@ def split_models(folders: Iterable[Path], stored: StoredPieces) -> list[tuple[Pa
     found: dict[int, tuple[Path, RigidPiece]] = {}
     for folder in folders:
         model = as_model(pycolmap().Reconstruction(folder))
-        for part in rigid_parts(model.shared):
+        for part in model.parts():
             photo = np.array([number.get(model.contents[i], -1) for i in part], np.int64)
             piece = wanted.get(frozenset(photo.tolist()))
             if piece is not None:

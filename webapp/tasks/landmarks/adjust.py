@@ -92,14 +92,15 @@ def adjust_pieces(
                 contents=stored.contents,
                 progress=progress,
             )
-            numbers = tuple(found.number_of[stored.contents[n]] for n in piece.photo.tolist())
+            photos_of = (found.number_of[stored.contents[n]] for n in piece.photo.tolist())
+            numbers = tuple(dict.fromkeys(photos_of))
             off = {} if problem else _residuals(pieces[number], known)
             residual = {found.number_of[stored.contents[n]]: value for n, value in off.items()}
             report.append(AdjustedPiece(numbers, problem, residual))
         stored = replace(stored, pieces=tuple(pieces), adjusted=state)
         write_pieces(found.folder / PIECES_FILE, stored)
         keep_cloud(found.folder, stored)
-    return replace(found, pieces=tuple(renumbered(stored, found.number_of))), report
+    return replace(found, pieces=tuple(renumbered(stored, found.number_of, turn_of=found.turn_of))), report
 
 
 def _state(known: KnownPositions) -> str:

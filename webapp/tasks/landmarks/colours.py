@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.cloud import LandmarkCloud
+from webapp.core.mapmodel.panorama import LevelView
 from webapp.errors import MapError, PhotoError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.points import COLOURS_FILE, read_colours, write_colours
 from webapp.files.maps.folder import photo_path
+from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_facts, read_upright
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
@@ -49,7 +51,8 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
             return None
         try:
             path = photo_path(cfg, found.photos[photo].photo)
-            return _sample(path, cloud, number, limits=limits)
+            turn_deg = found.turn_of.get(cloud.contents[number])
+            return _sample(path, cloud, number, turn_deg=turn_deg, limits=limits)
         except (PhotoError, MapError, OSError):
             return None  # it has gone since: other photos see the points, too
 
@@ -69,12 +72,18 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
     write_colours(file, colours, key=stored.key)
 
 
-def _sample(path: Path, cloud: LandmarkCloud, number: int, *, limits: PhotoLimits) -> Sampled:
-    """Look up the colours where a photo sees points; red, green, blue."""
+def _sample(
+    path: Path, cloud: LandmarkCloud, number: int, *, turn_deg: int | None, limits: PhotoLimits
+) -> Sampled:
+    """Look up the colours where a photo, or a view of a panorama, sees points; red, green, blue."""
     rows = slice(int(cloud.first[number]), int(cloud.first[number + 1]))
-    full = read_facts(path, limits=limits)
-    pixels = read_upright(path, limits=limits, max_side=_SIDE_PX)
-    scale = max(pixels.shape[:2]) / max(full.width, full.height)
+    if turn_deg is None:
+        full = read_facts(path, limits=limits)
+        pixels = read_upright(path, limits=limits, max_side=_SIDE_PX)
+        scale = max(pixels.shape[:2]) / max(full.width, full.height)
+    else:
+        pixels, _ = cut_level_view(read_upright(path, limits=limits), LevelView(turn_deg))
+        scale = 1.0
     column, row = np.floor((cloud.seen_xy[rows] + 0.5) * scale).astype(np.int64).T
     high, wide = pixels.shape[:2]
     rgb = pixels[np.clip(row, 0, high - 1), np.clip(column, 0, wide - 1), ::-1]

@@ -21,8 +21,9 @@ class ExportedModel:
 
 
 def names_of_photos(found: Reconstruction) -> dict[str, str]:
-    """Return what the photos are called on the map, by the SHA-256 of their files."""
-    return {content: found.photos[number].photo for content, number in found.number_of.items()}
+    """Return what the photos are called on the map, by the SHA-256 of their files; views with their turns."""
+    names = {content: found.photos[number].photo for content, number in found.number_of.items()}
+    return names | {content: f"{names[content]}#{turn:03}" for content, turn in found.turn_of.items()}
 
 
 def export_models(

@@ -9,6 +9,7 @@ import numpy as np
 
 from webapp.core.landmarks.placing import KnownPositions
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
+from webapp.core.mapmodel.panorama import experience_of
 
 _CLICK_PX = 1.0
 """Standard deviation of a position that somebody clicked."""
@@ -20,11 +21,16 @@ AnyPhoto = Experience | UnplacedPhoto
 
 
 def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPositions:
-    """Gather the positions of photos, and how exact they are; those that are None have none."""
+    """Gather the positions of photos, and how exact they are; those that are None have none.
+
+    Of several views of a panorama the first has its position: they share it, and say nothing of each other.
+    """
+    seen: set[int] = set()
     at = np.full(len(photos), complex(math.nan, math.nan))
     sigma = np.full(len(photos), _CLICK_PX)
     for number, photo in enumerate(photos):
-        if isinstance(photo, Experience):
+        if isinstance(photo, Experience) and experience_of(photo.id) not in seen:
+            seen.add(experience_of(photo.id))
             at[number] = complex(*photo.position)
             if photo.gps_accuracy_m is not None and the_map.georeference is not None:
                 accuracy_px = photo.gps_accuracy_m / the_map.georeference.metres_per_pixel(photo.position)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +14,17 @@ from numpy.typing import NDArray
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.geo.types import MapPixel
-from webapp.core.landmarks.joints import LEAST_PHOTOS, rigid_parts
-from webapp.core.landmarks.matching import choose_pairs, match_mutually
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.joints import LEAST_PHOTOS
+from webapp.core.landmarks.matching import Views, choose_pairs, match_mutually
+from webapp.core.landmarks.pieces import RigidPiece, of_photos
 from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.views import content_of, level_views
 from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, read_models, write_cloud
-from webapp.files.landmarks.colmap import (
-    PIECES_FILE,
-    MatchDatabase,
-    StoredPhoto,
-    StoredPieces,
-    read_pieces,
-    write_pieces,
-)
+from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, read_pieces, write_pieces
+from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, ViewFeatures
 from webapp.files.listing import natural_key
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest
@@ -63,7 +59,10 @@ class Reconstruction:
     folder : Path
         Where all of it is kept.
     number_of : mapping of str to int
-        Numbers of the photos that could be read, by the SHA-256 of their files.
+        Numbers of the photos that could be read, by the SHA-256 of their files; those of panoramas by what
+        stands for their views.
+    turn_of : mapping of str to int
+        Of the views among them: by how much they are turned from the middle of their panoramas.
     """
 
     photos: tuple[AnyPhoto, ...]
@@ -71,6 +70,7 @@ class Reconstruction:
     problems: Mapping[int, str]
     folder: Path
     number_of: Mapping[str, int]
+    turn_of: Mapping[str, int] = field(default_factory=dict)
 
 
 def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progress) -> Reconstruction:
@@ -86,25 +86,37 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
     StorageError, ProcessLost, Cancelled
     """
     photos = _in_order(the_map)
+    pictures: list[AnyPhoto] = []
+    owner: list[int] = []
+    for number, photo in enumerate(photos):
+        views = level_views([photo])
+        pictures += views
+        owner += [number] * len(views)
     folder = landmarks_folder(cfg)
     with writer_lock(folder):
         entries, problems = _describe(
-            cfg, the_map, photos, folder=folder, settings=settings, progress=progress
+            cfg, the_map, pictures, folder=folder, settings=settings, progress=progress
         )
         numbers = sorted(entries)
+        turns = [-1 if (view := pictures[n].view) is None else view.turn_deg for n in numbers]
+        photo_of = np.unique([owner[n] for n in numbers], return_inverse=True)[1]
         database = MatchDatabase(folder / "matches.db")
         try:
-            stored = [_add(database, photos[n], entries[n]) for n in numbers]
-            at = np.array([_position(photos[n]) for n in numbers], np.complex128)
-            _compare(database, stored, at=at, progress=progress)
+            stored = _add_all(database, [(pictures[n], entries[n]) for n in numbers], photo_of=photo_of)
+            at = np.array([_position(pictures[n]) for n in numbers], np.complex128)
+            views_of = Views(photo_of, np.array(turns, np.int64))
+            _compare(database, stored, at=at, views=views_of, progress=progress)
             contents = database.joined(dict.fromkeys(entries[n].content for n in numbers))
             key = database.signature(contents)
         finally:
             database.close()
         pieces = _pieces(folder, database.path, contents=contents, key=key, progress=progress)
         keep_cloud(folder, pieces)
-    number_of = {entries[n].content: n for n in reversed(numbers)}
-    return Reconstruction(photos, tuple(renumbered(pieces, number_of)), problems, folder, number_of)
+    number_of = {entries[n].content: owner[n] for n in reversed(numbers)}
+    turn_of = {entries[n].content: turn for n, turn in zip(numbers, turns, strict=True) if turn >= 0}
+    found = tuple(renumbered(pieces, number_of, turn_of=turn_of))
+    why = {owner[n]: problem for n, problem in problems.items()}
+    return Reconstruction(photos, found, why, folder, number_of, turn_of)
 
 
 def _in_order(the_map: Map) -> tuple[AnyPhoto, ...]:
@@ -137,7 +149,10 @@ def _describe(
     there = {n: _described(cfg, one, index) for n, one in enumerate(photos)}
     entries = {n: entry for n, entry in there.items() if entry is not None}
     progress.advance(len(entries))
-    new = [Experience(n, one.photo, MapPixel(0.0, 0.0)) for n, one in enumerate(photos) if n not in entries]
+    nowhere = MapPixel(0.0, 0.0)
+    new = [
+        Experience(n, one.photo, nowhere, view=one.view) for n, one in enumerate(photos) if n not in entries
+    ]
     problems = {}
     for done in describe_all(
         new,
@@ -157,9 +172,26 @@ def _describe(
 def _described(cfg: Path, photo: AnyPhoto, index: IndexFolder) -> PhotoEntry | None:
     """Read what is known of a photo from earlier; None where it is to be described, or cannot be."""
     try:
-        return read_segment(index.spool_path(sha256_of(photo_path(cfg, photo.photo)))).entry(0)
+        content = content_of(photo, sha256_of(photo_path(cfg, photo.photo)))
+        return read_segment(index.spool_path(content)).entry(0)
     except (OSError, MapError, IndexDamaged):
         return None
+
+
+def _add_all(
+    database: MatchDatabase, pictures: Sequence[tuple[AnyPhoto, PhotoEntry]], *, photo_of: NDArray[np.int64]
+) -> list[StoredPhoto]:
+    """Add photos, and the views of panoramas together."""
+    stored: list[StoredPhoto] = []
+    for _, together in groupby(zip(photo_of, pictures, strict=True), key=lambda pair: pair[0]):
+        some = [picture for _, picture in together]
+        views = [
+            ViewFeatures(entry.content, entry.features, one.view.turn_deg, entry.fov_deg)
+            for one, entry in some
+            if one.view is not None
+        ]
+        stored += database.add_panorama(views) if views else [_add(database, *some[0])]
+    return stored
 
 
 def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredPhoto:
@@ -171,11 +203,16 @@ def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredP
 
 
 def _compare(
-    database: MatchDatabase, photos: Sequence[StoredPhoto], *, at: NDArray[np.complex128], progress: Progress
+    database: MatchDatabase,
+    photos: Sequence[StoredPhoto],
+    *,
+    at: NDArray[np.complex128],
+    views: Views,
+    progress: Progress,
 ) -> None:
     """Compare pairs that have not been compared; each is kept when it is finished."""
     progress.note("finding photos that show the same")
-    pairs = choose_pairs([photo.descriptors for photo in photos], at=at)
+    pairs = choose_pairs([photo.descriptors for photo in photos], at=at, views=views)
     waiting = [
         (photos[one], photos[other])
         for one, other in pairs.tolist()
@@ -239,14 +276,17 @@ def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Pro
             break
         job = MappingJob(database, folder, tuple(left), is_incremental)
         for model in run_mapper(job, progress=progress):
-            for part in rigid_parts(model.shared):
+            for part in model.parts():
                 numbers = np.array([number[model.contents[i]] for i in part], np.int64)
                 pieces.append(RigidPiece(numbers, model.centre[part], model.rotation[part]))
     return sorted(pieces, key=len, reverse=True)
 
 
-def renumbered(stored: StoredPieces, number_of: Mapping[str, int]) -> Iterator[RigidPiece]:
+def renumbered(
+    stored: StoredPieces, number_of: Mapping[str, int], *, turn_of: Mapping[str, int]
+) -> Iterator[RigidPiece]:
     """Give pieces the numbers of the photos as they are now."""
     numbers = np.array([number_of[content] for content in stored.contents], np.int64)
+    turns = np.array([turn_of.get(content, 0) for content in stored.contents], np.int64)
     for piece in stored.pieces:
-        yield replace(piece, photo=numbers[piece.photo])
+        yield of_photos(piece, photo=numbers[piece.photo], turn_deg=turns[piece.photo])

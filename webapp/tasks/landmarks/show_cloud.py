@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, lay_cloud
 from webapp.core.landmarks.placing import LaidPiece, NotLaid, lay_piece
 from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.panorama import experience_of
+from webapp.core.mapmodel.views import content_of, level_views
 from webapp.errors import NotFound
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, read_pieces
@@ -101,7 +103,7 @@ class _Task:
     rgb: Colours | None
     the_map: Map
     photos: Mapping[str, AnyPhoto]
-    """By the SHA-256 of their files."""
+    """By the SHA-256 of their files; of panoramas the views, by what stands for them."""
 
     @property
     def key(self) -> str:
@@ -120,8 +122,8 @@ class _Task:
     def shown(self) -> ShownCloud:
         points = read_points(self.folder / POINTS_FILE)
         described = IndexFolder(self.folder)
-        new = sum(not described.spool_path(content).exists() for content in self.photos)
-        return ShownCloud(points, points is not None and points.key == self.key, new)
+        new = {experience_of(p.id) for c, p in self.photos.items() if not described.spool_path(c).exists()}
+        return ShownCloud(points, points is not None and points.key == self.key, len(new))
 
 
 def _task(library: Library, record: MapRecord) -> _Task | None:
@@ -136,7 +138,7 @@ def _task(library: Library, record: MapRecord) -> _Task | None:
     if found is None:
         return None
     everyone: list[AnyPhoto] = [*found.experiences, *found.unplaced]
-    photos = {own[photo.id]: photo for photo in everyone}
+    photos = {content_of(one, own[experience_of(one.id)]): one for one in level_views(everyone)}
     rgb = read_colours(folder / COLOURS_FILE, key=stored.key)
     return _Task(folder, stored, pieces, rgb, found, photos)
 
@@ -216,7 +218,7 @@ def _cameras(
     """List the cameras of photos that are still on the map or in its tray."""
     return [
         {
-            "id": one.id,
+            "id": experience_of(one.id),
             "at": [round(x, 3) for x in centre],
             "rotation": [[round(x, 4) for x in axis] for axis in rotation],
             "focal_px": round(float(focal_px[number]), 1),
@@ -235,6 +237,6 @@ def _left_out(
     found: dict[str, list[int]] = {}
     for piece, result in zip(pieces.pieces, laid, strict=True):
         if isinstance(result, NotLaid):
-            there = [one.id for number in piece.photo.tolist() if (one := photos[number]) is not None]
-            found.setdefault(result.reason, []).extend(there)
+            there = (one.id for number in piece.photo.tolist() if (one := photos[number]) is not None)
+            found.setdefault(result.reason, []).extend(dict.fromkeys(map(experience_of, there)))
     return [{"photos": ids, "reason": reason} for reason, ids in found.items()]

@@ -16,6 +16,7 @@ from sqlalchemy import select
 from webapp.errors import NotFound
 from webapp.extras import require
 from webapp.files.landmarks.points import MapPoints, as_ply
+from webapp.files.maps.map_json import parse_panorama
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
@@ -168,7 +169,12 @@ def colmap(slug: str, query: dict[str, str]) -> Response:
     if not model_folders(folder):
         raise NotFound(_NONE, hint=_HINT)
     with library().database.read() as session:
-        names = {photo.sha256: photo.path for photo in maps.photos(session, record)}
+        photos = maps.photos(session, record)
+        names = {photo.sha256: photo.path for photo in photos}
+        for photo in photos:
+            around = parse_panorama(photo.panorama, where=photo.path)
+            for view in () if around is None else around.views():
+                names[view.content(photo.sha256)] = f"{photo.path}#{view.turn_deg:03}"
     spool = tempfile.SpooledTemporaryFile(_SPOOL_BYTES)  # noqa: SIM115 the answer closes it
     with tempfile.TemporaryDirectory() as out, zipfile.ZipFile(spool, "w", zipfile.ZIP_DEFLATED) as archive:
         export_models(folder, Path(out), names=names, binary=query["form"] == "binary")

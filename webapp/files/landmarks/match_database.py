@@ -1,0 +1,232 @@
+"""COLMAP's database: keypoints of photos, and which pairs have what in common (pycolmap)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.features.types import Features
+from webapp.core.landmarks.pieces import turn_of_view
+from webapp.files.landmarks.colmap import pycolmap
+
+LEAST_INLIERS = 15
+"""Matches that agree with one relative pose, below which two photos are not taken to see the same."""
+
+_TRIALS = 2000
+"""Of the random sampling of a relative pose."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredPhoto:
+    """A photo in the database.
+
+    Attributes
+    ----------
+    xy : (n, 2) float64
+        Its keypoints, pixels from the outer corner of the top-left one, as COLMAP counts them.
+    descriptors : (n, d) uint8
+    """
+
+    id: int
+    camera: Any
+    xy: NDArray[np.float64]
+    descriptors: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewFeatures:
+    """Keypoints of a level view of a panorama.
+
+    Attributes
+    ----------
+    content : str
+        What stands for the view, as the SHA-256 of a file does for a photo.
+    turn_deg : int
+        By how much it is turned clockwise from the middle of the panorama.
+    fov_deg : float
+        Horizontal.
+    """
+
+    content: str
+    features: Features
+    turn_deg: int
+    fov_deg: float
+
+
+_Lens = tuple[int, int, float]
+"""Width, height and focal length, pixels."""
+
+
+class MatchDatabase:
+    """Keypoints of photos, and which pairs were compared, with what they have in common.
+
+    Parameters
+    ----------
+    path : Path
+        Is made where there is none. One that is damaged is made anew.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._colmap = pycolmap()
+        try:
+            self._read()
+        except RuntimeError:
+            for file in (path, *path.parent.glob(f"{path.name}-*")):
+                file.unlink(missing_ok=True)
+            self._read()
+
+    def _read(self) -> None:
+        self._database = self._colmap.Database.open(self.path)
+        self._ids = {image.name: image.image_id for image in self._database.read_all_images()}
+        keys, counts = self._database.read_two_view_geometry_num_inliers()
+        self._inliers = {
+            tuple(sorted(self._colmap.pair_id_to_image_pair(key))): count
+            for key, count in zip(keys, counts, strict=True)
+        }
+        cameras = {camera.camera_id: camera for camera in self._database.read_all_cameras()}
+        self._cameras: dict[_Lens, Any] = {}
+        self._rigs: dict[_Lens, tuple[int, list[Any]]] = {}
+        for rig in self._database.read_all_rigs():
+            own = [cameras[sensor.id] for sensor in sorted(rig.sensor_ids(), key=lambda s: s.id)]
+            if len(own) == 1:
+                self._cameras[_lens_of(own[0])] = own[0]
+            else:
+                self._rigs[_lens_of(own[0])] = rig.rig_id, own
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()
+
+    def add(self, content: str, features: Features, *, fov_deg: float, is_guessed: bool) -> StoredPhoto:
+        """Add a photo, unless it is there; photos of one size and field of view have one camera.
+
+        Parameters
+        ----------
+        fov_deg : float
+            Horizontal, of the upright photo.
+        is_guessed : bool
+            Whether it is a guess; otherwise the reconstruction trusts it more.
+        """
+        lens = _lens(features, fov_deg)
+        if lens not in self._cameras:
+            camera = self._write_camera(lens, is_guessed=is_guessed)
+            rig = self._colmap.Rig(rig_id=camera.camera_id)
+            rig.add_ref_sensor(camera.sensor_id)
+            self._database.write_rig(rig, use_rig_id=True)
+            self._cameras[lens] = camera
+        camera = self._cameras[lens]
+        if content not in self._ids:
+            self._write_frame([self._write_image(content, camera)], rig_id=camera.camera_id)
+        return self._stored(content, features, camera)
+
+    def add_panorama(self, views: Sequence[ViewFeatures]) -> list[StoredPhoto]:
+        """Add the level views of a panorama, unless they are there.
+
+        They are one frame of a rig, so that they have one centre and rotations that are known.
+        """
+        first = views[0]
+        rig_id, cameras = self._rig(_lens(first.features, first.fov_deg), [v.turn_deg for v in views])
+        if first.content not in self._ids:
+            images = [self._write_image(v.content, c) for v, c in zip(views, cameras, strict=True)]
+            self._write_frame(images, rig_id=rig_id)
+        return [self._stored(v.content, v.features, c) for v, c in zip(views, cameras, strict=True)]
+
+    def _rig(self, lens: _Lens, turns_deg: Sequence[int]) -> tuple[int, list[Any]]:
+        """Find the rig of panoramas of a size, or write it; with its cameras, in the order of the views."""
+        if lens not in self._rigs:
+            cameras = [self._write_camera(lens, is_guessed=False) for _ in turns_deg]
+            rig = self._colmap.Rig(rig_id=cameras[0].camera_id)
+            rig.add_ref_sensor(cameras[0].sensor_id)
+            for camera, turn_deg in zip(cameras[1:], turns_deg[1:], strict=True):
+                turn = self._colmap.Rotation3d(turn_of_view(turn_deg - turns_deg[0]))
+                rig.add_sensor(camera.sensor_id, self._colmap.Rigid3d(turn, np.zeros(3)))
+            self._database.write_rig(rig, use_rig_id=True)
+            self._rigs[lens] = rig.rig_id, cameras
+        return self._rigs[lens]
+
+    def _write_camera(self, lens: _Lens, *, is_guessed: bool) -> Any:
+        width, height, focal = lens
+        camera = self._colmap.Camera(
+            model="SIMPLE_RADIAL",
+            width=width,
+            height=height,
+            params=[focal, width / 2.0, height / 2.0, 0.0],
+        )
+        camera.has_prior_focal_length = not is_guessed
+        camera.camera_id = self._database.write_camera(camera)
+        return camera
+
+    def _write_image(self, content: str, camera: Any) -> Any:
+        image = self._colmap.Image(name=content, camera_id=camera.camera_id)
+        image.image_id = self._ids[content] = self._database.write_image(image)
+        return image
+
+    def _write_frame(self, images: Sequence[Any], *, rig_id: int) -> None:
+        frame = self._colmap.Frame(frame_id=images[0].image_id, rig_id=rig_id)
+        for image in images:
+            frame.add_data_id(image.data_id)
+        self._database.write_frame(frame, use_frame_id=True)
+
+    def _stored(self, content: str, features: Features, camera: Any) -> StoredPhoto:
+        id, xy = self._ids[content], features.xy.astype(np.float64) + 0.5
+        if not self._database.exists_keypoints(id):
+            self._database.write_keypoints(id, xy.astype(np.float32))
+        return StoredPhoto(id, camera, xy, features.descriptors)
+
+    def is_compared(self, one: StoredPhoto, other: StoredPhoto) -> bool:
+        """Return whether two photos were compared, now or earlier."""
+        return bool(self._database.exists_two_view_geometry(one.id, other.id))
+
+    def verify(self, one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32]) -> Any:
+        """Find the relative pose that most matches agree with; safe in several threads at once."""
+        options = self._colmap.TwoViewGeometryOptions()
+        options.min_num_inliers = LEAST_INLIERS
+        options.ransac.random_seed = 1
+        options.ransac.max_num_trials = _TRIALS
+        if len(matches) < LEAST_INLIERS:
+            return self._colmap.TwoViewGeometry()
+        estimate = self._colmap.estimate_calibrated_two_view_geometry
+        return estimate(one.camera, one.xy, other.camera, other.xy, matches, options)
+
+    def keep(self, one: StoredPhoto, other: StoredPhoto, *, geometry: Any) -> None:
+        """Keep what two photos have in common, or that they have nothing in common."""
+        count = len(geometry.inlier_matches)
+        found = geometry if count >= LEAST_INLIERS else self._colmap.TwoViewGeometry()
+        self._database.write_two_view_geometry(one.id, other.id, found)
+        if count >= LEAST_INLIERS:
+            self._database.write_matches(one.id, other.id, geometry.inlier_matches)
+            self._inliers[tuple(sorted((one.id, other.id)))] = count
+
+    def joined(self, contents: Iterable[str]) -> list[str]:
+        """List those of the photos that see the same as another one in the database."""
+        seen = {id for pair, count in self._inliers.items() if count >= LEAST_INLIERS for id in pair}
+        return [content for content in contents if self._ids.get(content) in seen]
+
+    def signature(self, contents: Iterable[str]) -> str:
+        """Stand for these photos and what they have in common; 64 hexadecimal characters."""
+        name_of = {id: name for name, id in self._ids.items()}
+        chosen = set(contents)
+        pairs = [
+            (name_of[one], name_of[other], count)
+            for (one, other), count in self._inliers.items()
+            if {name_of[one], name_of[other]} <= chosen and count >= LEAST_INLIERS
+        ]
+        return hashlib.sha256(json.dumps([sorted(chosen), sorted(pairs)]).encode()).hexdigest()
+
+
+def _lens(features: Features, fov_deg: float) -> _Lens:
+    width, height = features.photo_size
+    return width, height, round(width / 2.0 / math.tan(math.radians(fov_deg) / 2.0), 3)
+
+
+def _lens_of(camera: Any) -> _Lens:
+    return camera.width, camera.height, round(float(camera.params[0]), 3)
