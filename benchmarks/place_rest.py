@@ -27,6 +27,8 @@ from webapp.core.mapmodel.model import Map, UnplacedPhoto
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import let_threads_sleep
+from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.place_rest import RestReport, suggest_from
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
@@ -47,18 +49,19 @@ def with_placed(the_map: Map, ids: Collection[int]) -> Map:
     )
 
 
-def suggest(found: Reconstruction, the_map: Map, *, ids: Collection[int]) -> RestReport:
-    """Suggest the rest of a map of which some photos are placed."""
-    given = with_placed(the_map, ids)
-    now = {photo.id: photo for photo in (*given.experiences, *given.unplaced)}
-    return suggest_from(replace(found, photos=tuple(now[photo.id] for photo in found.photos)), given)
+def with_photos_of(found: Reconstruction, the_map: Map) -> Reconstruction:
+    """Give a reconstruction the photos as they are on a map now."""
+    everyone: list[AnyPhoto] = [*the_map.experiences, *the_map.unplaced]
+    now = {photo.id: photo for photo in everyone}
+    return replace(found, photos=tuple(now[photo.id] for photo in found.photos))
 
 
 def place_as_proposed(found: Reconstruction, the_map: Map, *, clicks: int) -> set[int]:
     """Place the photos that are proposed, until so many are placed."""
     placed: set[int] = set()
     while len(placed) < clicks:
-        proposed = suggest(found, the_map, ids=placed).place_next[: clicks - len(placed)]
+        given = with_placed(the_map, placed)
+        proposed = suggest_from(with_photos_of(found, given), given).place_next[: clicks - len(placed)]
         if not proposed:
             break
         placed |= set(proposed)
@@ -104,14 +107,19 @@ def main() -> None:
         ids = [e.id for e in the_map.experiences]
         count = round(options.share * len(ids))
         placed = {ids[round(i)] for i in np.linspace(0, len(ids) - 1, count)}
-    report = suggest(found, the_map, ids=placed)
+    given = with_placed(the_map, placed)
+    joined, _ = adjust_pieces(with_photos_of(found, given), given, progress=Progress())
+    report = suggest_from(joined, given)
+    joining = time.perf_counter() - started - seconds
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     print(
         json.dumps(
             {
                 "pieces": [len(piece) for piece in found.pieces],
+                "joined": [len(piece) for piece in joined.pieces],
                 **figures(report, the_map, placed=placed, unit=options.unit),
                 "seconds": round(seconds, 1),
+                "joining_seconds": round(joining, 1),
                 "cpu_seconds": round(sum(u.ru_utime + u.ru_stime for u in (own, children)), 1),
                 "peak_mb": round(max(own.ru_maxrss, children.ru_maxrss) / 1000),
             }

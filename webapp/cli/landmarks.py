@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import time
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -25,10 +27,9 @@ from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
     "-o", "--out", type=click.Path(path_type=Path), metavar="FOLDER",
     help="Write the models for other programs: COLMAP's text files, and the points as PLY.",
 )  # fmt: skip
-@click.option("--adjust", is_flag=True, help="Adjust the pieces by the placed photos and those with GPS.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def build(cfg: Path, out: Path | None, adjust: bool, as_json: bool) -> None:
-    """Join the photos of a map, those in the tray included, to pieces.
+def build(cfg: Path, out: Path | None, as_json: bool) -> None:
+    """Join the photos of a map, those in the tray included, to pieces, and these at the placed photos.
 
     Only photos that are new are described and compared. It can be interrupted at any moment; the next time
     it continues where it stopped.
@@ -39,9 +40,7 @@ def build(cfg: Path, out: Path | None, adjust: bool, as_json: bool) -> None:
         the_map = read_map(cfg)
         settings = load_settings()
         found = reconstruct(cfg, the_map, settings=settings, progress=progress)
-        adjusted: list[AdjustedPiece] = []
-        if adjust:
-            found, adjusted = adjust_pieces(found, the_map, progress=progress)
+        found, adjusted = adjust_pieces(found, the_map, progress=progress)
         colour_cloud(cfg, found, limits=settings.photo, progress=progress)
     models = [] if out is None else export_models(found.folder, out, names=names_of_photos(found))
     joined = sum(len(piece) for piece in found.pieces)
@@ -51,14 +50,13 @@ def build(cfg: Path, out: Path | None, adjust: bool, as_json: bool) -> None:
         written = [{"folder": str(m.folder), "photos": m.photos, "points": m.points} for m in models]
         seconds = round(time.perf_counter() - started, 3)
         result = {"photos": len(found.photos), "pieces": pieces, "failed": failed, "models": written}
-        if adjust:
-            result["adjusted"] = [_as_json(piece, found) for piece in adjusted]
+        result["adjusted"] = [_as_json(piece, found) for piece in adjusted]
         click.echo(json.dumps(result | {"seconds": seconds}))
     else:
         sizes = ", ".join(str(len(piece)) for piece in found.pieces) or "none"
         click.echo(f"{joined} of {len(found.photos)} photos joined; photos of each piece: {sizes}")
-        for piece in adjusted:
-            click.echo(f"{len(piece.photos)} photos {_outcome(piece)}")
+        for outcome, photos in _outcomes(adjusted).items():
+            click.echo(f"{photos} photos {outcome}")
         for model in models:
             click.echo(f"{model.folder}: {model.photos} photos, {model.points} points")
     for number, reason in sorted(found.problems.items()):
@@ -74,5 +72,10 @@ def _as_json(piece: AdjustedPiece, found: Reconstruction) -> dict[str, object]:
     return {"photos": len(piece.photos), "problem": piece.problem or None, "anchors": anchors}
 
 
-def _outcome(piece: AdjustedPiece) -> str:
-    return f"as they were: {piece.problem}" if piece.problem else "adjusted"
+def _outcomes(adjusted: Iterable[AdjustedPiece]) -> Counter[str]:
+    """Count the photos that were adjusted, and those that were not by the reason."""
+    counted: Counter[str] = Counter()
+    for piece in adjusted:
+        outcome = f"as they were: {piece.problem}" if piece.problem else "on the map"
+        counted[outcome] += len(piece.photos)
+    return counted

@@ -20,6 +20,7 @@ from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
 from webapp.tasks.landmarks import stored as stored_places
+from webapp.tasks.landmarks.adjust import adjust_pieces
 from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
@@ -152,7 +153,9 @@ def build_landmarks(context: Context) -> dict[str, Any]:
     cfg, settings = library.cfg(record.slug), context.settings
     result: dict[str, Any] = {}
     if not context.arguments.get("only_lay"):
-        found = reconstruct(cfg, read_map(cfg), settings=settings, progress=context.progress)
+        the_map = read_map(cfg)
+        found = reconstruct(cfg, the_map, settings=settings, progress=context.progress)
+        found, _ = adjust_pieces(found, the_map, progress=context.progress)
         colour_cloud(cfg, found, limits=settings.photo, progress=context.progress)
         joined = sum(len(piece) for piece in found.pieces)
         result = {"photos": len(found.photos), "joined": joined, "pieces": len(found.pieces)}

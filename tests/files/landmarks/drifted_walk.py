@@ -1,9 +1,13 @@
 """A model of a long walk that has drifted: each camera sees what the next few see, and no more."""
 
+import math
+
 import numpy as np
 import pycolmap
 
+from webapp.core.features.types import Features
 from webapp.core.geometry import so3
+from webapp.files.landmarks.match_database import MatchDatabase
 
 PHOTOS, LENGTH, FOCAL = 22, 66.0, 500.0
 
@@ -64,3 +68,34 @@ def drifted(rng, *, noise_px=0.3, turn_deg=1.5, growth=0.02):
             elements = [pycolmap.TrackElement(other + 1, row) for other, row in track]
             model.add_point3D(place, pycolmap.Track(elements))
     return model
+
+
+def write_matches(model, path):
+    """Write the database of the matches of all photos of a model that see points together."""
+    database = MatchDatabase(path)
+    images = {int(image.name): image for image in model.images.values()}
+    fov = math.degrees(2.0 * math.atan(320.0 / FOCAL))
+    stored = {}
+    for number in range(PHOTOS):
+        xy = np.array([point.xy for point in images[number].points2D]).reshape(-1, 2)
+        features = Features(
+            xy=(xy - 0.5).astype(np.float32),
+            size=np.ones(len(xy), np.float32),
+            angle=np.zeros(len(xy), np.float32),
+            descriptors=np.zeros((len(xy), 128), np.uint8),
+            photo_size=(640, 480),
+        )
+        stored[number] = database.add(str(number), features, fov_deg=fov, is_guessed=False)
+    row = {
+        number: {
+            point.point3D_id: n for n, point in enumerate(images[number].points2D) if point.has_point3D()
+        }
+        for number in range(PHOTOS)
+    }
+    for one in range(PHOTOS):
+        for other in range(one + 1, min(PHOTOS, one + 4)):
+            both = sorted(row[one].keys() & row[other].keys())
+            matches = np.array([(row[one][id], row[other][id]) for id in both], np.uint32).reshape(-1, 2)
+            geometry = database.verify(stored[one], stored[other], matches=matches)
+            database.keep(stored[one], stored[other], geometry=geometry)
+    database.close()

@@ -1,63 +1,96 @@
-"""A model that has drifted is brought to the positions that are known."""
+"""Pieces that have drifted are joined at the positions that are known."""
 
 import numpy as np
 import pytest
 
-from tests.files.landmarks.drifted_walk import PHOTOS, drifted, walk
+from tests.files.landmarks.drifted_walk import PHOTOS, drifted, walk, write_matches
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.placing import KnownPositions, lay_piece
 from webapp.core.landmarks.similarity import fit_similarity
 from webapp.files.landmarks import adjust as adjusting
-from webapp.files.landmarks.adjust import AdjustJob, adjust
-from webapp.files.landmarks.colmap import as_model
+from webapp.files.landmarks.adjust import adjust, agreed_rotation
+from webapp.files.landmarks.colmap import StoredPieces, as_model
+from webapp.tasks.landmarks.adjust import adjust_job
+
+CONTENTS = tuple(str(number) for number in range(PHOTOS))
+SCALE = 10.0
+"""Map pixels a metre."""
 
 
 @pytest.fixture
-def model(tmp_path):
-    """The folder of the model, and its centres in order."""
+def scene(tmp_path):
+    """A folder with the model and its matches, and centres and rotations in order."""
     found = drifted(np.random.default_rng(3))
-    folder = tmp_path / "model"
-    folder.mkdir()
-    found.write(folder)
-    return folder, in_order(as_model(found))
+    (tmp_path / "models" / "0").mkdir(parents=True)
+    found.write(tmp_path / "models" / "0")
+    write_matches(found, tmp_path / "matches.db")
+    model = as_model(found)
+    order = [model.contents.index(name) for name in CONTENTS]
+    return tmp_path, model.centre[order], model.rotation[order]
 
 
-def in_order(model):
-    return model.centre[[model.contents.index(str(number)) for number in range(PHOTOS)]]
-
-
-def job(model, tmp_path, *, known, at):
-    folder, own = model
-    return AdjustJob(
-        folder,
-        tmp_path / "out",
-        tuple(str(number) for number in range(PHOTOS)),
-        fit_similarity(own[known], at),
-        tuple(str(number) for number in known),
-        at,
-        np.tile([0.1, 0.1, 5.0], (len(known), 1)),
+def joined(scene, pieces, *, at, placed):
+    """Lay pieces, ranges of photos, by the placed ones and join them; returns centres in metres by number."""
+    folder, centre, rotation = scene
+    known = KnownPositions(
+        np.where(
+            np.isin(np.arange(PHOTOS), placed), SCALE * (at[:, 0] + 1j * at[:, 1]), complex(np.nan, np.nan)
+        ),
+        np.full(PHOTOS, 1.0),
     )
+    rigid = [
+        RigidPiece(np.array(numbers), centre[numbers], rotation[numbers]) for numbers in map(list, pieces)
+    ]
+    laid = [(piece, lay_piece(piece, known)) for piece in rigid]
+    for piece, result in laid:
+        known.at[piece.photo[result.contradicting]] = complex(np.nan, np.nan)
+    stored = StoredPieces(tuple(rigid), CONTENTS, "key")
+    model = adjust(adjust_job(stored, known, laid=laid, folder=folder))
+    if model is None:
+        return None
+    return {int(name): at / SCALE for name, at in zip(model.contents, model.centre, strict=True)}
 
 
-def test_a_walk_that_bends_is_straightened_by_five_positions(model, tmp_path):
-    truth, known = walk()[0], np.array([0, 5, 11, 16, 21])
-    asked = job(model, tmp_path, known=known, at=truth[known])
-    before = np.linalg.norm(asked.similarity.apply(model[1]) - truth, axis=1)
-    after = np.linalg.norm((in_order(adjust(asked)) - truth)[:, :2], axis=1)
-    assert np.median(before) > 1.5
-    assert after.max() < 0.15
-    assert (tmp_path / "out" / "images.bin").exists()
+def off(found, truth):
+    return np.array([np.linalg.norm((at - truth[number])[:2]) for number, at in found.items()])
 
 
-def test_one_wrong_position_does_not_pull_the_others(model, tmp_path):
-    truth, known = walk()[0], np.arange(0, PHOTOS, 3)
-    at = truth[known] + np.where(known == 12, 9.0, 0.0)[:, None] * [1.0, 0.0, 0.0]
-    after = in_order(adjust(job(model, tmp_path, known=known, at=at)))
-    assert np.linalg.norm((after - truth)[:, :2], axis=1).max() < 0.15  # no map says how high a camera is
-    assert np.linalg.norm((after[12] - at[4])[:2]) == pytest.approx(9.0, abs=0.2)
+def test_a_walk_that_bends_is_straightened_by_five_positions(scene):
+    truth, placed = walk()[0], [0, 5, 11, 16, 21]
+    bent = fit_similarity(scene[1][placed], truth[placed]).apply(scene[1]) - truth
+    assert np.median(np.linalg.norm(bent, axis=1)) > 1.5
+    found = joined(scene, [range(PHOTOS)], at=truth, placed=placed)
+    assert len(found) == PHOTOS
+    assert off(found, truth).max() < 0.1
+    assert (scene[0] / "adjusted" / "0" / "images.bin").exists()
 
 
-def test_a_piece_whose_photos_would_not_agree_any_more_stays_as_it_is(model, tmp_path, monkeypatch):
-    monkeypatch.setattr(adjusting, "_WORSE", 0.0)
-    monkeypatch.setattr(adjusting, "_WORSE_PX", 0.1)
-    truth, known = walk()[0], np.array([0, 5, 16, 21])
-    assert adjust(job(model, tmp_path, known=known, at=truth[known])) is None
-    assert not (tmp_path / "out").exists()
+def test_one_wrong_position_does_not_pull_the_others(scene):
+    truth, placed = walk()[0], [*range(0, PHOTOS, 3)]
+    at = truth + np.where(np.arange(PHOTOS) == 12, 9.0, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    found = joined(scene, [range(PHOTOS)], at=at, placed=placed)
+    assert off(found, truth).max() < 0.1
+    assert np.linalg.norm((found[12] - at[12])[:2]) == pytest.approx(9.0, abs=0.1)
+
+
+def test_two_pieces_become_one_with_the_photos_between_them(scene):
+    truth, placed = walk()[0], [0, 4, 8, 10, 13, 17, 21]
+    # 9 and 11 are unknown, 10 is placed; no piece has any of them.
+    found = joined(scene, [range(9), range(12, PHOTOS)], at=truth, placed=placed)
+    assert sorted(found) == [*range(PHOTOS)]
+    assert off(found, truth).max() < 0.1
+
+
+def test_pieces_stay_where_their_photos_would_not_agree_any_more(scene, monkeypatch):
+    monkeypatch.setattr(adjusting, "_KEPT", 1.5)
+    truth = walk()[0]
+    assert joined(scene, [range(PHOTOS)], at=truth, placed=[0, 5, 16, 21]) is None
+    assert not (scene[0] / "adjusted").exists()
+
+
+def test_most_matches_decide_on_a_rotation():
+    about = np.eye(3)
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    rotation, support = agreed_rotation([(about, 20), (turned, 30), (about, 15)])
+    np.testing.assert_allclose(rotation, about, atol=1e-12)
+    assert support == 35

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import MapPixel
-from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks import adjust
 from webapp.tasks.landmarks.accept import accept_in_folder
 from webapp.tasks.landmarks.adjust import adjust_pieces
 from webapp.tasks.landmarks.place_rest import suggest_rest
@@ -49,16 +49,21 @@ def test_the_adjusted_world_is_the_map_and_a_wrong_position_stands_out(court):
         assert np.hypot(*(centre[:2] - court.at[found.photos[number].id])) < 1.5
 
 
-def test_it_is_kept_until_the_photos_change(court, tmp_path):
+def test_it_is_kept_until_positions_change(court, monkeypatch):
     place_all(court)
     before = joined(court.cfg)
     found, _ = adjusted(court.cfg)
-    again = joined(court.cfg)
-    np.testing.assert_array_equal(again.pieces[0].centre, found.pieces[0].centre)
     assert np.abs(before.pieces[0].centre - found.pieces[0].centre).max() > 1.0
-    assert read_pieces(found.folder / PIECES_FILE).adjusted
-    # Radii do not shrink by it: the positions that would say how far off it is were used up.
-    assert again.pieces[0].error_rate > 0.0
+    with monkeypatch.context() as patched:
+        patched.setattr(adjust, "run_adjustment", None)
+        again, _ = adjusted(court.cfg)
+        np.testing.assert_array_equal(again.pieces[0].centre, found.pieces[0].centre)
+    moved = read_map(court.cfg)
+    first, *others = moved.experiences
+    first = replace(first, position=MapPixel(first.position.x + 2.0, first.position.y))
+    write_map(court.cfg, replace(moved, experiences=(first, *others)))
+    after, _ = adjusted(court.cfg)
+    assert np.abs(after.pieces[0].centre - found.pieces[0].centre).max() > 0.01
     localizer = open_pipeline(
         court.cfg, OpenOptions(method="landmarks"), settings=Settings(), progress=Progress()
     )
@@ -68,7 +73,7 @@ def test_it_is_kept_until_the_photos_change(court, tmp_path):
 
 @pytest.mark.parametrize(
     ("shift", "problem"),
-    [(None, "3 of its photos are placed, 4 are needed"), ("line", "its placed photos are in a line")],
+    [(None, "3 of the photos are placed, 4 are needed"), ("line", "the placed photos are in a line")],
 )
 def test_a_piece_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, shift, problem):
     if shift == "line":

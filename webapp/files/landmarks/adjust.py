@@ -1,140 +1,358 @@
-"""Bundle adjustment of a piece with known positions of some of its photos (pycolmap)."""
+"""Joins the pieces of a map into one model by the known positions of their photos (pycolmap).
+
+Each piece has been laid on the map by its placed photos, so that all cameras stand in one world. There the
+points are triangulated anew, also between photos of different pieces; cameras, points and lenses are adjusted
+with the known positions as priors; and photos that no piece had are added: placed ones with the rotation that
+their neighbours give them, others by the points that they show. From round to round less may be off.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.similarity import Similarity
 from webapp.files.landmarks.colmap import Model, as_model, pycolmap
+from webapp.files.landmarks.match_database import LEAST_INLIERS
 
-_ROBUST_SIGMAS = 3.0
-"""Deviation from a known position at which it begins to count less: it may be wrong."""
+Array = NDArray[np.float64]
 
-_ROBUST_PX = 1.0
-"""The same of a keypoint from where its point is projected."""
+_LEAST_POINTS, _FEW_POINTS = 15, 10
+"""Points that a photo, or all views of a panorama, show to stay in the model in the end, and to be added."""
 
-_WORSE, _WORSE_PX = 1.3, 0.2
-"""Keypoints that are that much farther from their points than before say that the positions are wrong, or
-that the map is not to scale."""
+_KEPT = 0.5
+"""Share of the observations of the pieces below which the positions contradict the photos, or the map is not
+to scale."""
 
-_ITERATIONS, _ROUNDS = 50, 6
-"""Of each round. While positions are farther off than they are exact, they count as if they were as inexact:
-a model that bends comes to them step by step, and what is wrong among them stays an outlier."""
+_ROBUST_SIGMAS, _ROBUST_PX = 3.0, 1.0
+"""Deviation from a known position, and of a keypoint from where its point is projected, at which it begins to
+count less: it may be wrong."""
+
+_SIDE_PX = 1000
+"""Longer side of the photos whose keypoints are as exact as pixels; in larger ones they are less so."""
+
+_ITERATIONS = 30
+
+_AGREE_DEG = 8.0
+"""Rotations that neighbours give a photo are taken to be one within this angle."""
+
+
+class _Round(NamedTuple):
+    """How far off a keypoint may be from its point, in pixels, and rays of one point, in degrees; and the
+    factor by which positions count as less exact than they are."""
+
+    error_px: float
+    angle_deg: float
+    wider: float
+
+
+_PIECES = (_Round(16.0, 4.0, 5.0), _Round(8.0, 4.0, 2.0))
+_NEIGHBOURS = (_Round(12.0, 4.0, 3.0), _Round(4.0, 2.0, 2.0))
+_LAST = _Round(4.0, 2.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustJob:
-    """A piece, and what is known of it.
+    """Photos that stand on a map, and those whose positions are known.
+
+    The world is that of the map: pixels, x to the right, y down the image, z into the ground.
 
     Attributes
     ----------
-    source, out : Path
-        Folders of the model that holds the piece, and for that of the piece alone.
+    database : Path
+        Of the matches.
+    models : tuple of Path
+        Folders of the models of the pieces.
+    out : Path
+        Folder for the joined model.
     contents : tuple of str
-        Photos of the piece.
-    similarity : Similarity
-        From the world of the model to that of the positions.
+        The n photos that stand on the map.
+    centre : (n, 3) float64
+    rotation : (n, 3, 3) float64
+        Camera from world.
     known : tuple of str
-        Photos whose positions are known, k of them.
-    at, sigma : (k, 3) float64
-        Where, and the standard deviation along each axis.
+        The k photos whose positions are known; they need not stand there.
+    at : (k, 2) float64
+    sigma_px : (k,) float64
+        Standard deviation of each, along both axes.
+    height_sigma_px : float
+        Standard deviation of the heights of the cameras, which no map says.
     """
 
-    source: Path
+    database: Path
+    models: tuple[Path, ...]
     out: Path
     contents: tuple[str, ...]
-    similarity: Similarity
+    centre: Array
+    rotation: Array
     known: tuple[str, ...]
-    at: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    at: Array
+    sigma_px: Array
+    height_sigma_px: float
 
 
 def adjust(job: AdjustJob) -> Model | None:
-    """Adjust a piece in the world of the positions, and write it; None where its photos contradict these."""
-    colmap = pycolmap()
-    model = colmap.Reconstruction(job.source)
-    kept = set(job.contents)
-    for image in list(model.images.values()):
-        if image.name not in kept and image.has_pose:
-            model.deregister_frame(image.frame_id)
-    moved = job.similarity
-    model.transform(colmap.Sim3d(moved.scale, colmap.Rotation3d(moved.rotation), moved.shift))
-    by_name = {model.image(id).name: model.image(id) for id in model.reg_image_ids()}
-    before = _error_px(model)
-    images = [by_name[content] for content in job.known]
-    beacons = _add_beacons(colmap, model, job.at)
-    for _ in range(_ROUNDS):
-        off = np.array([image.projection_center() for image in images]) - job.at
-        wider = max(1.0, float(np.median(np.abs(off) / job.sigma, axis=0).max()))
-        priors = [
-            _prior(colmap, image, at=at, sigma=wider * sigma)
-            for image, at, sigma in zip(images, job.at, job.sigma, strict=True)
+    """Join the photos, and write their model; None where they contradict the positions."""
+    scene = _Scene(job)
+    for round_ in _PIECES:
+        scene.refine(round_)
+    for round_ in _NEIGHBOURS:
+        scene.allow(round_)
+        scene.add_placed()
+        scene.refine(round_)
+    scene.add_by_points()
+    scene.refine(_LAST)
+    scene.refine(_LAST)
+    return scene.finish(job.out)
+
+
+class _Scene:
+    """What is joined so far."""
+
+    def __init__(self, job: AdjustJob) -> None:
+        self._job, self._colmap = job, pycolmap()
+        self._known = dict(zip(job.known, zip(job.at, job.sigma_px, strict=True), strict=True))
+        self._database = self._colmap.Database.open(job.database)
+        options = self._colmap.DatabaseCacheOptions()
+        options.min_num_matches = LEAST_INLIERS
+        self._cache = self._colmap.DatabaseCache.create(self._database, options)
+        self._beacons = self._add_beacons()
+        self._model = self._colmap.Reconstruction()
+        self._model.load(self._cache)
+        self._id = {image.name: id for id, image in self._model.images.items()}
+        self._before = self._read_models()
+        for content, centre, rotation in zip(job.contents, job.centre, job.rotation, strict=True):
+            if not self._model.image(self._id[content]).has_pose:
+                self._pose(self._id[content], centre, rotation)
+        side = np.median([max(camera.width, camera.height) for camera in self._cache.cameras.values()])
+        self._pixel = max(1.0, float(side) / _SIDE_PX)
+        self._triangulation = self._colmap.IncrementalTriangulatorOptions()
+        # Two photos of one point are enough where it is known where they were taken.
+        self._triangulation.ignore_two_view_tracks = False
+        self._triangulation.random_seed = 1
+        self._options = self._colmap.IncrementalMapperOptions()
+        self._options.abs_pose_min_num_inliers = _LEAST_POINTS
+        self._options.abs_pose_refine_focal_length = self._options.abs_pose_refine_extra_params = False
+        self._options.random_seed = 1
+        self._mapper = self._colmap.IncrementalMapper(self._cache)
+        self._mapper.begin_reconstruction(self._model)
+        self.allow(_PIECES[0])
+        self._triangulate()
+
+    def _add_beacons(self) -> list[int]:
+        """Add photos that see nothing, for the corners of a tetrahedron; returns their ids.
+
+        Before it adjusts, pycolmap fits a similarity to the known positions, and refuses those of cameras
+        that are all equally high. Beacons are off that plane, and as the model is where it should be they
+        say so.
+        """
+        own = 1 + max([*self._cache.cameras, *self._cache.rigs])
+        params = [1.0, 0.5, 0.5]
+        camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
+        rig = self._colmap.Rig(rig_id=own)
+        rig.add_ref_sensor(camera.sensor_id)
+        self._cache.add_camera(camera)
+        self._cache.add_rig(rig)
+        last = max([*self._cache.images, *self._cache.frames])
+        ids = [last + number for number in range(1, 5)]
+        for id in ids:
+            image = self._colmap.Image(name=f"beacon {id}", camera_id=own, image_id=id)
+            frame = self._colmap.Frame(frame_id=id, rig_id=own)
+            frame.add_data_id(image.data_id)
+            image.frame_id = id
+            self._cache.add_frame(frame)
+            self._cache.add_image(image)
+        return ids
+
+    def _read_models(self) -> int:
+        """Take over the lenses of the pieces; returns how many observations their photos have there."""
+        posed, lenses, seen = set(self._job.contents), set[int](), 0
+        for folder in self._job.models:
+            model = self._colmap.Reconstruction(folder)
+            for id, camera in model.cameras.items():
+                if id not in lenses and id in self._model.cameras:
+                    self._model.camera(id).params = camera.params
+                    lenses.add(id)
+            images = [model.image(id) for id in model.reg_image_ids()]
+            seen += sum(image.num_points3D for image in images if image.name in posed)
+        return seen
+
+    def _pose(self, id: int, centre: Array, rotation: Array) -> None:
+        image = self._model.image(id)
+        pose = self._colmap.Rigid3d(self._colmap.Rotation3d(rotation), -rotation @ centre)
+        self._model.frame(image.frame_id).set_cam_from_world(image.camera_id, pose)
+        self._model.register_frame(image.frame_id)
+
+    def allow(self, round_: _Round) -> None:
+        """Say how far off points may be from now on."""
+        self._triangulation.create_max_angle_error = round_.angle_deg
+        self._triangulation.continue_max_angle_error = round_.angle_deg
+        self._options.filter_max_reproj_error = round_.error_px * self._pixel
+
+    def refine(self, round_: _Round) -> None:
+        """Adjust cameras, points and lenses, then look again which keypoints show which point."""
+        self._adjust(round_.wider)
+        self.allow(round_)
+        self._mapper.filter_points(self._options)
+        self._triangulate()
+        self._mapper.filter_points(self._options)
+
+    def _triangulate(self) -> None:
+        for id in self._model.reg_image_ids():
+            self._mapper.triangulate_image(self._triangulation, id)
+        self._mapper.complete_and_merge_tracks(self._triangulation)
+        self._mapper.retriangulate(self._triangulation)
+
+    def _adjust(self, wider: float) -> None:
+        colmap, model = self._colmap, self._model
+        options = colmap.BundleAdjustmentOptions()
+        options.print_summary = False
+        options.refine_sensor_from_rig = False
+        options.ceres.loss_function_type = colmap.LossFunctionType.SOFT_L1
+        options.ceres.loss_function_scale = _ROBUST_PX * self._pixel
+        options.ceres.solver_options.max_num_iterations = _ITERATIONS
+        prior_options = colmap.PosePriorBundleAdjustmentOptions()
+        prior_options.ceres.prior_position_loss_function_type = colmap.LossFunctionType.SOFT_L1
+        prior_options.ceres.prior_position_loss_scale = _ROBUST_SIGMAS
+        config, priors = colmap.BundleAdjustmentConfig(), self._raise_beacons()
+        height = self._job.height_sigma_px
+        for id in model.reg_image_ids():
+            config.add_image(id)
+            if self._is_placed(id) and model.image(id).is_ref_in_frame():
+                at, sigma = self._known[model.image(id).name]
+                priors.append(self._prior(id, [*at, 0.0], [wider * sigma, wider * sigma, height]))
+        create = colmap.create_pose_prior_bundle_adjuster
+        create(options, prior_options, config, priors, model).solve()
+        for id in self._beacons:
+            model.deregister_frame(id)
+
+    def _raise_beacons(self) -> list[Any]:
+        middle = np.append(self._job.at.mean(0), 0.0)
+        extent = max(float(np.ptp(self._job.at, axis=0).max()), 1.0)
+        priors = []
+        for id, corner in zip(self._beacons, [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], strict=True):
+            centre = middle + extent * np.array(corner)
+            self._pose(id, centre, np.eye(3))
+            priors.append(self._prior(id, centre, [extent / 100.0] * 3))
+        return priors
+
+    def _prior(self, id: int, at: Sequence[float] | Array, sigma: Sequence[float]) -> Any:
+        return self._colmap.PosePrior(
+            pose_prior_id=id,
+            corr_data_id=self._model.image(id).data_id,
+            position=np.asarray(at, np.float64),
+            position_covariance=np.diag(np.square(sigma)),
+            coordinate_system=self._colmap.PosePriorCoordinateSystem.CARTESIAN,
+        )
+
+    def add_placed(self) -> None:
+        """Add photos whose positions are known, with the rotation that most matches with their neighbours
+        give them, the one with most matches first."""
+        turns = self._relative_rotations()
+        waiting = {id for id in turns if self._is_placed(id) and not self._model.image(id).has_pose}
+        while True:
+            given = {id: self._given(turns[id]) for id in waiting}
+            given = {id: rotations for id, rotations in given.items() if rotations}
+            if not given:
+                return
+            id = max(given, key=lambda id: sum(count for _, count in given[id]))
+            waiting.remove(id)
+            rotation, support = agreed_rotation(given[id])
+            if support >= LEAST_INLIERS:
+                self._add(id, rotation)
+
+    def _is_placed(self, id: int) -> bool:
+        return self._model.image(id).name in self._known
+
+    def _add(self, id: int, rotation: Array) -> None:
+        image = self._model.image(id)
+        manager = self._mapper.observation_manager
+        self._pose(id, np.append(self._known[image.name][0], 0.0), rotation)
+        manager.register_frame(image.frame_id)
+        self._triangulate_frame(id)
+        if self._points_of(image.frame_id) < _FEW_POINTS:
+            manager.deregister_frame(image.frame_id)
+
+    def _given(self, turns: Sequence[tuple[int, Array, int]]) -> list[tuple[Array, int]]:
+        """List the rotations that neighbours that are in the model give a photo, with their matches."""
+        return [
+            (turn.T @ self._model.image(other).cam_from_world().rotation.matrix(), count)
+            for other, turn, count in turns
+            if self._model.image(other).has_pose
         ]
-        if not _solve(colmap, model, [*priors, *(prior for _, prior in beacons)]):
+
+    def _relative_rotations(self) -> dict[int, list[tuple[int, Array, int]]]:
+        """Estimate rotations from photos that are not in the model to their neighbours: which, other from
+        this one (3, 3), and by how many matches."""
+        turns: dict[int, list[tuple[int, Array, int]]] = {}
+        keypoints: dict[int, Array] = {}
+        for key in self._cache.correspondence_graph.image_pairs():
+            pair = self._colmap.pair_id_to_image_pair(key)
+            images = [self._model.image(id) for id in pair]
+            if all(image.has_pose for image in images):
+                continue
+            for image in images:
+                if image.image_id not in keypoints:
+                    keypoints[image.image_id] = np.array([point.xy for point in image.points2D])
+            geometry = self._database.read_two_view_geometry(*pair)
+            first, second = ((image.camera, keypoints[image.image_id]) for image in images)
+            if not self._colmap.estimate_two_view_geometry_pose(*first, *second, geometry):
+                continue
+            turn, count = geometry.cam2_from_cam1.rotation.matrix(), len(geometry.inlier_matches)
+            turns.setdefault(pair[0], []).append((pair[1], turn, count))
+            turns.setdefault(pair[1], []).append((pair[0], turn.T, count))
+        return turns
+
+    def add_by_points(self) -> None:
+        """Add photos whose positions are unknown by the points that they show, as long as one is found."""
+        while any(self._register(id) for id in self._mapper.find_next_images(self._options, False)):
+            pass
+
+    def _register(self, id: int) -> bool:
+        if self._is_placed(id):
+            return False
+        if not self._mapper.register_next_image(self._options, id):
+            return False
+        self._triangulate_frame(id)
+        return True
+
+    def _triangulate_frame(self, id: int) -> None:
+        for other in self._images_of(self._model.image(id).frame_id):
+            self._mapper.triangulate_image(self._triangulation, other)
+
+    def _images_of(self, frame_id: int) -> list[int]:
+        """List the photo of a frame, or the views of its panorama."""
+        return [data.id for data in self._model.frame(frame_id).image_ids]
+
+    def _points_of(self, frame_id: int) -> int:
+        return sum(self._model.image(id).num_points3D for id in self._images_of(frame_id))
+
+    def finish(self, out: Path) -> Model | None:
+        """Leave out photos that show too little, and write the model; None where too little has remained."""
+        seen = [self._model.image(self._id[content]).num_points3D for content in self._job.contents]
+        self._mapper.end_reconstruction(False)  # images without a pose are gone then
+        self._database.close()
+        if sum(seen) < _KEPT * self._before:
             return None
-        if wider == 1.0:
-            break
-    for frame, _ in beacons:
-        model.deregister_frame(frame)
-    if _error_px(model) > _WORSE * before + _WORSE_PX:
-        return None
-    job.out.mkdir(parents=True, exist_ok=True)
-    model.write(job.out)
-    return as_model(model)
+        for frame in list(self._model.reg_frame_ids()):
+            if self._points_of(frame) < _LEAST_POINTS:
+                self._model.deregister_frame(frame)
+        out.mkdir(parents=True, exist_ok=True)
+        self._model.write(out)
+        return as_model(self._model)
 
 
-def _add_beacons(colmap: Any, model: Any, at: NDArray[np.float64]) -> list[tuple[int, Any]]:
-    """Add cameras that see nothing, at known corners of a tetrahedron; returns their frames and priors.
-
-    Before it adjusts, pycolmap fits a similarity to the known positions, and refuses those of cameras that
-    are all equally high. Beacons are off that plane, and as the model is where it should be they say so.
-    """
-    middle, extent = at.mean(0), max(float(np.ptp(at, axis=0).max()), 1.0)
-    camera = next(iter(model.cameras))
-    image_id, found = max(model.images), []
-    for corner in [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]:
-        image_id += 1
-        centre = middle + extent * np.array(corner)
-        image = colmap.Image(name=f"beacon {image_id}", camera_id=camera, image_id=image_id)
-        model.add_image_with_trivial_frame(image, colmap.Rigid3d(colmap.Rotation3d(), -centre))
-        image = model.image(image_id)
-        found.append((image.frame_id, _prior(colmap, image, at=centre, sigma=np.full(3, extent / 100.0))))
-    return found
-
-
-def _prior(colmap: Any, image: Any, *, at: NDArray[np.float64], sigma: NDArray[np.float64]) -> Any:
-    return colmap.PosePrior(
-        pose_prior_id=image.image_id,
-        corr_data_id=image.data_id,
-        position=at,
-        position_covariance=np.diag(sigma**2),
-        coordinate_system=colmap.PosePriorCoordinateSystem.CARTESIAN,
-    )
-
-
-def _error_px(model: Any) -> float:
-    """Median distance of keypoints from where their points are projected."""
-    model.update_point_3d_errors()
-    return float(np.median([point.error for point in model.points3D.values()]))
-
-
-def _solve(colmap: Any, model: Any, priors: Sequence[Any]) -> bool:
-    options = colmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.ceres.loss_function_type = colmap.LossFunctionType.SOFT_L1
-    options.ceres.loss_function_scale = _ROBUST_PX
-    options.ceres.solver_options.max_num_iterations = _ITERATIONS
-    prior_options = colmap.PosePriorBundleAdjustmentOptions()
-    prior_options.ceres.prior_position_loss_function_type = colmap.LossFunctionType.CAUCHY
-    prior_options.ceres.prior_position_loss_scale = _ROBUST_SIGMAS
-    config = colmap.BundleAdjustmentConfig()
-    for id in model.reg_image_ids():
-        config.add_image(id)
-    adjuster = colmap.create_pose_prior_bundle_adjuster(options, prior_options, config, list(priors), model)
-    return bool(adjuster.solve().is_solution_usable())
+def agreed_rotation(given: Sequence[tuple[Array, int]]) -> tuple[Array, int]:
+    """Average the rotations (3, 3) on which most matches agree; returns it and how many matches these are."""
+    rotations = np.array([rotation for rotation, _ in given])
+    count = np.array([count for _, count in given])
+    cosine = (np.einsum("aij,bij->ab", rotations, rotations) - 1.0) / 2.0
+    near = cosine > np.cos(np.radians(_AGREE_DEG))
+    support = near @ count
+    most = int(support.argmax())
+    left, _, right = np.linalg.svd(np.einsum("n,nij->ij", count * near[most], rotations))
+    return left @ right, int(support[most])

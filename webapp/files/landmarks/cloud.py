@@ -58,7 +58,8 @@ def read_models(
     for folder in folders:
         reconstruction = pycolmap().Reconstruction(folder)
         model = as_model(reconstruction)
-        for part in model.parts():
+        # A model that was joined by known positions is one piece as it is.
+        for part in [np.arange(len(model.contents)), *model.parts()]:
             photos = {
                 model.contents[i]: number[model.contents[i]] for i in part if model.contents[i] in number
             }

@@ -6,7 +6,7 @@ by their content in it. pycolmap is the extra `sfm`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -22,8 +22,10 @@ from webapp.extras import extra
 from webapp.files.atomic import storage_error
 from webapp.files.localize.arrays import read_arrays, write_arrays
 
-PIECES_FILE = "pieces.arrays"
-_FORMAT = 2
+PIECES_FILE, RIGID_FILE = "pieces.arrays", "rigid.arrays"
+"""The pieces as they are used, and as they were before they were joined by known positions."""
+
+_FORMAT = 3
 
 
 def pycolmap() -> ModuleType:
@@ -129,41 +131,21 @@ class StoredPieces:
     key : str
         Stands for the matches that they were made of.
     adjusted : str
-        Stands for the known positions that they were adjusted by; empty where they were not.
+        Stands for the known positions that they were to be joined by; empty where that was not tried.
+    problem : str
+        Why they could not be joined; where they were, the first piece is the joined one.
     """
 
     pieces: tuple[RigidPiece, ...]
     contents: tuple[str, ...]
     key: str
     adjusted: str = ""
+    problem: str = ""
 
     @property
     def cloud_key(self) -> str:
         """Stands for their points."""
         return self.key + self.adjusted
-
-
-def split_models(folders: Iterable[Path], stored: StoredPieces) -> list[tuple[Path, RigidPiece]]:
-    """Find for each piece the folder of the model that it was cut from, and how it was cut.
-
-    Raises
-    ------
-    IndexDamaged
-        One of them is gone.
-    """
-    number = {content: n for n, content in enumerate(stored.contents)}
-    wanted = {frozenset(piece.photo.tolist()): n for n, piece in enumerate(stored.pieces)}
-    found: dict[int, tuple[Path, RigidPiece]] = {}
-    for folder in folders:
-        model = as_model(pycolmap().Reconstruction(folder))
-        for part in model.parts():
-            photo = np.array([number.get(model.contents[i], -1) for i in part], np.int64)
-            piece = wanted.get(frozenset(photo.tolist()))
-            if piece is not None:
-                found.setdefault(piece, (folder, RigidPiece(photo, model.centre[part], model.rotation[part])))
-    if len(found) < len(wanted):
-        raise IndexDamaged("a model is gone from the disk", hint="run expmap landmarks build again")
-    return [found[n] for n in range(len(stored.pieces))]
 
 
 def write_pieces(path: Path, stored: StoredPieces) -> None:
@@ -186,6 +168,7 @@ def write_pieces(path: Path, stored: StoredPieces) -> None:
         "format": _FORMAT,
         "key": stored.key,
         "adjusted": stored.adjusted,
+        "problem": stored.problem,
         "contents": list(stored.contents),
     }
     write_arrays(path, arrays, meta=meta)
@@ -203,6 +186,7 @@ def read_pieces(path: Path) -> StoredPieces | None:
             RigidPiece(arrays["photo"][a:b], arrays["centre"][a:b], arrays["rotation"][a:b], rate)
             for a, b, rate in zip(start[:-1], start[1:], rates, strict=True)
         )
-        return StoredPieces(pieces, tuple(meta["contents"]), str(meta["key"]), str(meta["adjusted"]))
+        texts = (str(meta[name]) for name in ("key", "adjusted", "problem"))
+        return StoredPieces(pieces, tuple(meta["contents"]), *texts)
     except (IndexDamaged, KeyError):
         return None

@@ -1,4 +1,4 @@
-"""Adjusts the pieces of a reconstruction by the known positions of their photos."""
+"""Joins the pieces of a reconstruction that are on the map by the known positions of their photos."""
 
 from __future__ import annotations
 
@@ -6,49 +6,50 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import KnownPositions, LaidPiece, PlanTransform, lay_piece
+from webapp.core.landmarks.pieces import Points, RigidPiece
+from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, lay_piece
 from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged
 from webapp.files.landmarks.adjust import AdjustJob
-from webapp.files.landmarks.colmap import (
-    PIECES_FILE,
-    read_pieces,
-    split_models,
-    write_pieces,
-)
+from webapp.files.landmarks.colmap import PIECES_FILE, RIGID_FILE, StoredPieces, read_pieces, write_pieces
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.tasks.landmarks.known import known_positions
-from webapp.tasks.landmarks.mapping import ADJUSTED, model_folders, run_adjustment
+from webapp.tasks.landmarks.mapping import ADJUSTED, MATCHES_FILE, model_folders, run_adjustment
 from webapp.tasks.landmarks.reconstruct import Reconstruction, keep_cloud, renumbered
 
+Array = NDArray[np.float64]
+
 _LEAST_KNOWN = 4
-"""Positions by which a piece is adjusted: with three nothing would say that one of them is wrong."""
+"""Positions by which photos are adjusted: with three nothing would say that one of them is wrong."""
 
 _LEAST_WIDE = 0.05
 """Spread of the known positions across over that along, below which they are in a line."""
 
-_HEIGHT_SHARE = 0.1
+_HEIGHT_SHARE = 0.02
 """Standard deviation of a camera's height, which no map says, over the extent of the known positions."""
+
+_FORMAT = 2
+"""Part of what stands for the known positions: other rules of joining adjust anew."""
 
 
 @dataclass(frozen=True, slots=True)
 class AdjustedPiece:
-    """What came of a piece.
+    """What came of photos that hang together.
 
     Attributes
     ----------
     photos : tuple of int
-        Numbers of its photos.
+        Their numbers.
     problem : str
-        Why it is as it was; empty where it was adjusted.
+        Why they are as they were; empty where they were adjusted.
     residual_px : mapping of int to float
         Distance of the adjusted cameras from the known positions, also of those that were left out, by the
         photos' numbers.
@@ -62,10 +63,11 @@ class AdjustedPiece:
 def adjust_pieces(
     found: Reconstruction, the_map: Map, *, progress: Progress
 ) -> tuple[Reconstruction, list[AdjustedPiece]]:
-    """Adjust pieces by the placed photos and by those with GPS, each as exactly as it is known.
+    """Join pieces by the placed photos and by those with GPS, each as exactly as it is known.
 
-    Placed photos that contradict the others are left out. A piece with too few of them, or with all in a
-    line, stays as it is, as does one that would not agree with its photos any more.
+    Placed photos that contradict the others of their piece take no part. Pieces that cannot be laid on the
+    map stay as they are; all do where known positions are too few, or in a line, or where the photos would
+    not agree any more. What was joined is kept, and not computed again for the same positions.
 
     Raises
     ------
@@ -74,98 +76,132 @@ def adjust_pieces(
     StorageError, ProcessLost, Cancelled
     """
     with writer_lock(found.folder):
-        stored = read_pieces(found.folder / PIECES_FILE)
-        if stored is None:
+        rigid, now = (read_pieces(found.folder / name) for name in (RIGID_FILE, PIECES_FILE))
+        if rigid is None:
             raise IndexDamaged("the pieces are gone", where=str(found.folder), hint="run it again")
-        photos = [found.photos[found.number_of[content]] for content in stored.contents]
-        known = known_positions(photos, the_map)
-        state = _state(known)
-        pieces: list[RigidPiece] = list(stored.pieces)
-        report: list[AdjustedPiece] = []
-        shutil.rmtree(found.folder / ADJUSTED, ignore_errors=True)
-        progress.note("adjusting them by the placed photos")
-        for number, (folder, piece) in enumerate(split_models(model_folders(found.folder), stored)):
-            pieces[number], problem = _adjusted(
-                piece,
-                known,
-                folders=(folder, found.folder / ADJUSTED / str(number)),
-                contents=stored.contents,
-                progress=progress,
-            )
-            photos_of = (found.number_of[stored.contents[n]] for n in piece.photo.tolist())
-            numbers = tuple(dict.fromkeys(photos_of))
-            off = {} if problem else _residuals(pieces[number], known)
-            residual = {found.number_of[stored.contents[n]]: value for n, value in off.items()}
-            report.append(AdjustedPiece(numbers, problem, residual))
-        stored = replace(stored, pieces=tuple(pieces), adjusted=state)
-        write_pieces(found.folder / PIECES_FILE, stored)
-        keep_cloud(found.folder, stored)
-    return replace(found, pieces=tuple(renumbered(stored, found.number_of, turn_of=found.turn_of))), report
+        known = known_positions(found.photos, the_map)
+        adjusted = _state(known)
+        if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
+            now = _adjust(rigid, known, found=found, adjusted=adjusted, progress=progress)
+            write_pieces(found.folder / PIECES_FILE, now)
+        keep_cloud(found.folder, now)
+    pieces = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
+    return replace(found, pieces=pieces), [*_reports(pieces, now.problem, known=known)]
 
 
 def _state(known: KnownPositions) -> str:
     """Stand for known positions and how exact they are."""
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
-    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps([_FORMAT, rows]).encode()).hexdigest()[:16]
 
 
-def _residuals(piece: RigidPiece, known: KnownPositions) -> dict[int, float]:
-    """Compare the cameras of an adjusted piece, whose world is the map's, with what is known of them."""
-    at = known.at[piece.photo]
-    off = np.abs(piece.centre[:, 0] + 1j * piece.centre[:, 1] - at)
-    there = zip(piece.photo.tolist(), off.tolist(), strict=True)
-    return {number: distance for number, distance in there if not math.isnan(distance)}
+def _adjust(
+    rigid: StoredPieces, known: KnownPositions, *, found: Reconstruction, adjusted: str, progress: Progress
+) -> StoredPieces:
+    """Join the pieces that can be laid on the map."""
+    shutil.rmtree(found.folder / ADJUSTED, ignore_errors=True)
+    of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
+    results = [lay_piece(piece, known) for piece in of_photos]
+    laid = [
+        (piece, result)
+        for piece, result in zip(rigid.pieces, results, strict=True)
+        if isinstance(result, LaidPiece)
+    ]
+    problem = _too_little([result for _, result in laid])
+    if problem:
+        return replace(rigid, adjusted=adjusted, problem=problem)
+    progress.note("adjusting them by the placed photos")
+    usable = np.isfinite(known.at)
+    for piece, result in zip(of_photos, results, strict=True):
+        if isinstance(result, LaidPiece):
+            usable[piece.photo[result.contradicting]] = False
+    number = np.array([found.number_of[content] for content in rigid.contents], np.int64)
+    pictures = KnownPositions(
+        np.where(usable, known.at, complex(math.nan, math.nan))[number], known.sigma_px[number]
+    )
+    model = run_adjustment(adjust_job(rigid, pictures, laid=laid, folder=found.folder), progress=progress)
+    if model is None:
+        return replace(rigid, adjusted=adjusted, problem="the photos do not agree with the positions")
+    row = {content: n for n, content in enumerate(rigid.contents)}
+    photo = np.array([row[content] for content in model.contents], np.int64)
+    others = [
+        piece
+        for piece, result in zip(rigid.pieces, results, strict=True)
+        if isinstance(result, NotLaid) and not np.isin(piece.photo, photo).any()
+    ]
+    joined = RigidPiece(photo, model.centre, model.rotation)
+    return replace(rigid, pieces=(joined, *others), adjusted=adjusted, problem="")
 
 
-def _adjusted(
-    piece: RigidPiece,
+def _too_little(laid: Sequence[LaidPiece]) -> str:
+    """Say what known positions lack to adjust photos by them."""
+    at = np.concatenate([np.zeros(0, np.complex128), *(result.transform.at for result in laid)])
+    if len(at) < _LEAST_KNOWN:
+        return f"{len(at)} of the photos are placed, {_LEAST_KNOWN} are needed"
+    off = at - at.mean()
+    along, across = np.linalg.svd(np.column_stack([off.real, off.imag]), compute_uv=False)
+    return "the placed photos are in a line" if across < _LEAST_WIDE * along else ""
+
+
+def adjust_job(
+    rigid: StoredPieces,
     known: KnownPositions,
     *,
-    folders: tuple[Path, Path],
-    contents: tuple[str, ...],
-    progress: Progress,
-) -> tuple[RigidPiece, str]:
-    """Adjust a piece; returns it as it was with the reason where that cannot be.
+    laid: Sequence[tuple[RigidPiece, LaidPiece]],
+    folder: Path,
+) -> AdjustJob:
+    """Stand all pictures of the pieces on the map, each where the placed ones near it have it.
 
     Parameters
     ----------
-    folders : (Path, Path)
-        Of the model that holds it, and for the adjusted piece.
-    contents : tuple of str
-        Of the photos of all pieces.
+    known : KnownPositions
+        Of the pictures in `contents`, photos and views of panoramas; those that contradict others have none.
+    laid : sequence of (RigidPiece, LaidPiece)
+        Pieces of pictures, and how they lie on the map.
     """
-    laid = lay_piece(piece, known)
-    if not isinstance(laid, LaidPiece):
-        return piece, laid.reason
-    transform = laid.transform
-    problem = _too_little(transform)
-    if problem:
-        return piece, problem
-    names = tuple(contents[number] for number in piece.photo.tolist())
-    model = run_adjustment(_job(piece, transform, folders=folders, names=names), progress=progress)
-    if model is None or set(model.contents) != set(names):
-        shutil.rmtree(folders[1], ignore_errors=True)
-        return piece, "its photos do not agree with the positions"
-    row = [model.contents.index(name) for name in names]
-    return RigidPiece(piece.photo, model.centre[row], model.rotation[row], transform.error_rate), ""
+    contents: list[str] = []
+    centre, rotation = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
+    for piece, result in laid:
+        there = result.transform.lay_cameras(piece.centre)
+        at = known.at[piece.photo]
+        at = np.where(np.isfinite(at), at, there.at)
+        contents += [rigid.contents[number] for number in piece.photo.tolist()]
+        centre.append(np.column_stack([at.real, at.imag, np.zeros(len(at))]))
+        to_map = _to_map(there.factor) @ result.transform.frame
+        rotation.append(piece.rotation @ np.swapaxes(to_map, 1, 2))
+    usable = np.flatnonzero(np.isfinite(known.at))
+    where = np.column_stack([known.at[usable].real, known.at[usable].imag])
+    return AdjustJob(
+        folder / MATCHES_FILE,
+        tuple(model_folders(folder)),
+        folder / ADJUSTED / "0",
+        tuple(contents),
+        np.concatenate(centre),
+        np.concatenate(rotation),
+        tuple(rigid.contents[number] for number in usable),
+        where,
+        known.sigma_px[usable],
+        _HEIGHT_SHARE * float(np.ptp(where, axis=0).max()),
+    )
 
 
-def _job(
-    piece: RigidPiece, transform: PlanTransform, *, folders: tuple[Path, Path], names: tuple[str, ...]
-) -> AdjustJob:
-    similarity = transform.similarity()
-    height = similarity.apply(piece.centre[transform.row])[:, 2]
-    at = np.column_stack([transform.at.real, transform.at.imag, height])
-    free = _HEIGHT_SHARE * float(np.ptp(at[:, :2], axis=0).max())
-    sigma = np.column_stack([transform.sigma_px, transform.sigma_px, np.full(len(at), free)])
-    known = tuple(names[row] for row in transform.row.tolist())
-    return AdjustJob(*folders, names, similarity, known, at, sigma)
+def _to_map(factor: Points) -> Array:
+    """Rotations (n, 3, 3) from a piece as seen from above to the map, by the factors (n,) of its cameras."""
+    turn = factor / np.abs(factor)
+    level = np.zeros((len(turn), 3, 3))
+    level[:, 0, 0] = level[:, 1, 1] = turn.real
+    level[:, 0, 1], level[:, 1, 0] = -turn.imag, turn.imag
+    level[:, 2, 2] = 1.0
+    return level
 
 
-def _too_little(transform: PlanTransform) -> str:
-    """Say what known positions lack to adjust a piece by them."""
-    if len(transform.at) < _LEAST_KNOWN:
-        return f"{len(transform.at)} of its photos are placed, {_LEAST_KNOWN} are needed"
-    off = transform.at - transform.at.mean()
-    along, across = np.linalg.svd(np.column_stack([off.real, off.imag]), compute_uv=False)
-    return "its placed photos are in a line" if across < _LEAST_WIDE * along else ""
+def _reports(pieces: Sequence[RigidPiece], problem: str, *, known: KnownPositions) -> Iterator[AdjustedPiece]:
+    for order, piece in enumerate(pieces):
+        photos = tuple(piece.photo.tolist())
+        if order == 0 and not problem:
+            off = np.abs(piece.centre[:, 0] + 1j * piece.centre[:, 1] - known.at[piece.photo])
+            there = zip(photos, off.tolist(), strict=True)
+            yield AdjustedPiece(photos, "", {n: away for n, away in there if not math.isnan(away)})
+            continue
+        result = lay_piece(piece, known)
+        yield AdjustedPiece(photos, result.reason if isinstance(result, NotLaid) else problem, {})

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from webapp.files.landmarks.colmap import export_model
-from webapp.tasks.landmarks.mapping import model_folders
+from webapp.tasks.landmarks.mapping import adjusted_folders, model_folders
 from webapp.tasks.landmarks.reconstruct import Reconstruction
 
 
@@ -29,7 +29,7 @@ def names_of_photos(found: Reconstruction) -> dict[str, str]:
 def export_models(
     folder: Path, out: Path, *, names: Mapping[str, str], binary: bool = False
 ) -> list[ExportedModel]:
-    """Write every model of a reconstruction into a folder of its own.
+    """Write every model of a reconstruction into a folder of its own, first that which is on the map.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def export_models(
     StorageError
     """
     exported = []
-    for number, source in enumerate(model_folders(folder)):
+    for number, source in enumerate([*adjusted_folders(folder), *model_folders(folder)]):
         target = out / str(number)
         exported.append(ExportedModel(target, *export_model(source, target, names=names, binary=binary)))
     return exported

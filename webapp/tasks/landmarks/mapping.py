@@ -16,8 +16,9 @@ from webapp.files.landmarks.colmap import Model, as_model, pycolmap
 from webapp.progress import Progress
 from webapp.tasks.localize.extract_photo import start_worker
 
+MATCHES_FILE = "matches.db"
 ADJUSTED = "adjusted"
-"""Folder in which the adjusted pieces have one each."""
+"""Folder with the folder of the model that was joined by known positions."""
 
 Job = TypeVar("Job")
 Found = TypeVar("Found")
@@ -66,7 +67,7 @@ def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
 
 
 def run_adjustment(job: AdjustJob, *, progress: Progress) -> Model | None:
-    """Adjust a piece; see `files.landmarks.adjust`.
+    """Join pieces by known positions; see `files.landmarks.adjust`.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def model_folders(folder: Path) -> list[Path]:
 
 
 def adjusted_folders(folder: Path) -> list[Path]:
-    """List the folders of the pieces that were adjusted last."""
+    """List the folder of the model that was joined last, if there is one."""
     return [path.parent for path in sorted((folder / ADJUSTED).glob("*/images.bin"))]
 
 

@@ -19,6 +19,7 @@ from webapp.files.landmarks.colmap import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks.adjust import adjust_pieces
 from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
@@ -123,8 +124,9 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
     if not the_map.unplaced and not check:
         raise UsageError("the map has no photo without a place", where=str(cfg))
     found = reconstruct(cfg, the_map, settings=settings, progress=progress)
-    colour_cloud(cfg, found, limits=settings.photo, progress=progress)
-    return suggest_from(found, the_map)
+    joined, _ = adjust_pieces(found, the_map, progress=progress)
+    colour_cloud(cfg, joined, limits=settings.photo, progress=progress)
+    return suggest_from(joined, the_map)
 
 
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:

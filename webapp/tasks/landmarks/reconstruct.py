@@ -23,7 +23,7 @@ from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, read_models, write_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, read_pieces, write_pieces
+from webapp.files.landmarks.colmap import PIECES_FILE, RIGID_FILE, StoredPieces, read_pieces, write_pieces
 from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, ViewFeatures
 from webapp.files.listing import natural_key
 from webapp.files.localize.features import read_segment
@@ -33,7 +33,13 @@ from webapp.files.maps.folder import photo_path
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.landmarks.known import AnyPhoto
-from webapp.tasks.landmarks.mapping import MappingJob, adjusted_folders, model_folders, run_mapper
+from webapp.tasks.landmarks.mapping import (
+    MATCHES_FILE,
+    MappingJob,
+    adjusted_folders,
+    model_folders,
+    run_mapper,
+)
 from webapp.tasks.localize.build_index import BuildRequest, describe_all
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.maps.photo_files import sha256_of
@@ -100,7 +106,7 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
         numbers = sorted(entries)
         turns = [-1 if (view := pictures[n].view) is None else view.turn_deg for n in numbers]
         photo_of = np.unique([owner[n] for n in numbers], return_inverse=True)[1]
-        database = MatchDatabase(folder / "matches.db")
+        database = MatchDatabase(folder / MATCHES_FILE)
         try:
             stored = _add_all(database, [(pictures[n], entries[n]) for n in numbers], photo_of=photo_of)
             at = np.array([_position(pictures[n]) for n in numbers], np.complex128)
@@ -111,7 +117,6 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
         finally:
             database.close()
         pieces = _pieces(folder, database.path, contents=contents, key=key, progress=progress)
-        keep_cloud(folder, pieces)
     number_of = {entries[n].content: owner[n] for n in reversed(numbers)}
     turn_of = {entries[n].content: turn for n, turn in zip(numbers, turns, strict=True) if turn >= 0}
     found = tuple(renumbered(pieces, number_of, turn_of=turn_of))
@@ -237,14 +242,15 @@ def _pieces(
     folder: Path, database: Path, *, contents: Sequence[str], key: str, progress: Progress
 ) -> StoredPieces:
     """Take the pieces that are there, or make them where photos or their matches are others."""
-    file = folder / PIECES_FILE
-    stored = read_pieces(file)
-    if stored is not None and stored.key == key:
-        return stored
-    progress.note("joining them")
-    pieces = _map(folder, database, contents=contents, progress=progress)
-    stored = StoredPieces(tuple(pieces), tuple(contents), key)
-    write_pieces(file, stored)
+    stored, used = (read_pieces(folder / name) for name in (RIGID_FILE, PIECES_FILE))
+    if stored is None or stored.key != key:
+        progress.note("joining them")
+        pieces = _map(folder, database, contents=contents, progress=progress)
+        stored = StoredPieces(tuple(pieces), tuple(contents), key)
+        write_pieces(folder / RIGID_FILE, stored)
+    if used is None or used.key != key:
+        write_pieces(folder / PIECES_FILE, used := stored)
+    keep_cloud(folder, used)
     return stored
 
 
