@@ -2,6 +2,7 @@
 
 import { errorLine, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
+import { accuracyText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 import { toast } from "../shared/toast.js";
 import { nameList } from "./name-list.js";
@@ -38,13 +39,17 @@ export function restDialog({ store, server, refresh, dots, view }) {
       ids.length > 0 && h("ul", { class: "small ed-rest" }, ...rest.suggested.slice(0, SHOWN).map(row)),
       nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => `${name}: ${reason}`)),
       nameList(t("Contradicts the other placed photos"), rest.doubtful.map(({ name, residual_px: away }) =>
-        t("{name}: they have it {n} px away", { name, n: Math.round(away) }))),
+        t("{name}: they have it {distance} away", { name, distance: length(away) }))),
       rest.place_next.length > 0 && h("p", { class: "row" }, t("Placing these by hand helps most:"), ...rest.place_next.map(chooser)),
     ].filter(Boolean));
   };
+  const length = (pixels) => {
+    const metres = store.georeference.metresPerPixel;
+    return metres ? accuracyText(Math.max(0.1, pixels * metres)) : t("{n} px", { n: Math.max(1, Math.round(pixels)) });
+  };
   const row = (one) => h("li", { class: "row", "data-testid": "suggested-photo", "data-id": one.id },
     h("button", { class: "button button--quiet", type: "button", onclick: () => view.focus([[one.x_px, one.y_px]]) }, one.name),
-    h("span", { class: "soft" }, t("within {n} px", { n: Math.max(1, Math.round(one.radius_px)) })),
+    h("span", { class: "soft" }, t("within {distance}", { distance: length(one.radius_px) })),
     h("button", { class: "button button--quiet", type: "button", "aria-label": t("Place {name}", { name: one.name }), onclick: () => accept([one.id]) }, t("Place")));
   const chooser = (id) => h("button", { class: "button button--quiet", type: "button", onclick: () => store.setCurrent(id) },
     store.photos.get(id)?.name ?? String(id));
