@@ -62,7 +62,7 @@ def test_a_walk_that_bends_is_straightened_by_five_positions(scene):
     found = joined(scene, [range(PHOTOS)], at=truth, placed=placed)
     assert len(found) == PHOTOS
     assert off(found, truth).max() < 0.1
-    assert (scene[0] / "adjusted" / "0" / "images.bin").exists()
+    assert (scene[0] / "adjusted" / "images.bin").exists()
 
 
 def test_one_wrong_position_does_not_pull_the_others(scene):

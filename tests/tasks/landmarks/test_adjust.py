@@ -94,3 +94,29 @@ def test_a_piece_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, 
     found, (piece,) = adjusted(court.cfg)
     assert piece.problem == problem
     np.testing.assert_array_equal(found.pieces[0].centre, before)
+
+
+def test_a_photo_that_was_removed_takes_no_part_any_more(court):
+    place_all(court)
+    adjusted(court.cfg)
+    the_map = read_map(court.cfg)
+    write_map(court.cfg, replace(the_map, experiences=the_map.experiences[:-1]))
+    found, (piece,) = adjusted(court.cfg)
+    assert piece.problem == ""
+    assert {found.photos[n].id for n in piece.photos} <= {e.id for e in the_map.experiences[:-1]}
+
+
+def test_the_model_of_earlier_positions_is_removed_when_there_is_another(court):
+    place_all(court)
+    found, _ = adjusted(court.cfg)
+    (first,) = (found.folder / "adjusted").iterdir()
+    the_map = read_map(court.cfg)
+    one, *others = the_map.experiences
+    moved = replace(one, position=MapPixel(one.position.x + 2.0, one.position.y))
+    write_map(court.cfg, replace(the_map, experiences=(moved, *others)))
+    adjusted(court.cfg)
+    (second,) = (found.folder / "adjusted").iterdir()
+    assert first.name != second.name
+    write_map(court.cfg, the_map)
+    adjusted(court.cfg)
+    assert first.joinpath("images.bin").exists()

@@ -1,5 +1,7 @@
 """Panoramas of a court that is rendered: the views of each are one camera, and place themselves as one."""
 
+import shutil
+
 import cv2
 import numpy as np
 import pytest
@@ -54,3 +56,14 @@ def test_panoramas_are_placed_as_one_to_a_decimetre(court):
     turned = [(one.heading_deg - headings[one.id] + 180.0) % 360.0 - 180.0 for one in report.suggested]
     assert np.median(np.hypot(*np.transpose(off))) <= 0.1
     assert np.median(np.abs(turned)) <= 0.2
+
+
+def test_a_view_that_shows_nothing_of_the_others_stays_with_its_panorama(court, tmp_path):
+    folder = tmp_path / "masked"
+    shutil.copytree(court[0].parent, folder, ignore=shutil.ignore_patterns("derived"))
+    for name in (folder / "photos").iterdir():
+        pixels = cv2.imread(str(name))
+        pixels[:, 500:700] = 128
+        cv2.imwrite(str(name), pixels)
+    report = suggest_rest(folder / "map.cfg", settings=Settings(), progress=Progress())
+    assert [one.id for one in report.suggested] == [1, 3]

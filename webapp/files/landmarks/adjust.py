@@ -8,6 +8,7 @@ their neighbours give them, others by the points that they show. From round to r
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,6 +70,8 @@ class AdjustJob:
         Folders of the models of the pieces.
     out : Path
         Folder for the joined model.
+    pictures : tuple of str
+        All that take part: the database also has what is not on the map any more.
     contents : tuple of str
         The n photos that stand on the map.
     centre : (n, 3) float64
@@ -86,6 +89,7 @@ class AdjustJob:
     database: Path
     models: tuple[Path, ...]
     out: Path
+    pictures: tuple[str, ...]
     contents: tuple[str, ...]
     centre: Array
     rotation: Array
@@ -119,6 +123,7 @@ class _Scene:
         self._database = self._colmap.Database.open(job.database)
         options = self._colmap.DatabaseCacheOptions()
         options.min_num_matches = LEAST_INLIERS
+        options.image_names = set(job.pictures)
         self._cache = self._colmap.DatabaseCache.create(self._database, options)
         self._beacons = self._add_beacons()
         self._model = self._colmap.Reconstruction()
@@ -253,8 +258,9 @@ class _Scene:
         """Add photos whose positions are known, with the rotation that most matches with their neighbours
         give them, the one with most matches first."""
         turns = self._relative_rotations()
-        waiting = {id for id in turns if self._is_placed(id) and not self._model.image(id).has_pose}
+        waiting = {id for id in turns if self._is_placed(id)}
         while True:
+            waiting = {id for id in waiting if not self._model.image(id).has_pose}
             given = {id: self._given(turns[id]) for id in waiting}
             given = {id: rotations for id, rotations in given.items() if rotations}
             if not given:
@@ -341,7 +347,8 @@ class _Scene:
         for frame in list(self._model.reg_frame_ids()):
             if self._points_of(frame) < _LEAST_POINTS:
                 self._model.deregister_frame(frame)
-        out.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir(parents=True)
         self._model.write(out)
         return as_model(self._model)
 

@@ -110,7 +110,12 @@ def export_model(
     ------
     StorageError
     """
-    model = pycolmap().Reconstruction(source)
+    try:
+        model = pycolmap().Reconstruction(source)
+    except (RuntimeError, ValueError) as error:
+        raise IndexDamaged(
+            "a model cannot be read", where=source.name, hint="if it is being computed, try again later"
+        ) from error
     for image in model.images.values():
         image.name = names.get(image.name, image.name)
     try:

@@ -87,6 +87,12 @@ class MatchDatabase:
     def _read(self) -> None:
         self._database = self._colmap.Database.open(self.path)
         self._ids = {image.name: image.image_id for image in self._database.read_all_images()}
+        self._frame_of = {
+            data.id: frame.frame_id for frame in self._database.read_all_frames() for data in frame.image_ids
+        }
+        if set(self._ids.values()) != self._frame_of.keys():
+            self._database.close()
+            raise RuntimeError("killed between an image and its frame: COLMAP's programs refuse it")
         keys, counts = self._database.read_two_view_geometry_num_inliers()
         self._inliers = {
             tuple(sorted(self._colmap.pair_id_to_image_pair(key))): count
@@ -175,6 +181,7 @@ class MatchDatabase:
         for image in images:
             frame.add_data_id(image.data_id)
         self._database.write_frame(frame, use_frame_id=True)
+        self._frame_of |= {image.image_id: frame.frame_id for image in images}
 
     def _stored(self, content: str, features: Features, camera: Any) -> StoredPhoto:
         id, xy = self._ids[content], features.xy.astype(np.float64) + 0.5
@@ -207,9 +214,15 @@ class MatchDatabase:
             self._inliers[tuple(sorted((one.id, other.id)))] = count
 
     def joined(self, contents: Iterable[str]) -> list[str]:
-        """List those of the photos that see the same as another one in the database."""
-        seen = {id for pair, count in self._inliers.items() if count >= LEAST_INLIERS for id in pair}
-        return [content for content in contents if self._ids.get(content) in seen]
+        """List those of the photos that see the same as another one in the database; of a panorama all views
+        where one does, as the mapper takes the whole frame."""
+        seen = {
+            self._frame_of[id]
+            for pair, count in self._inliers.items()
+            if count >= LEAST_INLIERS
+            for id in pair
+        }
+        return [content for content in contents if self._frame_of.get(self._ids.get(content, 0)) in seen]
 
     def signature(self, contents: Iterable[str]) -> str:
         """Stand for these photos and what they have in common; 64 hexadecimal characters."""

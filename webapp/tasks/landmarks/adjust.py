@@ -42,7 +42,7 @@ _FORMAT = 2
 
 @dataclass(frozen=True, slots=True)
 class AdjustedPiece:
-    """What came of photos that hang together.
+    """The outcome for photos that are connected.
 
     Attributes
     ----------
@@ -80,26 +80,32 @@ def adjust_pieces(
         if rigid is None:
             raise IndexDamaged("the pieces are gone", where=str(found.folder), hint="run it again")
         known = known_positions(found.photos, the_map)
-        adjusted = _state(known)
+        adjusted = _key_of(known)
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
             now = _adjust(rigid, known, found=found, adjusted=adjusted, progress=progress)
             write_pieces(found.folder / PIECES_FILE, now)
+            _remove_others(found.folder / ADJUSTED, adjusted)
         keep_cloud(found.folder, now)
     pieces = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
     return replace(found, pieces=pieces), [*_reports(pieces, now.problem, known=known)]
 
 
-def _state(known: KnownPositions) -> str:
+def _key_of(known: KnownPositions) -> str:
     """Stand for known positions and how exact they are."""
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
     return hashlib.sha256(json.dumps([_FORMAT, rows]).encode()).hexdigest()[:16]
+
+
+def _remove_others(folder: Path, kept: str) -> None:
+    for other in folder.glob("*"):
+        if other.name != kept:
+            shutil.rmtree(other, ignore_errors=True)
 
 
 def _adjust(
     rigid: StoredPieces, known: KnownPositions, *, found: Reconstruction, adjusted: str, progress: Progress
 ) -> StoredPieces:
     """Join the pieces that can be laid on the map."""
-    shutil.rmtree(found.folder / ADJUSTED, ignore_errors=True)
     of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
     results = [lay_piece(piece, known) for piece in of_photos]
     laid = [
@@ -119,7 +125,9 @@ def _adjust(
     pictures = KnownPositions(
         np.where(usable, known.at, complex(math.nan, math.nan))[number], known.sigma_px[number]
     )
-    model = run_adjustment(adjust_job(rigid, pictures, laid=laid, folder=found.folder), progress=progress)
+    job = adjust_job(rigid, pictures, laid=laid, folder=found.folder)
+    out = found.folder / ADJUSTED / adjusted
+    model = run_adjustment(replace(job, out=out), progress=progress)
     if model is None:
         return replace(rigid, adjusted=adjusted, problem="the photos do not agree with the positions")
     row = {content: n for n, content in enumerate(rigid.contents)}
@@ -174,7 +182,8 @@ def adjust_job(
     return AdjustJob(
         folder / MATCHES_FILE,
         tuple(model_folders(folder)),
-        folder / ADJUSTED / "0",
+        folder / ADJUSTED,
+        rigid.contents,
         tuple(contents),
         np.concatenate(centre),
         np.concatenate(rotation),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.files.landmarks.colmap import export_model
+from webapp.files.landmarks.colmap import PIECES_FILE, export_model, read_pieces
 from webapp.tasks.landmarks.mapping import adjusted_folders, model_folders
 from webapp.tasks.landmarks.reconstruct import Reconstruction
 
@@ -42,10 +42,14 @@ def export_models(
 
     Raises
     ------
+    IndexDamaged
+        A model cannot be read, or was replaced just now.
     StorageError
     """
+    pieces = read_pieces(folder / PIECES_FILE)
+    sources = [*(adjusted_folders(folder, pieces) if pieces else []), *model_folders(folder)]
     exported = []
-    for number, source in enumerate([*adjusted_folders(folder), *model_folders(folder)]):
+    for number, source in enumerate(sources):
         target = out / str(number)
         exported.append(ExportedModel(target, *export_model(source, target, names=names, binary=binary)))
     return exported

@@ -12,13 +12,13 @@ from typing import Any, TypeVar
 
 from webapp.errors import ProcessLost
 from webapp.files.landmarks.adjust import AdjustJob, adjust
-from webapp.files.landmarks.colmap import Model, as_model, pycolmap
+from webapp.files.landmarks.colmap import Model, StoredPieces, as_model, pycolmap
 from webapp.progress import Progress
 from webapp.tasks.localize.extract_photo import start_worker
 
 MATCHES_FILE = "matches.db"
 ADJUSTED = "adjusted"
-"""Folder with the folder of the model that was joined by known positions."""
+"""Folder with the model that was joined by known positions, in one that is called after these."""
 
 Job = TypeVar("Job")
 Found = TypeVar("Found")
@@ -104,9 +104,10 @@ def model_folders(folder: Path) -> list[Path]:
     return [path.parent for name in _OUT.values() for path in sorted((folder / name).glob("*/images.bin"))]
 
 
-def adjusted_folders(folder: Path) -> list[Path]:
-    """List the folder of the model that was joined last, if there is one."""
-    return [path.parent for path in sorted((folder / ADJUSTED).glob("*/images.bin"))]
+def adjusted_folders(folder: Path, pieces: StoredPieces) -> list[Path]:
+    """List the folder of the model that pieces were joined to, if they were."""
+    joined = folder / ADJUSTED / pieces.adjusted
+    return [joined] if pieces.adjusted and not pieces.problem else []
 
 
 def _run(run: Callable[[Job], Found], job: Job, sender: Connection) -> None:

@@ -103,7 +103,9 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
         entries, problems = _describe(
             cfg, the_map, pictures, folder=folder, settings=settings, progress=progress
         )
-        numbers = sorted(entries)
+        # A panorama of which a view cannot be read takes no part: its views are one camera.
+        lost = {owner[n] for n in range(len(pictures)) if n not in entries}
+        numbers = [n for n in sorted(entries) if owner[n] not in lost]
         turns = [-1 if (view := pictures[n].view) is None else view.turn_deg for n in numbers]
         photo_of = np.unique([owner[n] for n in numbers], return_inverse=True)[1]
         database = MatchDatabase(folder / MATCHES_FILE)
@@ -266,7 +268,7 @@ def keep_cloud(folder: Path, pieces: StoredPieces) -> None:
         features = read_segment(index.spool_path(content)).entry(0).features
         return features.xy, features.descriptors
 
-    adjusted = adjusted_folders(folder) if pieces.adjusted else []
+    adjusted = adjusted_folders(folder, pieces)
     cloud = read_models([*adjusted, *model_folders(folder)], pieces, described=described)
     write_cloud(file, StoredCloud(cloud, pieces.cloud_key))
 

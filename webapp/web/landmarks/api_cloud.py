@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from apiflask.validators import OneOf
 from flask import Response, send_file
 from sqlalchemy import select
 
-from webapp.errors import NotFound
+from webapp.errors import NotFound, StorageError
 from webapp.extras import require
 from webapp.files.landmarks.points import MapPoints, as_ply
 from webapp.files.maps.map_json import parse_panorama
@@ -23,7 +24,14 @@ from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks.export_models import export_models
 from webapp.tasks.landmarks.mapping import model_folders
-from webapp.tasks.landmarks.show_cloud import BLOCK_POINTS, block, scaling, shown_cloud, stored_points
+from webapp.tasks.landmarks.show_cloud import (
+    BLOCK_POINTS,
+    ShownCloud,
+    block,
+    scaling,
+    shown_cloud,
+    stored_points,
+)
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.web.compression import accepts_gzip, gzipped
@@ -112,9 +120,11 @@ def show(slug: str) -> dict[str, Any]:
     Where photos were placed or moved since they were laid on the map, a job lays them anew.
     """
     record = open_map(slug)
-    if not shown_cloud(library(), record).is_current:
-        _enqueue(record, only_lay=True)
-    return _cloud(record)
+    shown = shown_cloud(library(), record)
+    if not shown.is_current:
+        with suppress(StorageError):  # a full disk: what is there is shown all the same
+            _enqueue(record, only_lay=True)
+    return _cloud(record, shown)
 
 
 @blueprint.post("")
@@ -124,7 +134,7 @@ def build(slug: str) -> dict[str, Any]:
     record = open_map(slug, "editor")
     require("sfm")
     _enqueue(record, only_lay=False)
-    return _cloud(record)
+    return _cloud(record, shown_cloud(library(), record))
 
 
 @blueprint.get("/points/<string(length=32):key>/<int(max=100000):number>")
@@ -152,7 +162,7 @@ def points(slug: str, key: str, number: int) -> Response:
 @blueprint.get("/points.ply")
 @blueprint.doc(responses=file_answer("The points with their colours, as PLY (binary).", _OCTETS))
 def ply(slug: str) -> Response:
-    """Take the points away, in the frame of the map."""
+    """Download the points, in the frame of the map."""
     record = open_map(slug)
     response = Response(as_ply(_points(record)), mimetype=_OCTETS)
     return _to_save(response, f"{record.slug}.ply")
@@ -162,7 +172,7 @@ def ply(slug: str) -> Response:
 @blueprint.input(ColmapIn, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("A folder for each model.", "application/zip"))
 def colmap(slug: str, query: dict[str, str]) -> Response:
-    """Take the models away for COLMAP and what reads its files, each in a frame of its own."""
+    """Download the models for COLMAP and programs that read its files, first that which is on the map."""
     record = open_map(slug)
     require("sfm")
     folder = landmarks_folder(library().cfg(record.slug))
@@ -214,8 +224,7 @@ def _enqueue(record: MapRecord, *, only_lay: bool) -> None:
         )
 
 
-def _cloud(record: MapRecord) -> dict[str, Any]:
-    shown = shown_cloud(library(), record)
+def _cloud(record: MapRecord, shown: ShownCloud) -> dict[str, Any]:
     found = shown.points
     with library().database.read() as session:
         running = select(Job.id).where(Job.map_id == record.id, Job.kind.in_(_JOBS), Job.state.not_in(ENDED))
