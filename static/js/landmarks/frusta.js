@@ -1,4 +1,4 @@
-/** The cameras: a dot and a frustum each; the chosen one holds its photo. */
+/** The cameras: a dot and a frustum each, the chosen one with its photo; a panorama is a larger dot alone. */
 
 import {
   BufferAttribute, BufferGeometry, Color, DoubleSide, Group, LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial,
@@ -7,6 +7,7 @@ import {
 
 const EDGES = [[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [2, 3], [3, 4], [4, 1], [1, 5], [5, 2]];
 const DOT_PX = 5;
+const PANORAMA_PX = 9;
 
 /**
  * Corners of a frustum: where the camera is, the corners of its picture from the top left, and a mark above it.
@@ -40,26 +41,30 @@ export class Frusta {
     this._chosenColour = colours.chosen;
     const lines = [];
     const shades = [];
-    const centres = [];
-    const dots = [];
+    const photos = { at: [], colours: [] };
+    const spheres = { at: [], colours: [] };
     for (const camera of cameras) {
       const colour = new Color(camera.placed ? colours.placed : colours.tray).toArray();
+      const dots = camera.panorama ? spheres : photos;
+      dots.at.push(...camera.at);
+      dots.colours.push(...colour);
+      if (camera.panorama) continue;
       const at = corners(camera, depth);
       for (const end of EDGES.flat()) {
         lines.push(...at[end].toArray());
         shades.push(...colour);
       }
-      centres.push(...camera.at);
-      dots.push(...colour);
     }
+    const dotsOf = ({ at, colours: own }, size) => new Points(geometryOf(at, own), new PointsMaterial({ vertexColors: true, size, sizeAttenuation: false }));
     this.object.add(
       new LineSegments(geometryOf(lines, shades), new LineBasicMaterial({ vertexColors: true })),
-      new Points(geometryOf(centres, dots), new PointsMaterial({ vertexColors: true, size: DOT_PX, sizeAttenuation: false })),
+      dotsOf(photos, DOT_PX),
+      dotsOf(spheres, PANORAMA_PX),
     );
   }
 
   /**
-   * Show a photo in its frustum.
+   * Show a photo in its frustum; of a panorama only where it is.
    * @param {?Object} camera
    * @param {function(): void} changed called when it has come
    */
@@ -67,6 +72,10 @@ export class Frusta {
     this.chosen?.removeFromParent();
     this.chosen = null;
     if (!camera) return;
+    const dot = new PointsMaterial({ color: this._chosenColour, size: 3 * DOT_PX, sizeAttenuation: false, depthTest: false });
+    this.chosen = new Group().add(new Points(geometryOf(camera.at), dot));
+    this.object.add(this.chosen);
+    if (camera.panorama) return;
     const at = corners(camera, 3 * this.depth);
     const lines = new LineSegments(geometryOf(EDGES.flat().flatMap((end) => at[end].toArray())), new LineBasicMaterial({ color: this._chosenColour }));
     const sheet = new BufferGeometry();
@@ -76,9 +85,7 @@ export class Frusta {
     const texture = new TextureLoader().load(camera.preview, changed);
     texture.colorSpace = SRGBColorSpace;
     const picture = new MeshBasicMaterial({ map: texture, side: DoubleSide, transparent: true, opacity: 0.8, depthWrite: false });
-    const dot = new PointsMaterial({ color: this._chosenColour, size: 3 * DOT_PX, sizeAttenuation: false, depthTest: false });
-    this.chosen = new Group().add(new Mesh(sheet, picture), lines, new Points(geometryOf(camera.at), dot));
-    this.object.add(this.chosen);
+    this.chosen.add(new Mesh(sheet, picture), lines);
   }
 }
 

@@ -3,15 +3,17 @@
 import gzip
 import io
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.web.landmarks.conftest import place
 from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.pieces import RigidPiece, turn_of_view
+from webapp.core.mapmodel.panorama import Panorama
 from webapp.extras import install_line
-from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
+from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
 from webapp.files.landmarks.points import COLOURS_FILE, write_colours
 from webapp.jobs.kinds import KINDS
@@ -106,6 +108,27 @@ def test_points_and_cameras_are_where_the_photos_say(client, laid):
     assert colours[:, 3].tolist() == [3] * 4
     packed = client.get(f"{laid}/points/{answer['key']}/0", headers={"Accept-Encoding": "gzip"})
     assert gzip.decompress(packed.data) == response.data
+
+
+def test_a_panorama_is_one_camera_that_looks_as_its_middle_does(client, joined, library):
+    url, record = joined
+    folder = landmarks_folder(library.cfg(record.slug))
+    with library.database.write() as session:
+        photos = [session.query(Photo).filter_by(map_id=record.id, id=n).one() for n in range(2)]
+        photos[0].panorama = {}
+        views = Panorama().views()[1:3]
+        contents = (*(view.content(photos[0].sha256) for view in views), photos[1].sha256)
+    rotation = np.array([*(turn_of_view(view.turn_deg) @ UP for view in views), UP])
+    centre = np.array([(x, -y, 0.0) for x, y in (AT[0], AT[0], AT[1])], float)
+    piece = RigidPiece(np.arange(3), centre, rotation)
+    write_pieces(folder / PIECES_FILE, StoredPieces((piece,), contents, "key"))
+    cloud = read_cloud(folder / CLOUD_FILE).cloud
+    write_cloud(folder / CLOUD_FILE, StoredCloud(replace(cloud, contents=contents), "key"))
+    lay_in_library(library, record)
+    cameras = client.get(url).json["cameras"]
+    assert [(c["id"], c["panorama"]) for c in cameras] == [(0, True), (1, False)]
+    assert cameras[0]["at"] == pytest.approx([-190, 140, 0], abs=0.01)
+    assert cameras[0]["rotation"][2] == pytest.approx([0, 1, 0], abs=1e-3)
 
 
 def test_points_are_sent_in_blocks(client, laid, monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -58,7 +59,7 @@ def view_size(panorama_width: int, focal_35mm: int) -> ViewSize:
 
 def view_pixels(
     size: ViewSize, *, panorama: tuple[int, int], turn_deg: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Find where in a panorama the pixels of a level view are.
 
     Parameters
@@ -71,16 +72,17 @@ def view_pixels(
     Returns
     -------
     x, y : (h, w) float32
-        Pixels, centres at whole numbers; x may be beyond an edge, where the panorama begins again.
-    elevation_deg : (h, w) float64
+        Pixels, centres at whole numbers; x may be beyond an edge, where the panorama begins again. As the
+        view is level, x is the same in all rows.
+    elevation_deg : (h, w) float32
         Above the horizon.
     """
-    columns, rows = np.meshgrid(np.arange(size.width), np.arange(size.height))
-    xy = np.stack([columns.ravel(), rows.ravel()], 1).astype(np.float64)
-    at, elevation = panorama_pixels(xy, size, panorama=panorama, turn_deg=turn_deg)
-    shape = size.height, size.width
-    x, y = at.astype(np.float32).T
-    return x.reshape(shape), y.reshape(shape), elevation.reshape(shape)
+    longest = np.arange(max(size.width, size.height), dtype=np.float64)
+    right, down, _ = size.camera.rays(np.stack([longest, longest], 1)).astype(np.float32).T
+    x, y, elevation = _pixels_of_rays(
+        right[: size.width], down[: size.height, None], panorama=panorama, turn_deg=turn_deg
+    )
+    return np.tile(x, (size.height, 1)), y, elevation
 
 
 def panorama_pixels(
@@ -99,17 +101,25 @@ def panorama_pixels(
     elevation_deg : (n,) float64
         Above the horizon.
     """
-    ray = size.camera.rays(xy)
-    longitude = np.degrees(np.arctan2(ray[:, 0], ray[:, 2])) + turn_deg
-    elevation = np.degrees(np.arctan2(-ray[:, 1], np.hypot(ray[:, 0], ray[:, 2])))
+    right, down, _ = size.camera.rays(xy).T
+    x, y, elevation = _pixels_of_rays(right, down, panorama=panorama, turn_deg=turn_deg)
+    return np.column_stack([x, y]), elevation
+
+
+def _pixels_of_rays(
+    right: NDArray[Any], down: NDArray[Any], *, panorama: tuple[int, int], turn_deg: float
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Find where rays of depth 1 meet a panorama, in the precision in which they are given."""
+    longitude = np.degrees(np.arctan(right)) + turn_deg
+    elevation = np.degrees(np.arctan2(-down, np.hypot(right, 1.0)))
     width, height = panorama
     x = (longitude / 360.0 + 0.5) % 1.0 * width - 0.5
-    return np.column_stack([x, (0.5 - elevation / 180.0) * height - 0.5]), elevation
+    return x, (0.5 - elevation / 180.0) * height - 0.5, elevation
 
 
 def cut_view(
     pixels: NDArray[np.uint8], size: ViewSize, *, turn_deg: float
-) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Cut a level view out of a panorama.
 
     Parameters
@@ -120,11 +130,13 @@ def cut_view(
     Returns
     -------
     view : (h, w) or (h, w, 3) uint8
-    elevation_deg : (h, w) float64
+    elevation_deg : (h, w) float32
         As from `view_pixels`.
     """
     x, y, elevation = view_pixels(size, panorama=(pixels.shape[1], pixels.shape[0]), turn_deg=turn_deg)
-    # The left edge continues the right one: columns beyond them are taken from the other side.
-    wide = np.concatenate([pixels[:, -1:], pixels, pixels[:, :1]], 1)
-    view = cv2.remap(wide, x + 1.0, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(view, np.uint8), elevation
+    return sample(pixels, x, y), elevation
+
+
+def sample(pixels: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Interpolate a panorama at pixels of level views; its left edge continues the right one."""
+    return np.asarray(cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), np.uint8)

@@ -23,6 +23,9 @@ _NUMBER = 2**32
 _MOST_CELLS = (360, 180)
 """Columns and rows of a mask at most: a degree each."""
 
+_DIGITS = 5
+"""Of the edges of boxes: a tenth of a pixel of a wide panorama."""
+
 
 @dataclass(frozen=True, slots=True)
 class Panorama:
@@ -103,14 +106,19 @@ def boxes_of_mask(used: NDArray[np.bool_]) -> tuple[BlurBox, ...]:
         there is one a degree, or fewer of a smaller mask.
     """
     rows, columns = (min(own, most) for own, most in zip(used.shape, _MOST_CELLS[::-1], strict=True))
-    out = np.zeros((rows, columns), np.bool_)
-    y, x = np.nonzero(~used)
-    out[y * rows // used.shape[0], x * columns // used.shape[1]] = True
+    high, wide = used.shape
+    strips = np.logical_and.reduceat(used, -(-np.arange(rows) * high // rows), axis=0)
+    out = ~np.logical_and.reduceat(strips, -(-np.arange(columns) * wide // columns), axis=1)
     runs = ((row, *run) for row in range(rows) for run in _runs(out[row]))
     return tuple(
-        BlurBox(first / columns, top / rows, (last - first) / columns, (bottom - top) / rows)
+        _rounded(first / columns, top / rows, right=last / columns, bottom=bottom / rows)
         for top, bottom, first, last in _stacked(runs)
     )
+
+
+def _rounded(left: float, top: float, *, right: float, bottom: float) -> BlurBox:
+    x, y = round(left, _DIGITS), round(top, _DIGITS)
+    return BlurBox(x, y, round(right - x, _DIGITS), round(bottom - y, _DIGITS))
 
 
 def _runs(row: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""Fields of view of photos, also of those that do not state theirs."""
+"""Fields of view of photos, also of those without a known one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def fields_of_view(
     Parameters
     ----------
     known : sequence of float or None
-        As the map states them.
+        As the map has them.
     photo_of_entry : (e,) int64
         As `IndexedMap` has it.
     """

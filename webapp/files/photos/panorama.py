@@ -14,7 +14,7 @@ import piexif
 from numpy.typing import NDArray
 
 from webapp.core.blur import BlurBox
-from webapp.core.geometry.equirectangular import cut_view, view_pixels, view_size
+from webapp.core.geometry.equirectangular import ViewSize, sample, view_pixels, view_size
 from webapp.core.mapmodel.panorama import FOCAL_35MM, LevelView, boxes_of_mask
 from webapp.errors import PhotoError
 from webapp.files.atomic import storage_error, write_bytes
@@ -26,8 +26,8 @@ _GPANO = re.compile(rb'GPano:(\w+)\s*(?:=\s*["\']|>)\s*([^"\'<]+)')
 _ASPECT, _TOLERANCE = 2.0, 0.01
 _QUALITY = 92
 
-MOST_MASKED = 2000
-"""Boxes of a mask."""
+MOST_MASKED = 300
+"""Boxes of a mask; those of a hundred panoramas are one edit."""
 
 GREY = 128
 """What is masked has no texture, and so no keypoints."""
@@ -127,21 +127,26 @@ def read_level_view(
     PhotoError
     """
     pixels = read_gray(source, limits=limits).pixels
-    cut, used = cut_level_view(pixels, view)
-    gray = scaled_gray(cut, max_side)
-    size = gray.pixels.shape[1], gray.pixels.shape[0]
-    small = cv2.resize(used.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    fov_deg = view_size(pixels.shape[1], FOCAL_35MM).camera.fov_deg
-    return CutView(gray, fov_deg, np.asarray(small, np.bool_))
+    wide = pixels.shape[1]
+    full = view_size(wide, FOCAL_35MM)
+    scale = 1.0 if max_side is None else min(1.0, max_side / full.width)
+    size = ViewSize(round(full.width * scale), round(full.height * scale), FOCAL_35MM)
+    # Nothing aliases where the panorama is scaled down first, to an even width: half of that is its height.
+    cut, used = cut_level_view(scaled_gray(pixels, 2 * round(wide * scale / 2)).pixels, view, size=size)
+    return CutView(GrayPhoto(cut, scale, (full.width, full.height)), full.camera.fov_deg, used)
 
 
-def cut_level_view(pixels: NDArray[np.uint8], view: LevelView) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+def cut_level_view(
+    pixels: NDArray[np.uint8], view: LevelView, *, size: ViewSize | None = None
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Cut a level view out of a panorama.
 
     Parameters
     ----------
     pixels : (H, W) or (H, W, 3) uint8
         The whole sphere.
+    size : ViewSize, optional
+        That with as many pixels a degree, unless it is given.
 
     Returns
     -------
@@ -150,14 +155,16 @@ def cut_level_view(pixels: NDArray[np.uint8], view: LevelView) -> tuple[NDArray[
     used : (h, w) bool
         What is not.
     """
-    size = view_size(pixels.shape[1], FOCAL_35MM)
-    cut, _ = cut_view(pixels, size, turn_deg=view.turn_deg)
-    x, y, _ = view_pixels(size, panorama=(pixels.shape[1], pixels.shape[0]), turn_deg=view.turn_deg)
-    across, down = ((x + 0.5) / pixels.shape[1]) % 1.0, (y + 0.5) / pixels.shape[0]
+    high, wide = pixels.shape[:2]
+    size = size or view_size(wide, FOCAL_35MM)
+    x, y, _ = view_pixels(size, panorama=(wide, high), turn_deg=view.turn_deg)
+    cut = sample(pixels, x, y)
     used = np.ones(cut.shape[:2], np.bool_)
+    across = ((x[0] + 0.5) / wide) % 1.0  # the same in all rows
     for box in view.masked:
-        inside = (across >= box.x) & (across <= box.x + box.width)
-        used &= ~(inside & (down >= box.y) & (down <= box.y + box.height))
+        columns = np.flatnonzero((across >= box.x) & (across <= box.x + box.width))
+        down = (y[:, columns] + 0.5) / high
+        used[:, columns] &= (down < box.y) | (down > box.y + box.height)
     cut[~used] = GREY
     return cut, used
 
@@ -184,7 +191,9 @@ def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
     boxes = boxes_of_mask(pixels >= GREY)
     if len(boxes) > MOST_MASKED:
         raise PhotoError(
-            "the mask is too ragged", where=str(source), hint="draw what is masked as a few black areas"
+            f"the mask is too ragged: it would take {len(boxes)} boxes, and {MOST_MASKED} are the most",
+            where=str(source),
+            hint="draw what is masked as a few black areas with straight edges",
         )
     return boxes
 

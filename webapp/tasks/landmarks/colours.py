@@ -30,7 +30,7 @@ Sampled = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
 def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progress: Progress) -> None:
-    """Sample the photos for the colours of the points, unless that is done; kept beside the cloud.
+    """Sample the photos for the colours of the points, unless that is done; kept with the cloud.
 
     Raises
     ------

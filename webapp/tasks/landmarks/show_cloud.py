@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, lay_cloud
+from webapp.core.landmarks.pieces import turn_of_view
 from webapp.core.landmarks.placing import LaidPiece, NotLaid, lay_piece
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
@@ -41,7 +41,7 @@ from webapp.tasks.maps.library_map import as_map
 BLOCK_POINTS = 131_072
 """Points that are sent at once; each block has points of everywhere."""
 
-_VERSION = 1
+_VERSION = 2
 _GREY = 128
 _MOST_SEEN = 255
 _STEPS = 65_535
@@ -56,9 +56,9 @@ class ShownCloud:
     ----------
     points : MapPoints or None
         As they were laid on the map last. `about` has what the page needs besides: `unit` ("m" or "px"),
-        `origin`, `frame` (the same in words), `coloured`, `cameras` (`id, at, rotation, focal_px`), `corners`
-        of the image, its height `ground`, and `left_out`: photos of pieces that cannot be laid (`photos`,
-        `reason`).
+        `origin`, `frame` (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation,
+        focal_px`), `corners` of the image, its height `ground`, and `left_out`: photos of pieces that cannot
+        be laid (`photos`, `reason`).
     is_current : bool
         Whether nothing was changed since; also where there are no landmarks at all.
     new_photos : int
@@ -155,7 +155,7 @@ def block(points: MapPoints, number: int) -> bytes:
     some = slice(number * BLOCK_POINTS, (number + 1) * BLOCK_POINTS)
     xyz = points.xyz[some]
     if not len(xyz):
-        raise NotFound("no such part of the landmarks")
+        raise NotFound("this part of the landmarks does not exist")
     offset, scale = scaling(points)
     steps = np.rint((xyz - offset) / scale).astype("<u2")
     colours = np.column_stack([points.rgb[some], points.times_seen[some]])
@@ -215,19 +215,21 @@ def _about(frame: CloudFrame, cloud: MapCloud) -> dict[str, Any]:
 def _cameras(
     cloud: MapCloud, photos: Sequence[AnyPhoto | None], *, focal_px: NDArray[np.float64]
 ) -> list[dict[str, Any]]:
-    """List the cameras of photos that are still on the map or in its tray."""
-    return [
-        {
+    """List the cameras of photos that are still on the map or in its tray; of a panorama one."""
+    found: dict[int, dict[str, Any]] = {}
+    for number, centre, rotation in zip(cloud.photo.tolist(), cloud.centre, cloud.rotation, strict=True):
+        one = photos[number]
+        if one is None or not np.isfinite(centre).all() or experience_of(one.id) in found:
+            continue
+        middle = rotation if one.view is None else turn_of_view(one.view.turn_deg).T @ rotation
+        found[experience_of(one.id)] = {
             "id": experience_of(one.id),
-            "at": [round(x, 3) for x in centre],
-            "rotation": [[round(x, 4) for x in axis] for axis in rotation],
+            "panorama": one.view is not None,
+            "at": centre.round(3).tolist(),
+            "rotation": middle.round(4).tolist(),
             "focal_px": round(float(focal_px[number]), 1),
         }
-        for number, centre, rotation in zip(
-            cloud.photo.tolist(), cloud.centre.tolist(), cloud.rotation.tolist(), strict=True
-        )
-        if (one := photos[number]) is not None and all(map(math.isfinite, centre))
-    ]
+    return [*found.values()]
 
 
 def _left_out(

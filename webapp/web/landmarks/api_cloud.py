@@ -57,13 +57,19 @@ class ShownCameraOut(Schema):
 
     id = Integer()
     name = String()
+    panorama = Boolean(metadata={"description": "Whether it shows the whole sphere."})
     at = List(Float(), metadata={"description": "Where it was taken, x, y, z."})
     rotation = List(
-        List(Float()), metadata={"description": "Unit vectors to the camera's right, down and front."}
+        List(Float()),
+        metadata={
+            "description": "Unit vectors to the camera's right, down and front: the middle of a panorama."
+        },
     )
     width = Integer(metadata={"description": "Of the upright photo, pixels."})
     height = Integer()
-    focal_px = Float(metadata={"description": "Focal length as the reconstruction has it."})
+    focal_px = Float(
+        metadata={"description": "Focal length as the reconstruction has it; of a panorama its views'."}
+    )
     placed = Boolean(metadata={"description": "Whether it is placed on the map."})
     source = Nested(
         SourceOut, allow_none=True, metadata={"description": "Of a photo from a street-level service."}
