@@ -151,6 +151,11 @@ def test_old_missions_are_thinned_pruned_and_kept(mission, tmp_path):
     assert code == 1
     assert "expmap mission keep 1 --off" in err
     assert mission("keep", "1", "--off")[0] == 0
+    code, out, _ = mission("prune", "1", "--older-than", "365")
+    assert (code, out.splitlines()) == (
+        0,
+        ["mission 1 is left out: it changed less than 365 days ago", "0 poses of 0 tracks removed"],
+    )
     code, out, _ = mission("thin", "1", "--to", "0.5", "--dry-run")
     assert (code, out.splitlines()[-1]) == (0, "58 poses of 1 tracks would be removed")
     assert "mission 1: gps 'walk track 1' would have 2 of 60 poses" in out

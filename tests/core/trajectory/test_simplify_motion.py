@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pyproj import Geod
 
-from webapp.core.trajectory.thinning import simplify_motion
+from webapp.core.trajectory.thinning import GAP_S, simplify_motion
 
 WGS84 = Geod(ellps="WGS84")
 STEPS = arrays(np.float64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.floats(-5, 5))
@@ -52,6 +52,15 @@ def test_both_ends_of_a_gap_stay_and_of_what_has_no_height_and_where_time_goes_b
     north = times_s * 1.0
     keep = simplify_motion(times_s, latlon_of(0 * north, north), height_m=height_m, tolerance_m=5.0)
     assert np.flatnonzero(keep).tolist() == [0, 4, 5, 9, 10, 19, 20, 39, 40, 59]
+
+
+def test_gaps_stay_in_a_motion_that_was_thinned_before():
+    """A kept gap of a minute, between poses of which only one in twenty seconds is left."""
+    times_s = np.concatenate([np.arange(0.0, 101, 20), np.arange(160.0, 261, 20)])
+    latlon, height_m = latlon_of(0 * times_s, times_s), 0 * times_s
+    for gap_s, gap_stays in ((None, False), (GAP_S, True)):
+        keep = simplify_motion(times_s, latlon, height_m=height_m, tolerance_m=5.0, gap_s=gap_s)
+        assert keep[[5, 6]].all() == gap_stays
 
 
 def test_a_way_over_the_180th_meridian_is_no_way_around_the_earth():

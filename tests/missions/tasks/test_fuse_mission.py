@@ -73,6 +73,18 @@ def test_what_was_left_out_is_reported_and_kept(library, driven):
     assert fuse.read_report(library, mission_id) == json.loads(json.dumps(report))
 
 
+def test_of_thinned_tracks_it_says_so_with_the_largest_error(library, driven):
+    mission_id, _ = driven
+    run(library, mission_id)
+    assert (fused(library, mission_id)[0].removed, fused(library, mission_id)[0].thinned_m) == (0, None)
+    with library.database.write() as session:
+        for track, error_m in zip(tracks.list_tracks(session, mission_id), (0.5, 2.0), strict=False):
+            track.removed, track.thinned_m, track.thinned_poses = 10, error_m, track.poses
+    run(library, mission_id)
+    track, _ = fused(library, mission_id)
+    assert (track.removed, track.thinned_m, track.thinned_poses) == (20, 2.0, track.poses)
+
+
 def test_done_again_it_is_the_same(library, driven):
     mission_id, _ = driven
     first, again = run(library, mission_id), run(library, mission_id)

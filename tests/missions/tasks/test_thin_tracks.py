@@ -4,17 +4,18 @@ import os
 import subprocess
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
 import pytest
-from sqlalchemy import select
+from sqlalchemy import Engine, event, func, select
 
 from webapp.app.wings import DUTIES
 from webapp.errors import Conflict
 from webapp.jobs.worker import Worker
-from webapp.missions.store import missions, reading, tracks
-from webapp.missions.store.schema import Mission, MissionObject, ObjectSighting, Track
+from webapp.missions.store import missions, query, reading, tracks
+from webapp.missions.store.schema import Mission, MissionObject, ObjectSighting, Pose, Track
 from webapp.missions.tasks import export, thin_tracks
 from webapp.missions.tasks.thin_tracks import Rule
 from webapp.missions.tasks.track_display import build_pieces
@@ -24,6 +25,19 @@ from webapp.store.clock import now
 
 METRE = Rule(1.0)
 ENDS = Rule(None)
+
+
+@contextmanager
+def statements(library):
+    """Collect each statement that is executed, with the number of its rows."""
+    seen = []
+
+    def executed(_connection, _cursor, statement, parameters, _context, many):
+        seen.append((statement, len(parameters) if many else 1))
+
+    event.listen(Engine, "before_cursor_execute", executed)
+    yield seen
+    event.remove(Engine, "before_cursor_execute", executed)
 
 
 class Killed(BaseException):
@@ -120,6 +134,79 @@ def test_poses_that_come_later_are_thinned_with_the_whole_tolerance(library, old
     assert np.array_equal(left.times_s[: len(first)], first.times_s)
     assert farthest_m(some_poses(6000), left) <= 1.0
     assert track.removed == 6000 - track.poses
+
+
+def test_thinned_again_both_ends_of_a_gap_stay(library, old_mission, some_poses):
+    id = old_mission(10)
+    whole = some_poses(4000)
+    line = replace(whole, latlon=whole.latlon[:1] + np.arange(4000)[:, None] * (0, 1e-6))
+    line.times_s[2000:] += 60
+    with library.database.write() as session:
+        (track,) = tracks.list_tracks(session, id)
+        tracks.clear(session, track)
+        every_20_s = np.flatnonzero((np.arange(4000) % 40 == 0) | np.isin(np.arange(4000), (1999, 3999)))
+        tracks.append(session, track, line.take(every_20_s))
+        track.thinned_m, track.thinned_poses = 0.5, track.poses
+    thinned(library, id, METRE)
+    left = track_of(library, id)[1].times_s
+    assert {line.times_s[1999], line.times_s[2000]} <= set(left.tolist())
+
+
+def test_where_nothing_goes_no_pose_is_written(library, old_mission):
+    id = old_mission(100)
+    with library.database.write() as session, statements(library) as seen:
+        (track,) = tracks.list_tracks(session, id)
+        tracks.thin(session, track, tracks.read(session, track), thinned_m=1.0)
+    assert [one for one in seen if one[0].startswith(("INSERT", "DELETE"))] == []
+    track, left = track_of(library, id)
+    assert (track.thinned_m, track.thinned_poses, len(left)) == (1.0, 100, 100)
+
+
+def test_long_tracks_are_written_in_blocks(library, old_mission, monkeypatch):
+    monkeypatch.setattr(tracks, "_BLOCK", 300)
+    with statements(library) as seen:
+        id = old_mission(1000)
+    assert [count for text, count in seen if text.startswith("INSERT INTO pose")] == [300, 300, 300, 100]
+    _, left = track_of(library, id)
+    assert np.array_equal(left.travelled_m, np.arange(1000) / 4)
+
+
+def rows_of_poses(library):
+    with library.database.read() as session:
+        return session.scalar(select(func.count()).select_from(Pose))
+
+
+def test_rows_of_removed_poses_go_in_blocks_and_after_a_kill_they_hide_until_they_go(
+    library, old_mission, monkeypatch, some_poses
+):
+    monkeypatch.setattr(tracks, "_BLOCK", 300)
+    id = old_mission(1000)
+    sizes = []
+
+    @contextmanager
+    def write():
+        with library.database.write() as session:
+            yield session
+        sizes.append(rows_of_poses(library))
+        if len(sizes) == 2:
+            raise Killed
+
+    with pytest.raises(Killed):
+        thinned(library, id, ENDS, writes=write)
+    assert sizes == [1000, 700]
+    with library.database.read() as session:
+        assert thin_tracks.due(session, ENDS) == [id]
+        asked = query.understand(id, query.Question("poses", select="number"))
+        assert list(query.answer(session, asked)) == [(0,), (1,)]
+    with library.database.write() as session:
+        (track,) = tracks.list_tracks(session, id)
+        tracks.append(session, track, some_poses(1100).take(slice(1000, None)))
+    track, left = track_of(library, id)
+    assert (track.poses, len(left), left.times_s[-1]) == (102, 102, some_poses(1100).times_s[-1])
+    thinned(library, id, ENDS)
+    assert rows_of_poses(library) == 2
+    with library.database.read() as session:
+        assert thin_tracks.due(session, ENDS) == []
 
 
 def test_pruned_both_ends_are_left(library, old_mission):
@@ -260,7 +347,8 @@ def test_killed_anywhere_each_track_is_whole_or_thinned(library, old_mission, af
         with library.database.read() as session:
             found = {track.source: track.poses for track in tracks.list_tracks(session, id)}
         assert all(found[source] in (1000, expected[source]) for source in expected)
-    assert len(kills) == (3 if after_commit else 2)
+    assert len(kills) == (6 if after_commit else 2), "each track is replaced, then its rows are deleted"
+    assert rows_of_poses(library) == sum(expected.values())
     with library.database.read() as session:
         assert {track.source: track.poses for track in tracks.list_tracks(session, id)} == expected
 

@@ -140,6 +140,7 @@ def simplify_motion(
     *,
     height_m: NDArray[np.float64],
     tolerance_m: float,
+    gap_s: float | None = None,
 ) -> NDArray[np.bool_]:
     """Choose poses of a motion so that at no time it is farther than a tolerance from the one through them.
 
@@ -155,6 +156,8 @@ def simplify_motion(
         Degrees north, degrees east.
     height_m : (n,) float64
         NaN where it is not known.
+    gap_s : float or None
+        Between poses farther apart in time there is a gap; None: as `GAP_S` and `GAP_FACTOR` say.
 
     Returns
     -------
@@ -163,9 +166,10 @@ def simplify_motion(
     """
     at = np.column_stack([latlon[:, 0], np.unwrap(latlon[:, 1], period=360.0), np.nan_to_num(height_m)])
     waits = np.diff(times_s)
-    usual_s = np.median(waits) if len(waits) else 0.0
+    if gap_s is None:
+        gap_s = max(GAP_S, GAP_FACTOR * float(np.median(waits))) if len(waits) else GAP_S
     known = np.isfinite(height_m)
-    apart = (waits < 0) | (waits > max(GAP_S, GAP_FACTOR * usual_s)) | (known[1:] != known[:-1])
+    apart = (waits < 0) | (waits > gap_s) | (known[1:] != known[:-1])
     cuts = np.flatnonzero(apart)
     ends = np.unique(np.concatenate([_ends(len(at)), cuts, cuts + 1]))
     return _split_where_far(ends, _off_motion(times_s, at), tolerance_m)

@@ -29,7 +29,7 @@ def _common(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--dry-run", is_flag=True, help="Only print what would be done."),
         click.option(
             "--older-than", "days", type=click.FloatRange(min=0), metavar="DAYS",
-            help="All that have not changed for so long.  [default: as the settings say]",
+            help="Only those that have not changed for so long.  [default: as the settings say]",
         ),
         _missions,
     ):  # fmt: skip
@@ -52,7 +52,7 @@ def thin(
     kept are left as they are; objects, photos, and both ends of each track stay.
     """
     settings = library_settings(library)
-    days = settings.missions.thin_after_days if days is None else days
+    days = _days(numbers, days, settings.missions.thin_after_days)
     rule = Rule(settings.missions.thin_to_m if metres is None else metres, timedelta(days=days))
     return _thin(numbers, rule, settings=settings, dry_run=dry_run)
 
@@ -65,7 +65,7 @@ def prune(numbers: tuple[int, ...], days: float | None, dry_run: bool, library: 
     Which missions: as for `expmap mission thin`.
     """
     settings = library_settings(library)
-    days = settings.missions.prune_after_days if days is None else days
+    days = _days(numbers, days, settings.missions.prune_after_days)
     return _thin(numbers, Rule(None, timedelta(days=days)), settings=settings, dry_run=dry_run)
 
 
@@ -86,6 +86,13 @@ def keep(numbers: tuple[int, ...], off: bool, library: Path | None) -> None:
             missions.count_change(found)
 
 
+def _days(numbers: tuple[int, ...], given: float | None, setting: float) -> float:
+    """Return how old missions have to be: those that are named may be of any age, unless one is given."""
+    if given is not None:
+        return given
+    return 0.0 if numbers else setting
+
+
 def _thin(numbers: tuple[int, ...], rule: Rule, *, settings: Settings, dry_run: bool) -> int:
     if not numbers and not rule.after:
         raise UsageError(
@@ -95,7 +102,11 @@ def _thin(numbers: tuple[int, ...], rule: Rule, *, settings: Settings, dry_run: 
     failed = tracks = removed = 0
     with existing_library(settings.library) as place, terminal_progress("thinning") as progress:
         with place.database.read() as session:
-            ids = numbers or thin_tracks.due(session, rule)
+            young = thin_tracks.young(session, numbers, rule=rule)
+            ids = [id for id in numbers if id not in young] if numbers else thin_tracks.due(session, rule)
+        for id in young:
+            days = rule.after / timedelta(days=1)
+            click.echo(f"mission {id} is left out: it changed less than {days:g} days ago")
         progress.size(len(ids))
         for id in ids:
             try:

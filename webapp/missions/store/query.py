@@ -181,7 +181,8 @@ def answer(session: Session, asked: ParsedQuery) -> Iterator[tuple[Any, ...]]:
 
 def _rows(table: str, mission_id: int, columns: Sequence[Any]) -> Select[Any]:
     if table == "poses":
-        joined = select(*columns).select_from(Track).join(Pose, Pose.track_id == Track.id)
+        stored = and_(Pose.track_id == Track.id, Pose.number < Track.poses)  # others are removed
+        joined = select(*columns).select_from(Track).join(Pose, stored)
         return joined.where(Track.mission_id == mission_id)
     if table == "objects":
         return select(*columns).where(MissionObject.mission_id == mission_id)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Select, delete, func, select
+from sqlalchemy import ColumnElement, Select, and_, delete, exists, func, select
 from sqlalchemy.orm import Session
 
 from webapp.core.trajectory.distance import COLUMNS, fill_travelled
@@ -86,19 +86,7 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
     if not len(poses):
         return
     travelled = fill_travelled(poses.latlon, poses.travelled_m, before=_end(session, track))
-    numbers = range(track.poses, track.poses + len(poses))
-    columns = (
-        poses.times_s.tolist(),
-        *poses.latlon.T.tolist(),
-        *(_or_none(column) for column in (poses.height_m, poses.heading_deg, *poses.covariance_m2.T)),
-        travelled.tolist(),
-    )
-    rows = [(track.id, *row) for row in zip(numbers, *columns, strict=True)]
-    connection = session.connection()
-    mark = "?" if connection.dialect.paramstyle == "qmark" else "%s"
-    marks = ", ".join([mark] * len(_COLUMNS))
-    # In the driver's own way: SQLAlchemy takes three times as long to prepare as many rows.
-    connection.exec_driver_sql(f"INSERT INTO pose ({', '.join(_COLUMNS)}) VALUES ({marks})", rows)
+    _insert(session, track, replace(poses, travelled_m=travelled))
     _count(track, poses, way_m=float(travelled[-1]))
     if track.poses - track.built_to >= PIECE:
         jobs.enqueue(session, PIECES_JOB, key=str(track.mission_id), arguments={"mission": track.mission_id})
@@ -106,7 +94,13 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
 
 def clear(session: Session, track: Track) -> None:
     """Take all poses out of a track."""
-    for table in (Pose, TrackPiece, TrackProfile):
+    session.execute(delete(Pose).where(Pose.track_id == track.id))
+    _forget(session, track)
+
+
+def _forget(session: Session, track: Track) -> None:
+    """Count no poses, and know nothing of any; their rows stay."""
+    for table in (TrackPiece, TrackProfile):
         session.execute(delete(table).where(table.track_id == track.id))
     track.poses = track.skipped = track.built_to = track.removed = track.thinned_poses = 0
     track.thinned_m = None
@@ -125,6 +119,9 @@ _OF_ALL = (
 def thin(session: Session, track: Track, poses: Poses, *, thinned_m: float | None) -> None:
     """Replace the poses of a track by some of them; what is known of all of them stays.
 
+    This takes as long as what stays is long: the rows of the others are no poses any more, and are left to
+    `delete_removed`.
+
     Parameters
     ----------
     poses : Poses
@@ -132,14 +129,39 @@ def thin(session: Session, track: Track, poses: Poses, *, thinned_m: float | Non
     thinned_m : float or None
         How far the others are from the motion through these, at most; None: nobody knows.
     """
-    known = {name: getattr(track, name) for name in _OF_ALL}
     removed = track.poses - len(poses)
-    clear(session, track)
-    append(session, track, poses)
-    for name, value in known.items():
-        setattr(track, name, value)
-    track.removed += removed
+    if removed:
+        known = {name: getattr(track, name) for name in _OF_ALL}
+        _forget(session, track)
+        append(session, track, poses)
+        for name, value in known.items():
+            setattr(track, name, value)
+        track.removed += removed
     track.thinned_m, track.thinned_poses = thinned_m, track.poses
+
+
+def has_removed() -> ColumnElement[bool]:
+    """Say of tracks, in a query, whether rows of removed poses are left."""
+    return exists().where(Pose.track_id == Track.id, Pose.number >= Track.poses)
+
+
+def delete_removed(session: Session, track_id: int) -> None:
+    """Delete a block of the rows of removed poses, the last first."""
+    track = session.get(Track, track_id)
+    last = session.scalar(select(func.max(Pose.number)).where(Pose.track_id == track_id))
+    if track is not None and last is not None:
+        first = max(track.poses, last + 1 - _BLOCK)
+        session.connection().execute(delete(Pose).where(_are(track, first, last + 1)))
+
+
+def inherit_thinning(track: Track, inputs: Sequence[Track]) -> None:
+    """Keep with a track, which was just made of others, that these were thinned, and by how much at most."""
+    thinned = [one for one in inputs if one.removed]
+    if thinned:
+        errors_m = [one.thinned_m for one in thinned if one.thinned_m is not None]
+        track.removed = sum(one.removed for one in thinned)
+        track.thinned_m = max(errors_m) if len(errors_m) == len(thinned) else None
+        track.thinned_poses = track.poses
 
 
 def read(session: Session, track: Track, *, first: int = 0, stop: int | None = None) -> Poses:
@@ -189,6 +211,34 @@ def _poses(session: Session, found: Select[tuple[object, ...]]) -> Poses:
         covariance_m2=table[:, 6:9],
         travelled_m=table[:, 9],
     )
+
+
+def _insert(session: Session, track: Track, poses: Poses) -> None:
+    connection = session.connection()
+    mark = "?" if connection.dialect.paramstyle == "qmark" else "%s"
+    marks = ", ".join([mark] * len(_COLUMNS))
+    connection.execute(delete(Pose).where(_are(track, track.poses, track.poses + len(poses))))
+    for begin in range(0, len(poses), _BLOCK):
+        block = poses.take(slice(begin, begin + _BLOCK))
+        # In the driver's own way: SQLAlchemy takes three times as long to prepare as many rows.
+        connection.exec_driver_sql(
+            f"INSERT INTO pose ({', '.join(_COLUMNS)}) VALUES ({marks})",
+            _rows(track.id, track.poses + begin, block),
+        )
+
+
+def _rows(track_id: int, first: int, poses: Poses) -> list[tuple[float | None, ...]]:
+    columns = (
+        poses.times_s.tolist(),
+        *poses.latlon.T.tolist(),
+        *(_or_none(column) for column in (poses.height_m, poses.heading_deg, *poses.covariance_m2.T)),
+        poses.travelled_m.tolist(),
+    )
+    return [(track_id, *row) for row in zip(range(first, first + len(poses)), *columns, strict=True)]
+
+
+def _are(track: Track, first: int, stop: int) -> ColumnElement[bool]:
+    return and_(Pose.track_id == track.id, Pose.number >= first, Pose.number < stop)
 
 
 def _end(session: Session, track: Track) -> tuple[float, float, float] | None:

@@ -139,6 +139,7 @@ def _kept(
                 track = tracks.get_or_create(session, mission_id, source="fused")
                 tracks.clear(session, track)
                 tracks.append(session, track, poses)
+                tracks.inherit_thinning(track, _inputs(session, mission_id, report))
                 _mark_photos(session, mission_id, gated)
                 missions.count_change(mission)
                 report |= {"track": track.id, "revision": mission.revision}
@@ -149,6 +150,13 @@ def _kept(
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / REPORT, json.dumps(report))
     return True
+
+
+def _inputs(session: Session, mission_id: int, report: dict[str, Any]) -> list[Track]:
+    """List the tracks that were put together."""
+    sources = {fixes["source"] for fixes in report["fixes"]}
+    found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
+    return [track for track in found if track.id == report["odometry"] or track.source in sources]
 
 
 def _read(session: Session, track: Track) -> tuple[Poses, NDArray[np.int64]]:

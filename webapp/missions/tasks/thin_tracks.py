@@ -1,13 +1,16 @@
 """Thins tracks of missions that are over: fewer poses, or both ends alone; by rule or on demand.
 
 Each track is replaced in one transaction, so that work that is killed has left each track either as it was or
-thinned, and continues with the next. Only poses go: objects, their sightings and photos stay, and so do the
-first and the last pose of a track, its length, its times and its extent.
+thinned, and continues with the next. The rows of what was removed are deleted afterwards, block by block, so
+that others write in between; where that was killed, the track is due again.
+
+Only poses go: objects, their sightings and photos stay, and so do the first and the last pose of a track, its
+length, its times and its extent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import timedelta
@@ -17,7 +20,7 @@ from sqlalchemy import ColumnElement, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.core.trajectory.records import Poses, join
-from webapp.core.trajectory.thinning import simplify_motion
+from webapp.core.trajectory.thinning import GAP_S, simplify_motion
 from webapp.errors import Conflict, NotFound
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Mission, Track
@@ -83,7 +86,14 @@ def due(session: Session, rule: Rule) -> list[int]:
     """
     over = or_(Mission.ended_at.is_not(None), Mission.changed_at < now() - LIVE)
     old = (Mission.changed_at <= now() - rule.after, over, ~Mission.keep, Mission.binned_at.is_(None))
-    found = select(Mission.id).where(*old, Mission.id.in_(select(Track.mission_id).where(_is_due(rule))))
+    due_tracks = or_(_is_due(rule), tracks.has_removed())
+    found = select(Mission.id).where(*old, Mission.id.in_(select(Track.mission_id).where(due_tracks)))
+    return list(session.scalars(found.order_by(Mission.id)))
+
+
+def young(session: Session, ids: Sequence[int], *, rule: Rule) -> list[int]:
+    """List those of some missions that changed too short a time ago for a rule."""
+    found = select(Mission.id).where(Mission.id.in_(ids), Mission.changed_at > now() - rule.after)
     return list(session.scalars(found.order_by(Mission.id)))
 
 
@@ -132,6 +142,8 @@ def thin_mission(
     for track_id in found:
         progress.check()
         thinned = _thin(library, id, track_id, rule=rule, write=None if dry_run else write)
+        if not dry_run:
+            _delete_removed(library, track_id, write=write, progress=progress)
         if thinned is not None and thinned.after < thinned.before:
             yield thinned
 
@@ -192,23 +204,37 @@ def _thin(
     return result
 
 
+def _delete_removed(library: Library, track_id: int, *, write: Write, progress: Progress) -> None:
+    left = select(Track.id).where(Track.id == track_id, tracks.has_removed())
+    while True:
+        with library.database.read() as session:
+            if session.scalar(left) is None:
+                return
+        with write() as session:
+            tracks.delete_removed(session, track_id)
+        progress.check()
+
+
 def _left(session: Session, track: Track, rule: Rule) -> tuple[float | None, Poses]:
     """Return how exact a track will be, and the poses that stay.
 
     What was thinned before and is thinned again has both errors, so that it gets what is left to the whole.
+    The intervals between its poses do not say any more what the usual one was, so that all gaps stay there.
     """
     if rule.to_m is None:
         return None, tracks.at(session, track, [0, track.poses - 1])
     before_m = track.thinned_m if track.thinned_poses else 0.0
     more_m = 0.0 if before_m is None else max(rule.to_m - before_m, 0.0)
     left, old = [], track.thinned_poses
-    for tolerance_m, first, stop in (more_m, 0, old), (rule.to_m, old, track.poses):
+    for tolerance_m, gap_s, first, stop in (more_m, GAP_S, 0, old), (rule.to_m, None, old, track.poses):
         for begin in range(first, stop, _BLOCK):
             poses = tracks.read(session, track, first=begin, stop=min(begin + _BLOCK, stop))
-            left.append(_thinned(poses, tolerance_m) if tolerance_m else poses)
+            left.append(_thinned(poses, tolerance_m, gap_s) if tolerance_m else poses)
     return None if before_m is None else max(rule.to_m, before_m), join(left)
 
 
-def _thinned(poses: Poses, tolerance_m: float) -> Poses:
-    chosen = simplify_motion(poses.times_s, poses.latlon, height_m=poses.height_m, tolerance_m=tolerance_m)
+def _thinned(poses: Poses, tolerance_m: float, gap_s: float | None) -> Poses:
+    chosen = simplify_motion(
+        poses.times_s, poses.latlon, height_m=poses.height_m, tolerance_m=tolerance_m, gap_s=gap_s
+    )
     return poses.take(np.flatnonzero(chosen))
