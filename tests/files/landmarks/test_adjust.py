@@ -29,8 +29,8 @@ def scene(tmp_path):
     return tmp_path, model.centre[order], model.rotation[order]
 
 
-def joined(scene, pieces, *, at, placed):
-    """Lay pieces, ranges of photos, by the placed ones and join them; returns centres in metres by number."""
+def make_job(scene, pieces, *, at, placed):
+    """Lay pieces, ranges of photos, by the placed ones."""
     folder, centre, rotation = scene
     known = KnownPositions(
         np.where(
@@ -45,7 +45,12 @@ def joined(scene, pieces, *, at, placed):
     for piece, result in laid:
         known.at[piece.photo[result.contradicting]] = complex(np.nan, np.nan)
     stored = StoredPieces(tuple(rigid), CONTENTS, "key")
-    model = adjust(adjust_job(stored, known, laid=laid, folder=folder))
+    return adjust_job(stored, known, laid=laid, folder=folder)
+
+
+def joined(scene, pieces, *, at, placed):
+    """Lay pieces and join them; returns centres in metres by number."""
+    model = adjust(make_job(scene, pieces, at=at, placed=placed))
     if model is None:
         return None
     return {int(name): at / SCALE for name, at in zip(model.contents, model.centre, strict=True)}
@@ -94,3 +99,10 @@ def test_most_matches_decide_on_a_rotation():
     rotation, support = agreed_rotation([(about, 20), (turned, 30), (about, 15)])
     np.testing.assert_allclose(rotation, about, atol=1e-12)
     assert support == 35
+
+
+@pytest.mark.parametrize(("side_px", "pixel"), [(1000, 1.0), (320, 2.0)])
+def test_keypoints_of_large_photos_are_less_exact(scene, monkeypatch, side_px, pixel):
+    monkeypatch.setattr(adjusting, "_SIDE_PX", side_px)
+    job = make_job(scene, [range(PHOTOS)], at=walk()[0], placed=[0, 5, 16, 21])
+    assert adjusting._Scene(job)._pixel == pixel

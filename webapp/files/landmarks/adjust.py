@@ -125,6 +125,8 @@ class _Scene:
         options.min_num_matches = LEAST_INLIERS
         options.image_names = set(job.pictures)
         self._cache = self._colmap.DatabaseCache.create(self._database, options)
+        side = np.median([max(camera.width, camera.height) for camera in self._cache.cameras.values()])
+        self._pixel = max(1.0, float(side) / _SIDE_PX)
         self._beacons = self._add_beacons()
         self._model = self._colmap.Reconstruction()
         self._model.load(self._cache)
@@ -133,8 +135,6 @@ class _Scene:
         for content, centre, rotation in zip(job.contents, job.centre, job.rotation, strict=True):
             if not self._model.image(self._id[content]).has_pose:
                 self._pose(self._id[content], centre, rotation)
-        side = np.median([max(camera.width, camera.height) for camera in self._cache.cameras.values()])
-        self._pixel = max(1.0, float(side) / _SIDE_PX)
         self._triangulation = self._colmap.IncrementalTriangulatorOptions()
         # Two photos of one point are enough where it is known where they were taken.
         self._triangulation.ignore_two_view_tracks = False
