@@ -45,7 +45,7 @@ def make_job(scene, pieces, *, at, placed):
     for piece, result in laid:
         known.at[piece.photo[result.contradicting]] = complex(np.nan, np.nan)
     stored = StoredPieces(tuple(rigid), CONTENTS, "key")
-    return adjust_job(stored, known, laid=laid, folder=folder)
+    return adjust_job(stored, known, laid=laid, folder=folder, out=folder / "adjusted")
 
 
 def joined(scene, pieces, *, at, placed):

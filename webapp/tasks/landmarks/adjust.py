@@ -125,9 +125,9 @@ def _adjust(
     pictures = KnownPositions(
         np.where(usable, known.at, complex(math.nan, math.nan))[number], known.sigma_px[number]
     )
-    job = adjust_job(rigid, pictures, laid=laid, folder=found.folder)
     out = found.folder / ADJUSTED / adjusted
-    model = run_adjustment(replace(job, out=out), progress=progress)
+    job = adjust_job(rigid, pictures, laid=laid, folder=found.folder, out=out)
+    model = run_adjustment(job, progress=progress)
     if model is None:
         return replace(rigid, adjusted=adjusted, problem="the photos do not agree with the positions")
     row = {content: n for n, content in enumerate(rigid.contents)}
@@ -157,6 +157,7 @@ def adjust_job(
     *,
     laid: Sequence[tuple[RigidPiece, LaidPiece]],
     folder: Path,
+    out: Path,
 ) -> AdjustJob:
     """Stand all pictures of the pieces on the map, each where the placed ones near it have it.
 
@@ -166,6 +167,8 @@ def adjust_job(
         Of the pictures in `contents`, photos and views of panoramas; those that contradict others have none.
     laid : sequence of (RigidPiece, LaidPiece)
         Pieces of pictures, and how they lie on the map.
+    folder, out : Path
+        Of the reconstruction, and for the joined model.
     """
     contents: list[str] = []
     centre, rotation = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
@@ -182,7 +185,7 @@ def adjust_job(
     return AdjustJob(
         folder / MATCHES_FILE,
         tuple(model_folders(folder)),
-        folder / ADJUSTED,
+        out,
         rigid.contents,
         tuple(contents),
         np.concatenate(centre),

@@ -59,7 +59,7 @@ class Reconstruction:
     photos : tuple of Experience or UnplacedPhoto
         All of the map; the pieces have their numbers here.
     pieces : tuple of RigidPiece
-        The largest first.
+        The largest first; once they are joined at the known positions, what is joined.
     problems : mapping of int to str
         Why photos cannot take part, by their number.
     folder : Path
