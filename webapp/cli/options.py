@@ -24,6 +24,23 @@ MAP_FILE = click.Path(path_type=Path)
 """Not looked for here: a map that is missing is a bad map, and not a wrong option."""
 
 
+def area_option(name: str, *, sides: str, text: str) -> Decorator:
+    """Make an option that takes the sides of an area as four numbers with commas."""
+    return click.option(name, callback=_four_numbers, metavar=sides, help=text)
+
+
+def _four_numbers(_ctx: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 4:
+        raise click.BadParameter(f"write {option.metavar}: four numbers with commas")
+    return numbers
+
+
 def index_options(command: Command) -> Command:
     """Add what decides which index is used, and how it is built."""
     for option in reversed(_INDEX_OPTIONS):

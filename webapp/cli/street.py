@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from webapp.cli.exitcodes import SOME_FAILED
-from webapp.cli.options import MAP_FILE
+from webapp.cli.options import MAP_FILE, area_option
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.core.geo.tilegrid import GeoBox
@@ -33,29 +33,13 @@ from webapp.tasks.street.survey import (
 from webapp.tasks.street.targets import FolderTarget, LibraryTarget, StreetTarget
 
 
-def _four_numbers(_ctx: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...] | None:
-    if text is None:
-        return None
-    try:
-        numbers = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) != 4:
-        raise click.BadParameter(f"write {option.metavar}: four numbers with commas")
-    return numbers
-
-
 @click.command("street-photos", short_help="Add street-level photos from Panoramax or Mapillary.")
 @click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
 @click.option("--source", type=click.Choice(SOURCES), help="The service; default: the first that is set up.")
-@click.option(
-    "--bbox", callback=_four_numbers, metavar="WEST,SOUTH,EAST,NORTH",
-    help="The area, degrees; default: all of the map's image.",
-)  # fmt: skip
-@click.option(
-    "--within", callback=_four_numbers, metavar="LEFT,TOP,RIGHT,BOTTOM",
-    help="The area, in pixels of the map's image.",
-)  # fmt: skip
+@area_option(
+    "--bbox", sides="WEST,SOUTH,EAST,NORTH", text="The area, degrees; default: all of the map's image."
+)
+@area_option("--within", sides="LEFT,TOP,RIGHT,BOTTOM", text="The area, in pixels of the map's image.")
 @click.option(
     "--panoramas", type=click.Choice(PANORAMA_WISHES), default="cut", show_default=True,
     help="Cut each into six level views, skip them, or keep them as they are.",

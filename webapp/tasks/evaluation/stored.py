@@ -95,16 +95,36 @@ def read(cfg: Path) -> tuple[Kept, ...]:
     StorageError
         The file cannot be read.
     """
-    path = _path(cfg)
+    forms = read_forms(cfg)
     try:
-        at = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-        return tuple(_kept(form, at) for form in json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        return ()
+        return tuple(_kept(form, _written(cfg)) for form in forms)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StorageError(
-            "the evaluation of the map cannot be read", where=FILE, hint="evaluate the map again"
-        ) from error
+        raise _unreadable() from error
+
+
+def read_forms(cfg: Path) -> list[dict[str, Any]]:
+    """Read the last evaluation as it was written; an empty list where there is none.
+
+    Raises
+    ------
+    StorageError
+        The file cannot be read.
+    """
+    try:
+        forms: list[dict[str, Any]] = json.loads(_path(cfg).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError) as error:
+        raise _unreadable() from error
+    return forms
+
+
+def _written(cfg: Path) -> datetime:
+    return datetime.fromtimestamp(_path(cfg).stat().st_mtime, UTC)
+
+
+def _unreadable() -> StorageError:
+    return StorageError("the evaluation of the map cannot be read", where=FILE, hint="evaluate the map again")
 
 
 def _kept(form: dict[str, Any], at: datetime) -> Kept:

@@ -1,0 +1,145 @@
+"""How well places are recognised, and where the next photos help: layouts whose answer is obvious."""
+
+import math
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from webapp.core.mapmodel.photo_plan import plan_spots, short_walk, walk_length
+from webapp.core.mapmodel.recognition import PhotoTrials, Rectangle, estimate_recognition
+
+IMAGE = Rectangle(0, 0, 1000, 600)
+LENGTH = 20.0
+NORTH, EAST, SOUTH, WEST = 0, 2, 4, 6
+
+
+def photos(rows):
+    """Photos from (x, y, heading or None, success or None)."""
+    table = np.array([[math.nan if value is None else value for value in row] for row in rows], np.float64)
+    table = table.reshape(-1, 4)
+    return PhotoTrials(table[:, :2], table[:, 2], table[:, 3])
+
+
+def all_around(x, y, success=None):
+    return [(x, y, heading, success) for heading in range(0, 360, 45)]
+
+
+def cell_of(grid, x, y):
+    return int(np.hypot(*(grid.cell - (x, y)).T).argmin())
+
+
+def estimate(rows, **more):
+    return estimate_recognition(photos(rows), length=LENGTH, image=IMAGE, **more)
+
+
+def test_cells_are_near_photos_and_on_the_image():
+    grid = estimate([(5, 5, 0, None), (505, 305, 0, None)])
+    away = np.minimum(np.hypot(*(grid.cell - (5, 5)).T), np.hypot(*(grid.cell - (505, 305)).T))
+    assert away.max() <= LENGTH + grid.side
+    assert (grid.cell >= 0).all()
+    assert grid.wanted.all()
+
+
+def test_a_photo_speaks_for_its_place_and_direction():
+    grid = estimate([(505, 305, 90, None)])
+    here, there = grid.mean[cell_of(grid, 505, 305)], grid.mean[cell_of(grid, 523, 305)]
+    assert here[EAST] > 0.7
+    assert here[EAST] > here[NORTH] == pytest.approx(here[SOUTH])
+    assert here[WEST] == pytest.approx(0.05)
+    assert here[EAST] > there[EAST] > there[WEST]
+
+
+def test_north_is_one_direction_from_both_sides():
+    left, right = (estimate([(505, 305, heading, None)]).mean for heading in (-10.0, 350.0))
+    assert left == pytest.approx(right)
+
+
+def test_trials_count_more_the_more_there_are():
+    rows = [(505, 305, 90, 0.0)]
+    means = [estimate(rows * count).mean[cell_of(estimate(rows), 505, 305), EAST] for count in (1, 3, 9)]
+    assert means[0] > means[1] > means[2]
+    assert means[2] < 0.12
+    won = estimate([(505, 305, 90, 1.0)] * 9)
+    lost = estimate(rows * 9)
+    untried = estimate([(505, 305, 90, None)] * 9)
+    here = cell_of(won, 505, 305)
+    assert won.mean[here, EAST] > 0.9
+    assert won.sigma[here, EAST] < untried.sigma[here, EAST]
+    assert lost.share < untried.share < won.share
+
+
+def test_a_trial_of_unknown_direction_counts_for_all():
+    grid = estimate([(505, 305, None, 0.0)] * 9)
+    assert grid.mean[cell_of(grid, 505, 305)] == pytest.approx(grid.mean[cell_of(grid, 505, 305), 0])
+    assert grid.mean[cell_of(grid, 505, 305)].max() < 0.15
+
+
+def test_an_area_is_estimated_also_where_nobody_was():
+    area = Rectangle(600, 100, 800, 300)
+    grid = estimate([(505, 305, 0, None)], area=area)
+    assert area.holds(grid.cell[grid.wanted]).all()
+    assert len(grid.cell) > grid.wanted.sum()
+    assert grid.share == pytest.approx(0.05, abs=0.02)
+
+
+def test_a_large_map_has_coarser_cells():
+    rows = [(x, y, 0, None) for x in range(0, 1000, 10) for y in range(0, 600, 10)]
+    grid = estimate_recognition(photos(rows), length=4.0, image=IMAGE)
+    assert 500 < len(grid.cell) <= 1500
+    assert grid.length == grid.side > 4.0
+
+
+def test_the_direction_that_is_missing_is_planned_first():
+    rows = [row for x in range(100, 900, 15) for row in all_around(x, 300, 1.0)]
+    rows = [row for row in rows if not (390 <= row[0] <= 510 and row[2] in (135, 180, 225))]
+    found = plan_spots(estimate(rows), photos(rows), count=1)
+    assert found[0].position[0] == pytest.approx(450, abs=LENGTH)
+    assert found[0].headings_deg[0] == 180
+    assert found[0].reason == "direction"
+
+
+def test_reasons():
+    one_way = [(x, 300, 90, None) for x in range(100, 300, 15)]
+    lost = [row for x in range(500, 560, 15) for row in all_around(x, 300, 0.0)]
+    reasons = {
+        spot.reason: spot for spot in plan_spots(estimate(one_way + lost), photos(one_way + lost), count=30)
+    }
+    assert set(reasons) >= {"one-direction", "not-recognised"}
+    assert reasons["one-direction"].position[0] < 330
+    near = [(one_way + lost)[n] for n in reasons["not-recognised"].photos]
+    assert near
+    assert all(success == 0.0 for *_, success in near)
+    bare = plan_spots(estimate(lost, area=Rectangle(800, 100, 900, 200)), photos(lost), count=1)
+    assert [(spot.reason, spot.photos) for spot in bare] == [("few-photos", ())]
+
+
+def test_spots_are_apart_and_their_gains_add_up_to_less_than_what_is_missing():
+    rows = [(x, 300, 90, 1.0) for x in range(100, 900, 25)]
+    grid = estimate(rows)
+    few, many = plan_spots(grid, photos(rows), count=4), plan_spots(grid, photos(rows), count=12)
+    assert (len(few), len(many)) == (4, 12)
+    at = np.array([spot.position for spot in many])
+    apart = np.hypot(*(at[:, None] - at).transpose(2, 0, 1)) + 1e9 * np.eye(12)
+    assert apart.min() > LENGTH
+    assert 0 < sum(s.gain for s in few) < sum(s.gain for s in many) < 1 - grid.share
+    assert all(1 <= len(spot.headings_deg) <= 4 for spot in many)
+
+
+def test_a_map_without_directions_is_photographed_all_around():
+    rows = [(x, 300, None, None) for x in range(100, 900, 25)]
+    found = plan_spots(estimate(rows), photos(rows), count=5)
+    assert [spot.headings_deg for spot in found] == [()] * 5
+    assert plan_spots(estimate([]), photos([]), count=5) == []
+
+
+@given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 99)), min_size=1, max_size=5, unique=True))
+@settings(max_examples=40, deadline=None)
+def test_a_walk_visits_all_and_is_nearly_the_shortest(points):
+    at = np.array(points, np.float64)
+    walk = short_walk(at)
+    assert sorted(walk) == list(range(len(points)))
+    best = min(walk_length(at[list(order)]) for order in permutations(range(len(points))))
+    assert walk_length(at[walk]) <= 1.2 * best + 1e-9

@@ -1,0 +1,183 @@
+"""Where the next photos of a map help most, as a short walk.
+
+A photo that is added recognises others as the prior of `recognition` has it. Its gain is the share of the
+area that is recognised then and was not before. The more photos there are, the less another one gains, so
+that a greedy choice is nearly the best: at least 63 % of it where any photos may be chosen (G. Nemhauser,
+L. Wolsey and M. Fisher, "An analysis of approximations for maximizing submodular set functions", 1978), as
+for sensors in A. Krause, A. Singh and C. Guestrin, "Near-optimal sensor placements in Gaussian processes",
+2008. Here spots are apart besides, and photos are taken in several directions at each.
+
+The order of the walk is that of the nearest neighbour, improved by turning parts of it round (2-opt:
+G. Croes, "A method for solving traveling-salesman problems", 1958).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from webapp.core.mapmodel.recognition import (
+    DIRECTIONS,
+    RECOGNISES,
+    STEP_DEG,
+    Array,
+    PhotoTrials,
+    RecognitionGrid,
+    angle_kernel,
+    distance_kernel,
+)
+
+Reason = Literal["not-recognised", "one-direction", "direction", "few-photos"]
+
+_MOST_HEADINGS = 4
+_WORTH_TURNING = 0.5
+"""A further photo is taken at a spot where it gains at least such a part of what the first one does."""
+
+_APART = math.exp(-0.5)
+"""Weight of a cell for a spot from which on no other spot is there: nearer than the length of the kernel."""
+
+_EPSILON = 1e-9
+"""Of a length: less is rounding, and turning parts round would never end."""
+
+_NEAR_DEG = 45.0
+_ONE_SIDE_DEG = 120.0
+_FAILED = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedSpot:
+    """A spot where photos are to be taken.
+
+    Attributes
+    ----------
+    position : tuple of (float, float)
+        In the units of the photos.
+    headings_deg : tuple of float
+        The most useful first; none where no direction of the map's photos is known.
+    gain : float
+        By how much the recognised share of the area is expected to grow.
+    reason : {"not-recognised", "one-direction", "direction", "few-photos"}
+        Photos of this view were not found again; all photos around look to one side; none looks this way;
+        there are no photos around.
+    photos : tuple of int
+        Numbers of the photos that the reason is about, the nearest first.
+    """
+
+    position: tuple[float, float]
+    headings_deg: tuple[float, ...]
+    gain: float
+    reason: Reason
+    photos: tuple[int, ...]
+
+
+def plan_spots(grid: RecognitionGrid, photos: PhotoTrials, *, count: int) -> list[PlannedSpot]:
+    """Choose spots in the area, in the order of a walk; fewer where there is nothing more to gain."""
+    wanted = np.flatnonzero(grid.wanted)
+    if not len(wanted) or not len(photos.position):
+        return []
+    at = distance_kernel(grid.cell[wanted], grid.cell[wanted], length=grid.length)
+    around = RECOGNISES * angle_kernel()
+    missing = 1.0 - grid.mean[wanted]
+    directed = bool(np.isfinite(photos.heading_deg).any())
+    free = np.ones(len(wanted), np.bool_)
+    chosen: list[PlannedSpot] = []
+    while len(chosen) < count and free.any():
+        gains = (at @ missing @ around).max(axis=1)
+        spot = int(np.where(free, gains, -1.0).argmax())
+        free &= at[spot] < _APART
+        headings, gain = _take(missing, at[spot], around, directed=directed)
+        place = grid.cell[wanted[spot]]
+        reason, about = _reason(place, headings[0] * STEP_DEG, photos, length=grid.length)
+        x, y = place.tolist()
+        towards = tuple(heading * STEP_DEG for heading in headings) if directed else ()
+        chosen.append(PlannedSpot((x, y), towards, gain / missing.size, reason, about))
+    order = short_walk(np.array([spot.position for spot in chosen]).reshape(-1, 2))
+    return [chosen[n] for n in order]
+
+
+def _take(missing: Array, at: Array, around: Array, *, directed: bool) -> tuple[list[int], float]:
+    """Add the photos of a spot to the field in place; gives their directions and their gain."""
+    most, worth = (_MOST_HEADINGS, _WORTH_TURNING) if directed else (DIRECTIONS, 0.0)
+    headings: list[int] = []
+    total = first = 0.0
+    while len(headings) < most:
+        gains = at @ missing @ around
+        best = int(gains.argmax())
+        if best in headings or gains[best] < worth * first:
+            break
+        first = first or float(gains[best])
+        total += float(gains[best])
+        headings.append(best)
+        missing *= 1.0 - at[:, None] * around[best]
+    return headings, total
+
+
+def _reason(
+    place: Array, heading_deg: float, photos: PhotoTrials, *, length: float
+) -> tuple[Reason, tuple[int, ...]]:
+    away = np.hypot(*(photos.position - place).T)
+    order = np.argsort(away, kind="stable")
+    near = order[away[order] <= length]
+    turned = np.abs((photos.heading_deg - heading_deg + 180.0) % 360.0 - 180.0)
+    same = near[~(turned[near] > _NEAR_DEG)]  # those of unknown heading too
+    lost = same[photos.success[same] <= _FAILED]
+    if len(lost) and len(lost) > (photos.success[same] > _FAILED).sum():
+        return "not-recognised", tuple(lost.tolist())
+    if not len(near):
+        return "few-photos", ()
+    known = near[np.isfinite(photos.heading_deg[near])]
+    if not len(known) or (turned[known] <= _NEAR_DEG).any():
+        return "few-photos", tuple(near.tolist())
+    around = np.sort(photos.heading_deg[known] % 360.0)
+    widest = np.diff(np.append(around, around[0] + 360.0)).max()
+    reason: Reason = "one-direction" if widest >= 360.0 - _ONE_SIDE_DEG else "direction"
+    return reason, tuple(known.tolist())
+
+
+def short_walk(points: Array) -> list[int]:
+    """Order points, (n, 2), so that the way from the first to the last is short."""
+    if len(points) < 3:
+        return list(range(len(points)))
+    apart = np.hypot(*(points[:, None, :] - points[None, :, :]).transpose(2, 0, 1))
+    walks = (_without_detours(_nearest_neighbours(apart, start), apart) for start in range(len(points)))
+    return min(walks, key=lambda walk: walk_length(points[walk]))
+
+
+def walk_length(points: Array) -> float:
+    """Add up the distances between points that follow each other."""
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _nearest_neighbours(apart: Array, start: int) -> list[int]:
+    walk, left = [start], set(range(len(apart))) - {start}
+    while left:
+        walk.append(min(left, key=lambda point: (apart[walk[-1], point], point)))
+        left.remove(walk[-1])
+    return walk
+
+
+def _without_detours(walk: list[int], apart: Array) -> list[int]:
+    """Turn parts of the walk round as long as that makes it shorter."""
+    improved = True
+    while improved:
+        improved = False
+        for first in range(len(walk) - 1):
+            for last in range(first + 1, len(walk)):
+                if _saved(apart, walk, span=(first, last)) > _EPSILON:
+                    walk = [*walk[:first], *reversed(walk[first : last + 1]), *walk[last + 1 :]]
+                    improved = True
+    return walk
+
+
+def _saved(apart: Array, walk: list[int], *, span: tuple[int, int]) -> float:
+    """Return by how much the walk gets shorter when the part from the first to the last is turned round."""
+    first, last = span
+    saved = 0.0
+    if first > 0:
+        saved += apart[walk[first - 1], walk[first]] - apart[walk[first - 1], walk[last]]
+    if last < len(walk) - 1:
+        saved += apart[walk[last], walk[last + 1]] - apart[walk[first], walk[last + 1]]
+    return float(saved)

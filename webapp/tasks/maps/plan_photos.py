@@ -1,0 +1,295 @@
+"""Plans where the next photos of a map are to be taken, by what is known of how well it is recognised."""
+
+from __future__ import annotations
+
+import json
+import math
+import secrets
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.hypotheses.places import place_radius_px
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.photo_plan import PlannedSpot, plan_spots, walk_length
+from webapp.core.mapmodel.recognition import (
+    DIRECTIONS,
+    STEP_DEG,
+    PhotoTrials,
+    RecognitionGrid,
+    Rectangle,
+    estimate_recognition,
+)
+from webapp.errors import StorageError, UsageError
+from webapp.files.atomic import write_text
+from webapp.files.listing import DERIVED
+from webapp.tasks.evaluation import stored as stored_evaluation
+from webapp.tasks.maps import health
+
+MOST_SPOTS = 100
+
+TrialSource = Literal["evaluation", "health", "none"]
+"""Who tried the photos: the evaluation of the map on itself, the survey of its weak places, or nobody."""
+
+_FILE = "photo-plan.json"
+_VERSION = 1
+_RECOGNISED = frozenset({"good", "one-direction"})
+
+
+class PhotoTrial(NamedTuple):
+    """What came of looking for a photo that was hidden: how often it was recognised, and where it looked."""
+
+    success: float
+    heading_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MapTrials:
+    """Trials of a map's photos.
+
+    Attributes
+    ----------
+    by_photo : mapping of int to PhotoTrial
+        By the photo's id.
+    """
+
+    source: TrialSource
+    by_photo: Mapping[int, PhotoTrial]
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """What is wanted.
+
+    Attributes
+    ----------
+    area : Rectangle or None
+        Of the image, pixels; None plans where there are photos.
+    """
+
+    spots: int = 12
+    area: Rectangle | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoPlan:
+    """How well a map is recognised, and where the next photos are to be taken.
+
+    Attributes
+    ----------
+    spots : list of PlannedSpot
+        In map pixels; their `photos` are ids.
+    latlon : list of LatLon or None
+        Of the spots.
+    expected_share : float
+        Recognised share of the area with the new photos, as the model has it.
+    walk_px : float
+    scale : float or None
+        Metres per pixel in the middle of the image.
+    """
+
+    map_: Map
+    grid: RecognitionGrid
+    trials: MapTrials
+    spots: list[PlannedSpot]
+    latlon: list[LatLon | None]
+    expected_share: float
+    walk_px: float
+    scale: float | None
+
+
+def plan_photos(map_: Map, *, trials: MapTrials, request: PlanRequest) -> PhotoPlan:
+    """Plan the next photos.
+
+    Raises
+    ------
+    UsageError
+        The map has no photos in places, or the area is not on its image.
+    """
+    if not map_.experiences:
+        raise UsageError("the map has no placed photos", hint="place some photos first")
+    if not 1 <= request.spots <= MOST_SPOTS:
+        raise UsageError(f"plan 1 to {MOST_SPOTS} spots", where="spots")
+    image = Rectangle(0.0, 0.0, map_.satellite.width, map_.satellite.height)
+    photos, ids = _photos(map_.experiences, trials.by_photo)
+    length = place_radius_px(photos.position, width=map_.satellite.width, height=map_.satellite.height)
+    grid = estimate_recognition(photos, length=length, image=image, area=_on_image(request.area, image))
+    if not grid.wanted.any():
+        raise UsageError("the area is not on the image", where="area", hint="draw a larger one on the image")
+    spots = [
+        replace(spot, photos=tuple(dict.fromkeys(ids[n] for n in spot.photos)))
+        for spot in plan_spots(grid, photos, count=request.spots)
+    ]
+    where = map_.georeference
+    middle = MapPixel(map_.satellite.width / 2, map_.satellite.height / 2)
+    return PhotoPlan(
+        map_,
+        grid,
+        trials,
+        spots,
+        [None if where is None else where.latlon_of(MapPixel(*spot.position)) for spot in spots],
+        grid.share + sum(spot.gain for spot in spots),
+        walk_length(np.array([spot.position for spot in spots]).reshape(-1, 2)),
+        None if where is None else where.metres_per_pixel(middle),
+    )
+
+
+def trials_of(map_: Map, cfg: Path) -> MapTrials:
+    """Take the last evaluation of a map on its own photos, else the last survey of its weak places.
+
+    Raises
+    ------
+    StorageError
+    """
+    try:
+        evaluated = trials_from_evaluation(map_, stored_evaluation.read_forms(cfg))
+    except (KeyError, TypeError) as error:
+        raise StorageError(
+            "the evaluation of the map cannot be read",
+            where=stored_evaluation.FILE,
+            hint="evaluate the map again",
+        ) from error
+    if evaluated.by_photo:
+        return evaluated
+    survey = health.read_health(cfg)
+    states = {} if survey is None else {photo["id"]: photo["state"] for photo in survey["photos"]}
+    placed = {e.id for e in map_.experiences}
+    by_photo = {id: PhotoTrial(float(state in _RECOGNISED)) for id, state in states.items() if id in placed}
+    return MapTrials("health" if by_photo else "none", by_photo)
+
+
+def trials_from_evaluation(map_: Map, schemes: Iterable[Mapping[str, Any]]) -> MapTrials:
+    """Judge the photos by what `expmap evaluate --self --json` prints, those that are still in their places.
+
+    Raises
+    ------
+    KeyError, TypeError
+        It is something else.
+    """
+    by_path = {e.photo: e for e in map_.experiences}
+    found: dict[int, list[PhotoTrial]] = {}
+    for scheme in schemes:
+        radius = scheme["place_radius_px"]
+        for result in scheme["per_query"]:
+            e, truth = by_path.get(result["path"]), result["truth"]
+            if e is not None and math.dist(e.position, (truth["x_px"], truth["y_px"])) <= radius:
+                found.setdefault(e.id, []).append(_trial(result, radius))
+    by_photo = {id: _joined(trials) for id, trials in found.items()}
+    return MapTrials("evaluation" if by_photo else "none", by_photo)
+
+
+def _trial(result: Mapping[str, Any], radius: float) -> PhotoTrial:
+    first = next(iter(result["answer"].get("hypotheses", ())), None)
+    if first is None or result["error_px"] is None or result["error_px"] > radius:
+        return PhotoTrial(0.0)
+    return PhotoTrial(1.0, first["heading_deg"])
+
+
+def _joined(trials: Sequence[PhotoTrial]) -> PhotoTrial:
+    headings = (trial.heading_deg for trial in trials if trial.heading_deg is not None)
+    return PhotoTrial(sum(trial.success for trial in trials) / len(trials), next(headings, None))
+
+
+def _photos(
+    experiences: Sequence[Experience], trials: Mapping[int, PhotoTrial]
+) -> tuple[PhotoTrials, list[int]]:
+    """Give the photos as the model takes them, and their ids; a panorama looks in all directions."""
+    rows: list[tuple[float, float, float, float]] = []
+    ids: list[int] = []
+    for e in experiences:
+        trial = trials.get(e.id, PhotoTrial(math.nan))
+        headings: list[float | None] = [e.heading_deg if e.heading_deg is not None else trial.heading_deg]
+        if e.panorama is not None:
+            headings = [turn * STEP_DEG for turn in range(DIRECTIONS)]
+        for heading in headings:
+            rows.append((*e.position, math.nan if heading is None else heading, trial.success))
+            ids.append(e.id)
+    table = np.array(rows, np.float64)
+    return PhotoTrials(table[:, :2], table[:, 2], table[:, 3]), ids
+
+
+def _on_image(area: Rectangle | None, image: Rectangle) -> Rectangle | None:
+    if area is None:
+        return None
+    left, top = max(area.left, image.left), max(area.top, image.top)
+    right, bottom = min(area.right, image.right), min(area.bottom, image.bottom)
+    if left >= right or top >= bottom:
+        raise UsageError("the area is not on the image", where="area", hint="left < right, top < bottom")
+    return Rectangle(left, top, right, bottom)
+
+
+def plan_json(plan: PhotoPlan) -> dict[str, Any]:
+    """Give plain values, documented in `docs/results.md`."""
+    grid, scale = plan.grid, plan.scale
+    shown = grid.wanted
+    return {
+        "revision": plan.map_.revision,
+        "trials": plan.trials.source,
+        "tried": len(plan.trials.by_photo),
+        "recognised_share": round(grid.share, 4),
+        "expected_share": round(plan.expected_share, 4),
+        "walk_px": round(plan.walk_px, 1),
+        "walk_m": None if scale is None else round(plan.walk_px * scale, 1),
+        "cell_px": round(grid.side, 3),
+        "cells": {
+            "x_px": grid.cell[shown, 0].round(1).tolist(),
+            "y_px": grid.cell[shown, 1].round(1).tolist(),
+            "recognised": grid.mean[shown].mean(axis=1).round(3).tolist(),
+            "sigma": grid.sigma[shown].mean(axis=1).round(3).tolist(),
+        },
+        "spots": [
+            {
+                "number": number,
+                "x_px": round(spot.position[0], 1),
+                "y_px": round(spot.position[1], 1),
+                "lat": at and round(at.lat, 7),
+                "lon": at and round(at.lon, 7),
+                "headings_deg": list(spot.headings_deg),
+                "reason": spot.reason,
+                "photos": list(spot.photos),
+                "gain": round(spot.gain, 5),
+            }
+            for number, (spot, at) in enumerate(zip(plan.spots, plan.latlon, strict=True), start=1)
+        ],
+    }
+
+
+def keep(cfg: Path, plan: PhotoPlan) -> dict[str, Any]:
+    """Keep a plan for the pages of the map, in place of the one before.
+
+    Returns
+    -------
+    dict
+        As `plan_json`, with an `id` of its own.
+
+    Raises
+    ------
+    StorageError
+    """
+    content = {"version": _VERSION, "id": secrets.token_hex(8), **plan_json(plan)}
+    write_text(_path(cfg), json.dumps(content))
+    return content
+
+
+def read(cfg: Path) -> dict[str, Any] | None:
+    """Read the plan that was kept last; None where there is none of this version.
+
+    Raises
+    ------
+    StorageError
+    """
+    try:
+        content: dict[str, Any] = json.loads(_path(cfg).read_bytes())
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise StorageError("the plan of photos cannot be read", where=_FILE, hint="plan again") from error
+    return content if content.get("version") == _VERSION else None
+
+
+def _path(cfg: Path) -> Path:
+    return cfg.parent / DERIVED / _FILE
