@@ -82,6 +82,7 @@ map_group = LazyGroup(
         "place-rest": "webapp.cli.place_rest:place_rest",
         "street-photos": "webapp.cli.street:street_photos",
         "cut-panoramas": "webapp.cli.panoramas:cut_panoramas",
+        "join-panoramas": "webapp.cli.panoramas:join_panoramas",
     },
 )
 

@@ -1,4 +1,4 @@
-"""`expmap map cut-panoramas`: panoramas become photos."""
+"""`expmap map cut-panoramas` and `join-panoramas`: panoramas become photos, and photos panoramas."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ import click
 from webapp.cli.exitcodes import SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
+from webapp.files.photos.rig import read_rig
 from webapp.tasks.maps.cut_panoramas import CutOptions, CutPhoto
 from webapp.tasks.maps.cut_panoramas import cut_panoramas as cut
+from webapp.tasks.maps.join_panoramas import JoinedPanorama, JoinOptions
+from webapp.tasks.maps.join_panoramas import join_panoramas as join
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 _ELEVATION = click.FloatRange(0.0, 90.0)
@@ -68,3 +71,54 @@ def _as_json(one: CutPhoto) -> dict[str, object]:
 
 def _line(one: CutPhoto) -> str:
     return f"{one.photo}  {one.problem or f'{len(one.views)} views'}"
+
+
+@click.command("join-panoramas", short_help="Join the photos of several cameras to panoramas.")
+@click.argument("folder", metavar="FOLDER", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option(
+    "--rig", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="RIG.json",
+    help="How the cameras are mounted, and which photos are theirs.",
+)  # fmt: skip
+@click.option("-o", "--out", required=True, type=_FOLDER, metavar="FOLDER", help="Where the panoramas go.")
+@click.option(
+    "--mask", type=click.Path(dir_okay=False, path_type=Path), metavar="MASK.png",
+    help="Write what no camera sees as a mask for all panoramas.",
+)  # fmt: skip
+@click.option(
+    "--width", type=click.IntRange(64), metavar="PX",
+    help="Of the panoramas; without it they have as many pixels a degree as the photos.",
+)  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.pass_context
+def join_panoramas(
+    ctx: click.Context,
+    folder: Path,
+    rig: Path,
+    out: Path,
+    mask: Path | None,
+    width: int | None,
+    as_json: bool,
+) -> None:
+    """Join the photos that the cameras of a robot took at one instant to one panorama.
+
+    It has the time, position and heading that the photos have. It can be interrupted at any moment; panoramas
+    that are there are not made again. Exit code 1 when photos could not be joined.
+    """
+    cameras, settings = read_rig(rig), load_settings()
+    with terminal_progress("panoramas") as progress:
+        options = JoinOptions(width, mask)
+        done = list(
+            join(folder, out, cameras=cameras, options=options, limits=settings.photo, progress=progress)
+        )
+    if as_json:
+        click.echo(json.dumps([asdict(one) | {"problem": one.problem or None} for one in done]))
+    else:
+        click.echo("\n".join(map(_joined_line, done)))
+    failed = sum(bool(one.problem) for one in done)
+    click.echo(f"{out}: {len(done) - failed} of {len(done)} panoramas", err=True)
+    if failed:
+        ctx.exit(SOME_FAILED)
+
+
+def _joined_line(one: JoinedPanorama) -> str:
+    return f"{one.panorama}  {one.problem or ('joined' if one.is_new else 'there already')}"

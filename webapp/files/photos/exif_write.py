@@ -39,19 +39,22 @@ class CameraTags:
     ----------
     taken_at : datetime or None
         The camera's clock.
-    focal_35mm : int
-        Focal length in 35 mm film, mm, over the diagonal.
+    focal_35mm : int or None
+        Focal length in 35 mm film, mm, over the diagonal; a panorama has none.
     heading_deg : float or None
         Where the camera looked, degrees clockwise from true north.
     accuracy_m : float or None
         68 % radius of the position.
+    unique_id : str or None
+        32 hexadecimal digits.
     """
 
     taken_at: datetime | None
-    focal_35mm: int
+    focal_35mm: int | None
     position: LatLon | None = None
     heading_deg: float | None = None
     accuracy_m: float | None = None
+    unique_id: str | None = None
 
 
 def exif_bytes(tags: CameraTags) -> bytes:
@@ -59,7 +62,11 @@ def exif_bytes(tags: CameraTags) -> bytes:
     gps = _gps_tags(tags.position, tags.heading_deg)
     if tags.accuracy_m is not None:
         gps[piexif.GPSIFD.GPSHPositioningError] = (round(tags.accuracy_m * 1000), 1000)
-    camera: dict[int, object] = {piexif.ExifIFD.FocalLengthIn35mmFilm: tags.focal_35mm}
+    camera: dict[int, object] = {}
+    if tags.focal_35mm is not None:
+        camera[piexif.ExifIFD.FocalLengthIn35mmFilm] = tags.focal_35mm
+    if tags.unique_id is not None:
+        camera[piexif.ExifIFD.ImageUniqueID] = tags.unique_id
     if tags.taken_at is not None:
         camera[piexif.ExifIFD.DateTimeOriginal] = tags.taken_at.strftime("%Y:%m:%d %H:%M:%S")
     return bytes(piexif.dump({"Exif": camera, "GPS": gps}))

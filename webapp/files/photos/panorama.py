@@ -26,6 +26,15 @@ _GPANO = re.compile(rb'GPano:(\w+)\s*(?:=\s*["\']|>)\s*([^"\'<]+)')
 _ASPECT, _TOLERANCE = 2.0, 0.01
 _QUALITY = 92
 
+_XMP = """http://ns.adobe.com/xap/1.0/\0<x:xmpmeta xmlns:x="adobe:ns:meta/">
+<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/"
+ GPano:ProjectionType="equirectangular" GPano:UsePanoramaViewer="True"{heading}
+ GPano:FullPanoWidthPixels="{width}" GPano:FullPanoHeightPixels="{height}"
+ GPano:CroppedAreaImageWidthPixels="{width}" GPano:CroppedAreaImageHeightPixels="{height}"
+ GPano:CroppedAreaLeftPixels="0" GPano:CroppedAreaTopPixels="0"/>
+</rdf:RDF></x:xmpmeta>"""
+
 MOST_MASKED = 300
 """Boxes of a mask; those of a hundred panoramas are one edit."""
 
@@ -198,6 +207,21 @@ def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
     return boxes
 
 
+def write_panorama(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
+    """Write a panorama of the whole sphere as a JPEG that says that it is one.
+
+    Raises
+    ------
+    StorageError
+    """
+    height, width = pixels.shape[:2]
+    heading = "" if tags.heading_deg is None else f' GPano:PoseHeadingDegrees="{tags.heading_deg:.4f}"'
+    body = _XMP.format(width=width, height=height, heading=heading).encode()
+    segment = b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body
+    data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    _write(path, data[:2] + segment + data[2:], tags)
+
+
 def write_view(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
     """Write a view as a JPEG.
 
@@ -205,7 +229,10 @@ def write_view(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> No
     ------
     StorageError
     """
-    data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    _write(path, cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes(), tags)
+
+
+def _write(path: Path, data: bytes, tags: CameraTags) -> None:
     out = io.BytesIO()
     piexif.insert(exif_bytes(tags), data, out)
     try:

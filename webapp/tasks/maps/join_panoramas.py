@@ -1,0 +1,220 @@
+"""Joins the photos that the cameras of a rig took at one instant to panoramas."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import piexif
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import LatLon
+from webapp.core.geometry.rig import RigPhoto, join, panorama_width
+from webapp.core.mapmodel.panorama import boxes_of_mask
+from webapp.errors import PhotoError, UsageError
+from webapp.files.atomic import write_bytes
+from webapp.files.decode import DAMAGED
+from webapp.files.listing import list_photos
+from webapp.files.photos.exif_gps import Gps
+from webapp.files.photos.exif_write import CameraTags
+from webapp.files.photos.panorama import MOST_MASKED, write_panorama
+from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright
+from webapp.files.photos.rig import MountedCamera, photos_by_instant
+from webapp.progress import Progress
+from webapp.settings import PhotoLimits
+
+_FORMAT = 1
+"""Part of what stands for a panorama: one that was joined by other rules is made anew."""
+
+_WIDEST = 32_000
+"""Pixels of a panorama across."""
+
+_CELLS_DEG = (1, 2, 3, 4, 5, 6, 10, 15)
+"""Cells of a mask: the finest that does not make it too ragged."""
+
+
+@dataclass(frozen=True, slots=True)
+class JoinOptions:
+    """How photos are joined.
+
+    Attributes
+    ----------
+    width : int or None
+        Of the panoramas, pixels; None for as many pixels a degree as the photos have.
+    mask : Path or None
+        File for the mask of what no camera of the rig sees.
+    """
+
+    width: int | None = None
+    mask: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JoinedPanorama:
+    """An instant: the panorama, whether it was there already, or why there is none."""
+
+    panorama: str
+    photos: tuple[str, ...]
+    is_new: bool = True
+    problem: str = ""
+
+
+def join_panoramas(
+    folder: Path,
+    out: Path,
+    *,
+    cameras: Sequence[MountedCamera],
+    options: JoinOptions,
+    limits: PhotoLimits,
+    progress: Progress,
+) -> Iterator[JoinedPanorama]:
+    """Join the photos of a folder; each panorama is given when it is written.
+
+    One that is there, of the same photos and the same rig, is not made again.
+
+    Raises
+    ------
+    UsageError
+        No photo belongs to any camera, or the panoramas would be among the photos.
+    StorageError, Cancelled
+    """
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise UsageError(
+            "the panoramas would be among the photos", where=str(out), hint="choose another folder"
+        )
+    instants = photos_by_instant(cameras, list_photos(folder))
+    for number, camera in enumerate(cameras):
+        if not any(names[number] for names in instants.values()):
+            raise UsageError(
+                f"there is no photo of the camera {camera.photos}",
+                where=str(folder),
+                hint="names are relative to the folder; * stands for the instant",
+            )
+    progress.size(len(instants))
+    is_masked = options.mask is None
+    for instant, names in instants.items():
+        progress.check()
+        job = _Instant(folder, out / f"{instant}.jpg", cameras, names, options, limits)
+        done = job.join()
+        if not is_masked and not done.problem and options.mask is not None:
+            write_mask(options.mask, job.seen())
+            is_masked = True
+        yield done
+        progress.advance()
+
+
+@dataclass(frozen=True, slots=True)
+class _Instant:
+    """Photos of one instant, by camera, and the file of their panorama."""
+
+    folder: Path
+    path: Path
+    cameras: Sequence[MountedCamera]
+    names: Sequence[str | None]
+    options: JoinOptions
+    limits: PhotoLimits
+
+    def join(self) -> JoinedPanorama:
+        there = tuple(name for name in self.names if name is not None)
+        try:
+            missing = [
+                camera.photos for camera, name in zip(self.cameras, self.names, strict=True) if not name
+            ]
+            if missing:
+                raise PhotoError(f"no photo of the camera {missing[0]}")
+            contents = [read_file(self.folder / name, limits=self.limits) for name in there]
+            key = self._key(contents)
+            if _key_in(self.path) == key:
+                return JoinedPanorama(self.path.name, there, is_new=False)
+            photos, facts = self._read(contents)
+            pixels, _ = join(photos, self._width(photos))
+            write_panorama(self.path, pixels, tags=self._tags(facts, key))
+            return JoinedPanorama(self.path.name, there)
+        except PhotoError as error:
+            return JoinedPanorama(self.path.name, there, problem=str(error))
+
+    def seen(self) -> NDArray[np.bool_]:
+        """Which pixels of the panorama a camera sees, at two pixels a degree."""
+        photos, _ = self._read(
+            [read_file(self.folder / str(name), limits=self.limits) for name in self.names]
+        )
+        return join(photos, 720)[1]
+
+    def _read(self, contents: Sequence[bytes]) -> tuple[list[RigPhoto], list[PhotoFacts]]:
+        photos, facts = [], []
+        for content, camera, name in zip(contents, self.cameras, self.names, strict=True):
+            try:
+                known = read_facts(content, limits=self.limits)
+                fov = camera.fov_deg if camera.fov_deg is not None else known.fov_deg
+                if fov is None:
+                    raise PhotoError("its field of view is not known", hint="give fov_deg in the rig's file")
+                photos.append(RigPhoto(read_upright(content, limits=self.limits), camera.with_fov(fov)))
+                facts.append(known)
+            except PhotoError as error:
+                raise PhotoError(error.message, where=name, hint=error.hint) from error
+        return photos, facts
+
+    def _width(self, photos: Sequence[RigPhoto]) -> int:
+        most = int((2e6 * self.limits.max_megapixels) ** 0.5)
+        return min(self.options.width or panorama_width(photos), most, _WIDEST) // 2 * 2
+
+    def _key(self, contents: Sequence[bytes]) -> str:
+        rig = [[asdict(camera) for camera in self.cameras], self.options.width, _FORMAT]
+        digests = [hashlib.sha256(content).hexdigest() for content in contents]
+        return hashlib.sha256(json.dumps([rig, digests]).encode()).hexdigest()[:32]
+
+    def _tags(self, facts: Sequence[PhotoFacts], key: str) -> CameraTags:
+        """Gather time, position and heading, each from the photo that looks ahead most of those with it."""
+        ahead = sorted(
+            zip(self.cameras, facts, strict=True),
+            key=lambda one: abs((one[0].yaw_deg + 180.0) % 360.0 - 180.0),
+        )
+        taken = next((known.taken_at for _, known in ahead if known.taken_at), None)
+        gps = next((known.gps for _, known in ahead if isinstance(known.gps, Gps)), None)
+        headings = (
+            (known.heading.deg - camera.yaw_deg) % 360.0
+            for camera, known in ahead
+            if known.heading is not None and known.heading.reference != "M"
+        )
+        return CameraTags(
+            None if taken is None else datetime.fromisoformat(taken),
+            None,
+            position=None if gps is None else LatLon(gps.lat, gps.lon),
+            heading_deg=next(headings, None),
+            accuracy_m=None if gps is None else gps.accuracy_m,
+            unique_id=key,
+        )
+
+
+def _key_in(path: Path) -> str | None:
+    """Read what stands for a panorama that is there; None where there is none of ours."""
+    try:
+        found: Mapping[int, object] = piexif.load(str(path))["Exif"]
+    except (*DAMAGED, OSError):
+        return None
+    key = found.get(piexif.ExifIFD.ImageUniqueID)
+    return key.decode("ascii", "replace") if isinstance(key, bytes) else None
+
+
+def write_mask(path: Path, seen: NDArray[np.bool_]) -> None:
+    """Write a mask for panoramas, black where nothing is seen, in cells as small as it may have.
+
+    Raises
+    ------
+    StorageError
+    """
+    for cell in _CELLS_DEG:
+        rows, columns = 180 // cell, 360 // cell
+        cells = seen.reshape(rows, seen.shape[0] // rows, columns, seen.shape[1] // columns)
+        used: NDArray[np.bool_] = np.logical_and.reduce(cells, axis=(1, 3))
+        if len(boxes_of_mask(used)) <= MOST_MASKED:
+            break
+    data = cv2.imencode(".png", np.repeat(np.repeat(used, cell, 0), cell, 1).astype(np.uint8) * 255)[1]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, data.tobytes())
